@@ -1,0 +1,139 @@
+"""Every error optik raises: misuse is named with its data; expected failures are statuses, not errors."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+
+class OptikError(Exception):
+    """The one base of all errors raised by optik, planners and benchmarks."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The constructors take data, not a message: rebuild from the finished state instead.
+        return _rebuild, (type(self), self.args, self.__dict__)
+
+
+class InvalidInput(OptikError, ValueError):
+    """An argument that cannot be meant.
+
+    Attributes
+    ----------
+    argument : str
+        Name of the argument.
+    got : str
+        What came.
+    expected : str
+        What was expected.
+    """
+
+    def __init__(self, argument: str, got: object, expected: str) -> None:
+        super().__init__(f"{argument}: expected {expected}; got {got}")
+        self.argument = argument
+        self.got = str(got)
+        self.expected = expected
+
+
+class RobotModelError(OptikError, ValueError):
+    """A robot description that is not a serial arm, or contradicts itself.
+
+    Attributes
+    ----------
+    robot : str
+        Name of the robot.
+    problem : str
+        What is wrong with it.
+    """
+
+    def __init__(self, robot: str, problem: str) -> None:
+        super().__init__(f"robot {robot!r}: {problem}")
+        self.robot = robot
+        self.problem = problem
+
+
+class UnknownName(OptikError, LookupError):
+    """A name that is in no registry.
+
+    Attributes
+    ----------
+    kind : str
+        What the name should name ("robot", "IK method", ...).
+    name : str
+        The name that came.
+    known : tuple of str
+        All names that exist.
+    nearest : tuple of str
+        The known names that look most like it.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.kind = kind
+        self.name = name
+        self.known = tuple(known)
+        self.nearest = tuple(difflib.get_close_matches(name, self.known, n=3, cutoff=0.4))
+        hint = f"did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
+        super().__init__(f"unknown {kind} {name!r}; {hint}there are: {', '.join(self.known) or 'none'}")
+
+    def __str__(self) -> str:  # KeyError-style quoting of LookupError subclasses is not wanted
+        return str(self.args[0])
+
+
+class MissingDependency(OptikError, ImportError):
+    """An optional package that a method needs is not installed.
+
+    Attributes
+    ----------
+    package : str
+        The package that could not be imported.
+    needed_by : str
+        What needs it.
+    """
+
+    def __init__(self, package: str, needed_by: str, extra: str | None) -> None:
+        how = f"pip install 'optik-toolkit[{extra}]'" if extra else f"install the package {package}"
+        super().__init__(f"{needed_by} needs the package {package}, which is not installed: {how}")
+        self.package = package
+        self.needed_by = needed_by
+
+
+class NoSolution(OptikError, RuntimeError):
+    """A result was used that does not exist: the planning that should have made it failed.
+
+    Attributes
+    ----------
+    s : float or None
+        Where along the path it ended, in the path's unit (metres; radians for a pure rotation).
+    joint : str or None
+        The joint that says no, where one does.
+    reason : str
+        What went wrong, with figures.
+    advice : str
+        What would work.
+    """
+
+    def __init__(self, reason: str, *, s: float | None = None, joint: str | None = None, advice: str = "") -> None:
+        super().__init__(f"{reason}{'; ' + advice if advice else ''}")
+        self.s = s
+        self.joint = joint
+        self.reason = reason
+        self.advice = advice
+
+
+class OutputError(OptikError, OSError):
+    """A file or folder that cannot be written, or that holds something else."""
+
+    def __init__(self, path: object, problem: str) -> None:
+        super().__init__(f"{path}: {problem}")
+        self.path = str(path)
+        self.problem = problem
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def _rebuild(kind: type[OptikError], args: tuple[Any, ...], state: dict[str, Any]) -> OptikError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error

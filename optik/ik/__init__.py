@@ -1,0 +1,99 @@
+"""Inverse kinematics: one file a method; `solve_ik` for one call, the classes for many."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import ArrayLike
+
+from optik.errors import InvalidInput
+from optik.ik.base import IKResult, IKSolver, IKStatus, Tolerance
+from optik.registry import load_method, names
+from optik.robot import Robot
+
+if TYPE_CHECKING:
+    from optik.ik.dls import DLS
+    from optik.ik.ipopt import IPOPT
+
+__all__ = ["DLS", "IPOPT", "IKResult", "IKSolver", "IKStatus", "Tolerance", "make_solver", "solve_ik", "solvers"]
+
+
+def solvers() -> tuple[str, ...]:
+    """Names of all IK methods."""
+    return names("optik.ik")
+
+
+def make_solver(robot: Robot, solver: str = "dls", **options: Any) -> IKSolver:
+    """Build a method by name for a robot.
+
+    Raises
+    ------
+    UnknownName
+        No such method; the nearest names are offered.
+    InvalidInput
+        An option that the method does not have, or out of range.
+    """
+    kind = load_method("optik.ik", solver, "IK method")
+    try:
+        built: IKSolver = kind(robot, **options)
+    except TypeError as error:
+        if "unexpected keyword" not in str(error):
+            raise
+        raise InvalidInput(
+            "options", ", ".join(options), f"options of {solver}, see help(optik.ik.{kind.__name__})"
+        ) from None
+    return built
+
+
+@lru_cache(maxsize=64)
+def _kept(robot: Robot, solver: str, options: tuple[tuple[str, Any], ...]) -> IKSolver:
+    return make_solver(robot, solver, **dict(options))
+
+
+def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "dls", **options: Any) -> IKResult:
+    """Find a configuration whose tool pose is the target; the solver is kept per robot and options.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    target : (4, 4) array
+        T_base_tool [m].
+    q0 : (n,) array
+        Start, inside the limits [rad, m].
+    solver : str
+        A name from `solvers`.
+    **options
+        ``trace=True``, and the options of the method.
+
+    Returns
+    -------
+    IKResult
+        ``bool(result)`` is success, rechecked by our own forward kinematics and the limits.
+
+    Raises
+    ------
+    InvalidInput
+        An argument that cannot be meant, named.
+    UnknownName
+        No such method; the nearest names are offered.
+    """
+    trace = bool(options.pop("trace", False))
+    try:
+        method = _kept(robot, solver, tuple(sorted(options.items())))
+    except TypeError as error:
+        if "unhashable" not in str(error):
+            raise
+        method = make_solver(robot, solver, **options)
+    return method.solve(target, q0, trace=trace)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a method's class (``optik.ik.DLS``) when it is first asked for."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    for method in solvers():
+        if method.replace("_", "") == name.lower():
+            return load_method("optik.ik", method)
+    raise AttributeError(f"module 'optik.ik' has no attribute {name!r}; methods: {', '.join(solvers())}")

@@ -1,0 +1,317 @@
+"""Compiled forward kinematics, Jacobian and their derivatives, over plain arrays; one configuration or a batch.
+
+A chain is four arrays: ``fixed`` (n, 4, 4), the transform from the joint before (or the base) to joint i at q_i = 0;
+``prismatic`` (n,) of bool, the joint slides along its z instead of turning about it; ``tool`` (4, 4); and q (n,).
+Frame i is reached by fixed_i followed by Rot(z, q_i) or Trans(z, q_i). Outputs are written into the caller's arrays.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+from optik.se3 import pose_error
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@compiled
+def multiply(A: Array, B: Array, out: Array) -> None:
+    """Product of two poses into out, a third array."""
+    for i in range(3):
+        for j in range(4):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+        out[i, 3] += A[i, 3]
+        out[3, i] = 0.0
+    out[3, 3] = 1.0
+
+
+@compiled
+def frames(fixed: Array, prismatic: Bools, q: Array, out: Array) -> None:
+    """Pose of every joint frame in the base, after its own motion, into out (n, 4, 4)."""
+    before = np.empty((4, 4))
+    for i in range(q.shape[0]):
+        if i == 0:
+            before[:] = fixed[0]
+        else:
+            multiply(out[i - 1], fixed[i], before)
+        T = out[i]
+        T[:] = before
+        if prismatic[i]:
+            for r in range(3):
+                T[r, 3] += before[r, 2] * q[i]
+        else:
+            c, s = cos(q[i]), sin(q[i])
+            for r in range(3):
+                T[r, 0] = c * before[r, 0] + s * before[r, 1]
+                T[r, 1] = c * before[r, 1] - s * before[r, 0]
+
+
+@compiled
+def tool_pose(frame: Array, tool: Array, out: Array) -> None:
+    """Tool pose (4, 4) from the joint frames of `frames`."""
+    multiply(frame[frame.shape[0] - 1], tool, out)
+
+
+@compiled
+def jacobian_from(frame: Array, prismatic: Bools, T: Array, J: Array) -> None:
+    """Geometric Jacobian (6, n) in the base frame at the tool point, (v, ω), from joint frames and the tool pose T."""
+    for i in range(frame.shape[0]):
+        zx, zy, zz = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
+        if prismatic[i]:
+            J[0, i], J[1, i], J[2, i] = zx, zy, zz
+            J[3, i], J[4, i], J[5, i] = 0.0, 0.0, 0.0
+        else:
+            rx, ry, rz = T[0, 3] - frame[i, 0, 3], T[1, 3] - frame[i, 1, 3], T[2, 3] - frame[i, 2, 3]
+            J[0, i] = zy * rz - zz * ry
+            J[1, i] = zz * rx - zx * rz
+            J[2, i] = zx * ry - zy * rx
+            J[3, i], J[4, i], J[5, i] = zx, zy, zz
+
+
+@compiled
+def fk_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+    """Tool poses (k, 4, 4) of configurations (k, n)."""
+    frame = np.empty((q.shape[1], 4, 4))
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], frame)
+        tool_pose(frame, tool, out[k])
+
+
+@compiled
+def frames_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+    """Joint frames and, last, the tool pose: (k, n + 1, 4, 4) of configurations (k, n)."""
+    n = q.shape[1]
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], out[k, :n])
+        multiply(out[k, n - 1], tool, out[k, n])
+
+
+@compiled
+def jacobian_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+    """Geometric Jacobians (k, 6, n) of configurations (k, n)."""
+    frame = np.empty((q.shape[1], 4, 4))
+    T = np.empty((4, 4))
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], frame)
+        tool_pose(frame, tool, T)
+        jacobian_from(frame, prismatic, T, out[k])
+
+
+@compiled
+def errors_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets: Array, out: Array) -> None:
+    """Error twists (k, 6) from the tool at q (k, n) to targets (k, 4, 4): what judges every method."""
+    frame = np.empty((q.shape[1], 4, 4))
+    T = np.empty((4, 4))
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], frame)
+        tool_pose(frame, tool, T)
+        pose_error(T, targets[k], out[k])
+
+
+@compiled
+def cholesky_solve(A: Array, b: Array) -> bool:
+    """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
+
+    Returns False, with b spoilt, where A is not positive definite to working precision.
+    """
+    n = b.shape[0]
+    for j in range(n):
+        d = A[j, j]
+        for k in range(j):
+            d -= A[j, k] * A[j, k]
+        if not d > 0.0:
+            return False
+        d = sqrt(d)
+        A[j, j] = d
+        for i in range(j + 1, n):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            A[i, j] = s / d
+    for i in range(n):
+        s = b[i]
+        for k in range(i):
+            s -= A[i, k] * b[k]
+        b[i] = s / A[i, i]
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= A[k, i] * b[k]
+        b[i] = s / A[i, i]
+    return True
+
+
+@compiled
+def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array) -> bool:
+    """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,); A (6, 6) and y (6,) are scratch.
+
+    Returns False where the matrix is singular to working precision (only without damping).
+    """
+    n = J.shape[1]
+    for i in range(6):
+        y[i] = e[i]
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(n):
+                s += J[i, k] * J[j, k]
+            A[i, j] = s
+        A[i, i] += damping2
+    if not cholesky_solve(A, y):
+        return False
+    for k in range(n):
+        s = 0.0
+        for i in range(6):
+            s += J[i, k] * y[i]
+        dq[k] = s
+    return True
+
+
+@compiled
+def _cross(a: Array, b: Array, out: Array) -> None:
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _carry(w: Array, r: Array, x: Array, out: Array) -> None:
+    """Add to out (4, 3) the vector x·r and its first three derivatives, where the direction r turns with w.
+
+    w (3, 3) holds ω, ω̇, ω̈; x (4,) the length along r and its derivatives. For a fixed vector r, x = (1, 0, 0, 0).
+    """
+    r1, r2, r3 = np.empty(3), np.empty(3), np.empty(3)
+    t = np.empty(3)
+    _cross(w[0], r, r1)  # ṙ = ω × r
+    _cross(w[1], r, r2)  # r̈ = ω̇ × r + ω × ṙ
+    _cross(w[0], r1, t)
+    r2 += t
+    _cross(w[2], r, r3)  # r⃛ = ω̈ × r + 2 ω̇ × ṙ + ω × r̈
+    _cross(w[1], r1, t)
+    r3 += 2.0 * t
+    _cross(w[0], r2, t)
+    r3 += t
+    for i in range(3):
+        out[0, i] += x[0] * r[i]
+        out[1, i] += x[1] * r[i] + x[0] * r1[i]
+        out[2, i] += x[2] * r[i] + 2.0 * x[1] * r1[i] + x[0] * r2[i]
+        out[3, i] += x[3] * r[i] + 3.0 * x[2] * r1[i] + 3.0 * x[1] * r2[i] + x[0] * r3[i]
+
+
+@compiled
+def tool_motion(frame: Array, T: Array, prismatic: Bools, fixed: Array, q: Array, dq: Array, out: Array) -> None:
+    """Twist of the tool and its first two derivatives, (3, 6) rows (v, ω), (v̇, ω̇), (v̈, ω̈), base frame.
+
+    By the forward recursion of Newton–Euler dynamics carried one order further (Siciliano et al., Robotics, §7.5;
+    differentiated once more). dq (3, n) holds q̇, q̈, q⃛ with respect to any parameter.
+    """
+    n = q.shape[0]
+    w = np.zeros((3, 3))  # ω, ω̇, ω̈ of the current link
+    p = np.zeros((4, 3))  # position of the current frame origin and its derivatives
+    one = np.array([1.0, 0.0, 0.0, 0.0])
+    x = np.empty(4)
+    z, z1, z2, t, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(n + 1):
+        # the vector fixed in link i − 1 that leads to joint i (or the tool)
+        for k in range(3):
+            if i == 0:
+                r[k] = fixed[0, k, 3]
+            elif i < n:
+                r[k] = (
+                    frame[i - 1, k, 0] * fixed[i, 0, 3]
+                    + frame[i - 1, k, 1] * fixed[i, 1, 3]
+                    + frame[i - 1, k, 2] * fixed[i, 2, 3]
+                )
+            else:
+                r[k] = T[k, 3] - frame[n - 1, k, 3]
+        _carry(w, r, one, p)
+        if i == n:
+            break
+        z[0], z[1], z[2] = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
+        if prismatic[i]:
+            x[0], x[1], x[2], x[3] = q[i], dq[0, i], dq[1, i], dq[2, i]
+            _carry(w, z, x, p)
+        else:
+            _cross(w[0], z, z1)  # ż, z̈ turn with the link before
+            _cross(w[1], z, z2)
+            _cross(w[0], z1, t)
+            for k in range(3):
+                z2[k] += t[k]
+            for k in range(3):
+                w[2, k] += z[k] * dq[2, i] + 2.0 * z1[k] * dq[1, i] + z2[k] * dq[0, i]
+                w[1, k] += z[k] * dq[1, i] + z1[k] * dq[0, i]
+                w[0, k] += z[k] * dq[0, i]
+    for k in range(3):
+        for order in range(3):
+            out[order, k] = p[order + 1, k]
+            out[order, 3 + k] = w[order, k]
+
+
+@compiled
+def tool_motion_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, dq: Array, out: Array) -> None:
+    """`tool_motion` of configurations (k, n) with derivatives dq (k, 3, n), into out (k, 3, 6)."""
+    frame = np.empty((q.shape[1], 4, 4))
+    T = np.empty((4, 4))
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], frame)
+        tool_pose(frame, tool, T)
+        tool_motion(frame, T, prismatic, fixed, q[k], dq[k], out[k])
+
+
+@compiled
+def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets: Array, steps: int) -> None:
+    """Undamped Newton, in place, on q (k, n) that nearly solve targets (k, 4, 4), until rounding stops it."""
+    n = q.shape[1]
+    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
+    best = np.empty(n)
+    for k in range(q.shape[0]):
+        smallest = np.inf
+        for _ in range(steps + 1):
+            frames(fixed, prismatic, q[k], frame)
+            tool_pose(frame, tool, T)
+            pose_error(T, targets[k], e)
+            size = 0.0
+            for i in range(6):
+                size += e[i] * e[i]
+            if not size < smallest:
+                break
+            smallest = size
+            best[:] = q[k]
+            if size < 1e-30:
+                break
+            jacobian_from(frame, prismatic, T, J)
+            if not damped_step(J, e, 0.0, A, y, dq):
+                break
+            for i in range(n):
+                q[k, i] += dq[i]
+        q[k] = best
+
+
+@compiled
+def path_derivatives(fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, dq: Array) -> int:
+    """q', q'', q''' of configurations (k, n) that follow twists (k, 3, 6), into dq (k, 3, n); exact, no differences.
+
+    J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on. Returns the index of the first
+    configuration whose Jacobian has lost rank, or −1.
+    """
+    n = q.shape[1]
+    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    A, y, e = np.empty((6, 6)), np.empty(6), np.empty(6)
+    made = np.empty((3, 6))
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], frame)
+        tool_pose(frame, tool, T)
+        jacobian_from(frame, prismatic, T, J)
+        dq[k] = 0.0
+        for order in range(3):
+            tool_motion(frame, T, prismatic, fixed, q[k], dq[k], made)
+            for i in range(6):
+                e[i] = twists[k, order, i] - made[order, i]
+            if not damped_step(J, e, 0.0, A, y, dq[k, order]):
+                return k
+    return -1

@@ -1,0 +1,89 @@
+"""Methods, laws, robots and suites by name: a file in its folder is a name; nothing is listed twice."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import importlib.util
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from optik.errors import MissingDependency, UnknownName
+
+_OURS = ("optik", "planners", "benchmarks")
+
+
+@cache
+def _folder(package: str) -> Path:
+    spec = importlib.util.find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        raise ValueError(f"{package} is no package")
+    return Path(next(iter(spec.submodule_search_locations)))
+
+
+def names(folder: str) -> tuple[str, ...]:
+    """Names in a folder of methods or of TOML data, sorted, without importing any of them.
+
+    Parameters
+    ----------
+    folder : str
+        Dotted name of a package, such as ``"optik.ik"`` or ``"optik.robots"``.
+
+    Returns
+    -------
+    tuple of str
+        Stems of its ``.py`` and ``.toml`` files; ``base`` and names with a leading ``_`` are not methods.
+    """
+    stems = {f.stem for f in _folder(folder).iterdir() if f.suffix in (".py", ".toml")}
+    return tuple(sorted(s for s in stems if s != "base" and not s.startswith("_")))
+
+
+def data_file(folder: str, name: str, kind: str) -> Path:
+    """Path of a TOML file by name.
+
+    Raises
+    ------
+    UnknownName
+        No such file; the nearest names are offered.
+    """
+    if name not in names(folder):
+        raise UnknownName(kind, name, names(folder))
+    return _folder(folder) / f"{name}.toml"
+
+
+def load_method(folder: str, name: str, kind: str = "method") -> Any:
+    """Import one method: the ``METHOD`` of the module ``folder.name``.
+
+    Raises
+    ------
+    UnknownName
+        No such module; the nearest names are offered.
+    MissingDependency
+        The module needs an optional package that is not installed. A broken import of our own shows itself.
+    """
+    if name not in names(folder):
+        raise UnknownName(kind, name, names(folder))
+    try:
+        return importlib.import_module(f"{folder}.{name}").METHOD
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if not package or package in _OURS:
+            raise
+        raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
+
+
+def _extra_with(package: str) -> str | None:
+    """Name of the extra of this distribution that installs a package, if one does."""
+    wanted = re.sub(r"[-_.]+", "-", package).lower()
+    try:
+        requires = importlib.metadata.requires("optik-toolkit") or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    for line in requires:
+        named = re.match(r"[A-Za-z0-9_.-]+", line)
+        extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", line)
+        if named and extra and re.sub(r"[-_.]+", "-", named[0]).lower() == wanted:
+            return extra[1]
+    return None

@@ -1,0 +1,217 @@
+"""Poses as 4×4 arrays: error, logarithm, exponential, interpolation and checks.
+
+Conventions: ``T_ab`` maps coordinates of frame b into frame a; twists are (v, ω), linear first; metres and radians.
+"""
+
+from __future__ import annotations
+
+from math import atan2, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik._compile import compiled
+from optik.errors import InvalidInput
+
+Array = NDArray[np.float64]
+
+ROTATION_TOLERANCE = 1e-6
+"""Largest departure from RᵀR = I that still counts as a rotation (measured poses come with 1e-7 of noise)."""
+
+
+# ---------------------------------------------------------------- compiled, on plain arrays
+
+
+@compiled
+def log_rotation(R: Array, out: Array) -> None:
+    """Rotation vector of R (3, 3) into out (3,), its length in [0, π].
+
+    By way of the unit quaternion, whose largest component is found first (Shepperd 1978): exact to rounding near 0 and
+    near π, where the usual arccos((trace − 1)/2) loses half its digits.
+    """
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    if trace > R[0, 0] and trace > R[1, 1] and trace > R[2, 2]:
+        w = 1.0 + trace
+        x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    elif R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
+        x = 1.0 + R[0, 0] - R[1, 1] - R[2, 2]
+        w, y, z = R[2, 1] - R[1, 2], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
+    elif R[1, 1] >= R[2, 2]:
+        y = 1.0 - R[0, 0] + R[1, 1] - R[2, 2]
+        w, x, z = R[0, 2] - R[2, 0], R[0, 1] + R[1, 0], R[1, 2] + R[2, 1]
+    else:
+        z = 1.0 - R[0, 0] - R[1, 1] + R[2, 2]
+        w, x, y = R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    if w < 0.0:  # of the two quaternions, the one whose angle is at most π
+        w, x, y, z = -w, -x, -y, -z
+    norm = sqrt(x * x + y * y + z * z)
+    # angle / |v|; for tiny |v| the limit is 2 / w, and no digit is lost
+    scale = 2.0 * atan2(norm, w) / norm if norm > 0.0 else 0.0
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+
+
+@compiled
+def exp_rotation(w: Array, R: Array) -> None:
+    """Rotation matrix of the rotation vector w (3,) into R (3, 3): Rodrigues' formula, series near 0."""
+    angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    if angle2 < 1e-8:  # the next terms are below 1e-18
+        a = 1.0 - angle2 / 6.0
+        b = 0.5 - angle2 / 24.0
+    else:
+        angle = sqrt(angle2)
+        a = sin(angle) / angle
+        half = sin(0.5 * angle) / angle
+        b = 2.0 * half * half
+    c = 1.0 - b * angle2
+    R[0, 0] = c + b * w[0] * w[0]
+    R[1, 1] = c + b * w[1] * w[1]
+    R[2, 2] = c + b * w[2] * w[2]
+    R[0, 1] = b * w[0] * w[1] - a * w[2]
+    R[1, 0] = b * w[0] * w[1] + a * w[2]
+    R[0, 2] = b * w[0] * w[2] + a * w[1]
+    R[2, 0] = b * w[0] * w[2] - a * w[1]
+    R[1, 2] = b * w[1] * w[2] - a * w[0]
+    R[2, 1] = b * w[1] * w[2] + a * w[0]
+
+
+@compiled
+def pose_error(T: Array, target: Array, out: Array) -> None:
+    """Twist (6,) in the base frame from T to the target: (p_t − p, log(R_t Rᵀ)); eq. 8–10, eq. 9 corrected."""
+    relative = np.empty((3, 3))
+    for i in range(3):
+        out[i] = target[i, 3] - T[i, 3]
+        for j in range(3):
+            relative[i, j] = target[i, 0] * T[j, 0] + target[i, 1] * T[j, 1] + target[i, 2] * T[j, 2]
+    log_rotation(relative, out[3:])
+
+
+@compiled
+def _log_many(R: Array, out: Array) -> None:
+    for i in range(R.shape[0]):
+        log_rotation(R[i], out[i])
+
+
+@compiled
+def _exp_many(w: Array, out: Array) -> None:
+    for i in range(w.shape[0]):
+        exp_rotation(w[i], out[i])
+
+
+# ---------------------------------------------------------------- public, any leading shape
+
+
+def log_so3(R: ArrayLike) -> Array:
+    """Rotation vectors of rotation matrices.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array
+        Rotation matrices.
+
+    Returns
+    -------
+    (..., 3) array
+        Axis times angle [rad], the angle in [0, π]. At exactly π both signs of the axis are right; one is returned.
+    """
+    R = np.ascontiguousarray(R, dtype=np.float64)
+    out = np.empty(R.shape[:-1])
+    _log_many(R.reshape(-1, 3, 3), out.reshape(-1, 3))
+    return out
+
+
+def exp_so3(w: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    w = np.ascontiguousarray(w, dtype=np.float64)
+    out = np.empty((*w.shape, 3))
+    _exp_many(w.reshape(-1, 3), out.reshape(-1, 3, 3))
+    return out
+
+
+def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Pose (4, 4) from a rotation matrix (identity by default) and a position [m]."""
+    T = np.eye(4)
+    if R is not None:
+        T[:3, :3] = R
+    T[:3, 3] = p
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of poses (..., 4, 4)."""
+    out = np.zeros_like(T)
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    out[..., :3, :3] = Rt
+    out[..., :3, 3] = -np.einsum("...ij,...j->...i", Rt, T[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def error(T: Array, target: Array) -> Array:
+    """Error twists (..., 6) in the base frame that lead from poses T to targets, both (..., 4, 4).
+
+    The position part is p_t − p [m]; the rotation part is the rotation vector of R_t Rᵀ [rad] (paper eq. 8–10 with the
+    sign of eq. 9 corrected).
+    """
+    R = target[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
+    return np.concatenate([target[..., :3, 3] - T[..., :3, 3], log_so3(R)], axis=-1)
+
+
+def interpolate(start: Array, goal: Array, u: ArrayLike) -> Array:
+    """Poses between two poses: the position straight, the rotation by the shortest way at constant rate.
+
+    Parameters
+    ----------
+    start, goal : (4, 4) array
+        Poses at u = 0 and u = 1.
+    u : scalar or (k,) array
+        Where; not limited to [0, 1].
+
+    Returns
+    -------
+    (4, 4) or (k, 4, 4) array
+        Poses.
+    """
+    u = np.asarray(u, dtype=np.float64)
+    e = error(start, goal)
+    out = np.zeros((*u.shape, 4, 4))
+    out[..., :3, :3] = exp_so3(u[..., None] * e[3:]) @ start[:3, :3]
+    out[..., :3, 3] = start[:3, 3] + u[..., None] * e[:3]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def check_pose(T: ArrayLike, argument: str) -> Array:
+    """Return T as a (4, 4) float64 array, or say why it is no pose.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shape, NaN or infinite, last row not (0, 0, 0, 1), or RᵀR further than 1e-6 from I, or a reflection.
+    """
+    try:
+        T = np.ascontiguousarray(T, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput(argument, repr(T)[:60], "a (4, 4) array of numbers") from None
+    if T.shape != (4, 4):
+        hint = "; a rotation matrix alone is no pose, see optik.se3.pose(R, p)" if T.shape == (3, 3) else ""
+        raise InvalidInput(argument, f"shape {T.shape}{hint}", "a pose of shape (4, 4)")
+    if not np.isfinite(T).all():
+        raise InvalidInput(argument, "NaN or infinity in it", "a pose of finite numbers")
+    if np.abs(T[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
+        raise InvalidInput(argument, f"last row {T[3].tolist()}", "the last row (0, 0, 0, 1)")
+    R = T[:3, :3]
+    off = float(np.abs(R.T @ R - np.eye(3)).max())
+    if off > ROTATION_TOLERANCE:
+        raise InvalidInput(argument, f"a 3×3 part with |RᵀR − I| = {off:.2g}", "a rotation (|RᵀR − I| ≤ 1e-6)")
+    if np.linalg.det(R) < 0.0:
+        raise InvalidInput(argument, "a reflection (det R = −1)", "a rotation (det R = +1)")
+    return T
+
+
+def from_xyz_rpy(xyz: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Pose from a position [m] and roll, pitch, yaw in degrees, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF."""
+    roll, pitch, yaw = np.asarray(rpy_deg, dtype=np.float64) * (pi / 180.0)
+    Rx = exp_so3([roll, 0.0, 0.0])
+    Ry = exp_so3([0.0, pitch, 0.0])
+    Rz = exp_so3([0.0, 0.0, yaw])
+    return pose(Rz @ Ry @ Rx, xyz)
