@@ -1,0 +1,293 @@
+"""Follow a Cartesian path with the joints: IK sample by sample, checked steps, exact derivatives along s."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import kinematics, se3
+from optik.errors import InvalidInput
+from optik.ik import IKSolver, IKStatus
+from optik.ik.base import check_count, check_start
+from optik.robot import Robot
+from planners.curve import Curve
+from planners.hermite import through
+from planners.paths.base import Path
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+START_TOLERANCE = 1e-4
+"""How far the tool may stand from the path's start [m and rad]: a real arm's reading, not another place."""
+LARGEST_STEP = 0.25
+"""Largest joint motion between two samples [rad or m]; the midpoint alone lets q4 turn against q6."""
+PATH_TOLERANCE = 1e-5
+"""Largest distance [m] and angle [rad] between samples; a branch flip leaves the path by centimetres."""
+SMALLEST_SINGULAR_VALUE = 1e-4
+"""Below this the joint speed for a tool speed of 1 m/s passes 10,000 rad/s: no motion follows the path there."""
+POLISHED = 1e-10
+"""Error that the polish must leave behind [m and rad]; it reaches 1e-15 unless the Jacobian has lost rank."""
+
+
+POLISH_MOVES = 0.02
+"""Largest joint motion of the polish [rad or m]: more would be another configuration."""
+
+
+class FollowStatus(StrEnum):
+    """How following a path ended."""
+
+    SOLVED = "solved"
+    NO_IK = "no_ik"
+    OUTSIDE_LIMITS = "outside_limits"
+    BRANCH_JUMP = "branch_jump"
+    SINGULAR = "singular"
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where and why a motion ended early."""
+
+    status: FollowStatus
+    s: float
+    joint: str | None
+    reason: str
+    advice: str
+
+
+class IKRecord(NamedTuple):
+    """What the IK method itself did at each sample (k,), before the polish: errors [m, rad] and iterations."""
+
+    position_error: Array
+    rotation_error: Array
+    iterations: NDArray[np.int64]
+
+
+class JointPath(Curve):
+    """Configurations q(s) along a path: quintic Hermite between polished samples with exact q', q''.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        What it follows; s has its unit.
+    knots : (k,) array
+        The samples in s.
+    q : (k, n) array
+        Configurations there.
+    derivatives : (k, 3, n) array
+        Exact q', q'', q''' there.
+    singular_values : (k,) array
+        Smallest singular value of the Jacobian there.
+    ik : IKRecord
+        What the method left before the polish.
+    """
+
+    parameter = "s"
+
+    def __init__(self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord) -> None:
+        self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
+        self.singular_values = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
+        spline = through(knots, q, derivatives[:, 0], derivatives[:, 1])
+        self._orders = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
+
+    @property
+    def end(self) -> float:
+        """Last s: the path's own end, or where the good part of it ends."""
+        return float(self.knots[-1])
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        values: Array = self._orders[order](x)
+        return values
+
+    @cached_property
+    def deviation(self) -> tuple[float, float]:
+        """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two knots."""
+        worst = _between(self, np.arange(1, 8) / 8.0)
+        return float(worst[:, 0].max()), float(worst[:, 1].max())
+
+
+class Followed(NamedTuple):
+    """The joint path, or the good part of it and why it stops. ``bool(followed)`` is success."""
+
+    joint_path: JointPath | None
+    stop: Stop | None
+
+    def __bool__(self) -> bool:
+        return self.stop is None
+
+
+def follow(solver: IKSolver, path: Path, q_start: ArrayLike, *, samples: int = 151) -> Followed:
+    """Turn a Cartesian path into a joint path, with the previous sample as the start of each solve.
+
+    Every sample is polished by Newton before derivatives are taken (1e-6 of noise would multiply the third derivative
+    by 400). A step between samples is accepted only if the joints move little AND the tool between the samples is on
+    the path.
+
+    Parameters
+    ----------
+    solver : IKSolver
+        Built for the arm.
+    path : Path
+        Where the tool goes.
+    q_start : (n,) array
+        Configuration at the path's start.
+    samples : int
+        Equally spaced in s, ends included; 151 for the paper's line.
+
+    Returns
+    -------
+    Followed
+        On failure with the s where it stopped, the reason and what would work.
+
+    Raises
+    ------
+    InvalidInput
+        A path without length, a start off the path, outside the limits or not finite, fewer than 2 samples.
+    """
+    robot = solver.robot
+    check_count(samples, "samples", 2)
+    q = check_start(robot, q_start, "q_start")
+    if not path.end > 0.0:
+        raise InvalidInput("path", "a length of 0", "a path whose ends differ")
+    off = robot.errors(q, path.pose(0.0))
+    distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
+    if max(distance, angle) > START_TOLERANCE:
+        raise InvalidInput(
+            "q_start",
+            f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start",
+            f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)",
+        )
+    knots = np.linspace(0.0, path.end, samples)
+    poses = path.pose(knots)
+    found, record, stop = _solve_samples(solver, knots, poses, q)
+    return _checked(robot, path, knots[: len(found)], found, poses, record, stop)
+
+
+def _solve_samples(solver: IKSolver, knots: Array, poses: Array, q: Array) -> tuple[Array, IKRecord, Stop | None]:
+    found, errors, iterations, stop = [], [], [], None
+    for s, target in zip(knots, poses, strict=True):
+        result = solver.solve(target, q)
+        if not result:
+            stop = _no_ik(s, result.status, result.position_error, result.rotation_error, solver)
+            break
+        q = result.q
+        found.append(q)
+        errors.append((result.position_error, result.rotation_error))
+        iterations.append(result.iterations)
+    e = np.array(errors).reshape(-1, 2)
+    return np.array(found).reshape(-1, solver.robot.n), IKRecord(e[:, 0], e[:, 1], np.array(iterations, np.int64)), stop
+
+
+def _no_ik(s: float, status: IKStatus, distance: float, angle: float, solver: IKSolver) -> Stop:
+    reason = (
+        f"{solver.name} found no configuration at s = {s:.6g} ({status}: "
+        f"{1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° away)"
+    )
+    kind = FollowStatus.OUTSIDE_LIMITS if status is IKStatus.OUTSIDE_LIMITS else FollowStatus.NO_IK
+    return Stop(kind, float(s), None, reason, "a shorter line, another start configuration, or " + status.advice)
+
+
+def _checked(
+    robot: Robot, path: Path, knots: Array, q: Array, poses: Array, record: IKRecord, stop: Stop | None
+) -> Followed:
+    """Polish, check and differentiate the samples; keep those before the first that is wrong."""
+    raw, poses = q.copy(), poses[: len(q)]
+    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, q, poses, 6)
+    residual = np.abs(robot.errors(q, poses)).max(axis=1, initial=0.0)
+    moved = np.abs(q - raw).max(axis=1, initial=0.0)
+    singular = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
+    lost: Bools = (residual > POLISHED) | (moved > POLISH_MOVES) | (singular < SMALLEST_SINGULAR_VALUE)
+    step = np.abs(np.diff(q, axis=0, prepend=q[:1]))
+    checks: tuple[tuple[Bools, Callable[[int], Stop]], ...] = (
+        (lost, lambda i: _singular(knots[i], singular[i])),
+        (np.logical_not(robot.limits.contains(q)), lambda i: _outside(robot, knots[i], q[i])),
+        (np.asarray((step > LARGEST_STEP).any(axis=1)), lambda i: _jump(robot, knots[i], step[i])),
+    )
+    good = len(q)
+    for wrong, why in checks:
+        good, stop = _before_first(wrong[:good], why, stop)
+    if good < 2:
+        return Followed(None, stop)
+    derivatives = np.empty((good, 3, robot.n))
+    twists = np.stack([path.twist(knots[:good], order) for order in (1, 2, 3)], axis=1)
+    kinematics.path_derivatives(robot.fixed, robot.prismatic, robot.tool, q[:good], twists, derivatives)
+    joint_path = JointPath(robot, path, knots[:good], q[:good], derivatives, _cut(record, good))
+    off = np.r_[0.0, _between(joint_path, np.array([0.5])).max(axis=1)]
+    kept, stop = _before_first(off > PATH_TOLERANCE, lambda i: _off(knots[i], off[i]), stop)
+    if kept == good:
+        return Followed(joint_path, stop)
+    if kept < 2:
+        return Followed(None, stop)
+    return Followed(JointPath(robot, path, knots[:kept], q[:kept], derivatives[:kept], _cut(record, kept)), stop)
+
+
+def _before_first(wrong: Bools, why: Callable[[int], Stop], stop: Stop | None) -> tuple[int, Stop | None]:
+    """How many samples come before the first wrong one, and the reason; the old reason where none is wrong."""
+    if not wrong.any():
+        return wrong.size, stop
+    i = int(np.argmax(wrong))
+    return i, why(i)
+
+
+def _cut(record: IKRecord, k: int) -> IKRecord:
+    return IKRecord(record.position_error[:k], record.rotation_error[:k], record.iterations[:k])
+
+
+def _between(joint_path: JointPath, fractions: Array) -> Array:
+    """Worst distance [m] and angle [rad] to the path in each interval between knots, (k − 1, 2)."""
+    x = joint_path.knots
+    s = x[:-1, None] + np.diff(x)[:, None] * fractions
+    e = se3.error(joint_path.robot.fk(joint_path(s.ravel())), joint_path.path.pose(s.ravel()))
+    norms = np.stack([np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)], axis=1)
+    worst: Array = norms.reshape(*s.shape, 2).max(axis=1)
+    return worst
+
+
+def _singular(s: float, value: float) -> Stop:
+    return Stop(
+        FollowStatus.SINGULAR,
+        float(s),
+        None,
+        f"the arm is singular at s = {s:.6g} (smallest singular value {value:.2g})",
+        "another start configuration, or a line that keeps away from the singularity",
+    )
+
+
+def _outside(robot: Robot, s: float, q: Array) -> Stop:
+    lower, upper = robot.limits.lower, robot.limits.upper
+    i = int(np.argmax(np.maximum(lower - q, q - upper)))
+    return Stop(
+        FollowStatus.OUTSIDE_LIMITS,
+        float(s),
+        robot.joint_names[i],
+        f"{robot.joint_names[i]} leaves its range [{lower[i]:.4g}, {upper[i]:.4g}] at s = {s:.6g}",
+        "a shorter line or another start configuration",
+    )
+
+
+def _jump(robot: Robot, s: float, step: Array) -> Stop:
+    i = int(np.argmax(step))
+    return Stop(
+        FollowStatus.BRANCH_JUMP,
+        float(s),
+        robot.joint_names[i],
+        f"{robot.joint_names[i]} moves {step[i]:.3g} rad in one step at s = {s:.6g}: a branch jump, or too few samples",
+        "more samples; if it stays, another start configuration",
+    )
+
+
+def _off(s: float, distance: float) -> Stop:
+    return Stop(
+        FollowStatus.BRANCH_JUMP,
+        float(s),
+        None,
+        f"between samples the tool leaves the path by {distance:.2g} (m or rad) before s = {s:.6g}",
+        "more samples; if it stays, another start configuration",
+    )

@@ -1,0 +1,72 @@
+"""The straight line: position along a chord, rotation the shortest way, both at constant rate (eq. 14, corrected)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import se3
+from planners.paths.base import Path
+
+Array = NDArray[np.float64]
+
+NO_MOTION = 1e-12
+"""Chords [m] and angles [rad] below this are rounding, not motion."""
+
+
+class Line(Path):
+    """From one pose to another; s is the distance travelled [m], or the angle turned [rad] where the tool only turns.
+
+    The paper's eq. 14 without its misprints: T(s) = [exp(s ω) R₀, P₀ + s v; 0 1]. The paper's own line keeps its
+    orientation; any other goal is turned to about one fixed axis, the shortest way.
+
+    Parameters
+    ----------
+    start, goal : (4, 4) array
+        T_base_tool at both ends.
+
+    Raises
+    ------
+    InvalidInput
+        An argument that is no pose.
+    """
+
+    def __init__(self, start: ArrayLike, goal: ArrayLike) -> None:
+        self.start = se3.check_pose(start, "start").copy()
+        self.goal = se3.check_pose(goal, "goal").copy()
+        e = se3.error(self.start, self.goal)
+        chord, angle = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
+        self.turns_only = chord <= NO_MOTION
+        self.unit = "rad" if self.turns_only else "m"
+        length = angle if self.turns_only else chord
+        self._end = length if length > NO_MOTION else 0.0
+        self._twist: Array = e / self._end if self._end else np.zeros(6)
+
+    @property
+    def end(self) -> float:
+        """Length [m, or rad for a pure rotation]; 0 only where the poses are equal."""
+        return self._end
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        if order == 0:
+            return se3.interpolate(self.start, self.goal, x / self._end if self._end else np.zeros_like(x))
+        if order == 1:
+            return np.tile(self._twist, (x.size, 1))
+        return np.zeros((x.size, 6))  # v and ω are constant in the base frame
+
+    def nearest(self, poses: Array) -> Array:
+        """Where on the line (k,) the poses (k, 4, 4) are nearest: by position, or by rotation where it only turns."""
+        part = slice(3, 6) if self.turns_only else slice(0, 3)
+        offset = se3.error(self.start, poses)[..., part]
+        direction = self._twist[part]
+        norm2 = float(direction @ direction)
+        return np.clip(offset @ direction / norm2, 0.0, self._end) if norm2 else np.zeros(len(poses))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files."""
+        return {"path": "line", "start": self.start.tolist(), "goal": self.goal.tolist()}
+
+
+METHOD = Line

@@ -1,0 +1,59 @@
+"""The paper's time law: constant tool speed, velocities J⁻¹V and no acceleration at samples, rest at both ends."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import InvalidInput
+from planners.follow import JointPath
+from planners.hermite import through
+from planners.timing.base import MotionLimits, TimeLaw
+from planners.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class Quintic(TimeLaw):
+    """Quintic segments between samples Δt apart, exactly as in the paper (§3.3, eq. 16–17); the baseline.
+
+    It looks at no limit and promises none. Constant speed inside and rest at both ends make the first and the last
+    segment reach full speed within one Δt, which the certificate shows.
+
+    Parameters
+    ----------
+    duration : float
+        T [s].
+    step : float
+        Δt [s]; T / Δt segments, rounded to a whole number.
+
+    Raises
+    ------
+    InvalidInput
+        Durations that are not above 0, or a step longer than half the duration.
+    """
+
+    name: ClassVar[str] = "quintic"
+    keeps: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, *, duration: float = 3.0, step: float = 0.02) -> None:
+        if not (np.isfinite(duration) and duration > 0.0):
+            raise InvalidInput("duration", duration, "seconds above 0")
+        if not (np.isfinite(step) and 0.0 < step <= 0.5 * duration):
+            raise InvalidInput("step", step, "seconds above 0, at most half the duration")
+        self.duration = float(duration)
+        self.segments = round(duration / step)
+
+    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+        """Time the joint path; the limits are not looked at."""
+        t = np.linspace(0.0, self.duration, self.segments + 1)
+        s = np.linspace(0.0, joint_path.end, self.segments + 1)
+        q = joint_path(s)
+        velocity = joint_path(s, 1) * (joint_path.end / self.duration)  # J⁻¹ V: q' times the constant ṡ
+        velocity[0] = velocity[-1] = 0.0
+        return Trajectory(through(t, q, velocity, np.zeros_like(q)))
+
+
+METHOD = Quintic

@@ -1,0 +1,113 @@
+"""Ruckig on the path's s: the time-optimal jerk-limited motion of one number, under bounds that keep every joint."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import ruckig
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from optik.errors import NoSolution
+from planners.follow import JointPath
+from planners.timing.base import DERIVATIVES, MotionLimits, TimeLaw, derivatives_at, refit
+from planners.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class RuckigLaw(TimeLaw):
+    """One triple of bounds on ṡ, s̈, s⃛ for the whole path, chosen so that the joints keep their limits everywhere.
+
+    With |q̇| ≤ |q'| V, |q̈| ≤ |q'| A + |q''| V² and |q⃛| ≤ |q'| J + 3 |q''| V A + |q'''| V³, every (V, A) leaves a
+    largest J; the (V, A, J) of the shortest motion is searched. What the search's grid and the refit still exceed is
+    removed by a uniform slow-down. Ruckig (Berscheid and Kröger, RSS 2021) is used on the scalar s only: its joint
+    waypoints would leave the path, and are sent to a cloud service.
+    """
+
+    name: ClassVar[str] = "ruckig"
+    keeps: ClassVar[tuple[str, ...]] = DERIVATIVES
+
+    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+        """Time the joint path.
+
+        Raises
+        ------
+        InvalidInput
+            Velocity, acceleration or jerk limits are missing.
+        NoSolution
+            No bounds on s keep the joints.
+        """
+        bound = self.need(limits, joint_path.robot)
+        bounds = _search(joint_path, bound)
+        if bounds is None:
+            raise NoSolution("no motion along s keeps the joint limits", advice="higher limits, or another path")
+        trajectory = refit(joint_path, _profile(joint_path.end, *bounds), bound["jerk"])
+        return trajectory.slowed(slow_down(trajectory, bound))
+
+
+def slow_down(trajectory: Trajectory, bound: dict[str, Array], orders: tuple[str, ...] = DERIVATIVES) -> float:
+    """Least factor ≥ 1 by which a motion must be slowed so that its exact extrema keep the limits."""
+    factor = 1.0
+    for order, field in enumerate(DERIVATIVES, start=1):
+        if field in orders:
+            ratio = float((trajectory.extrema(order).worst / bound[field]).max())
+            factor = max(factor, ratio ** (1.0 / order))
+    return factor * (1.0 + 1e-12) if factor > 1.0 else 1.0
+
+
+def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, float, float] | None:
+    """Shortest (V, A, J): a coarse grid over V and A, then a finer one around the best."""
+    q1, q2, q3 = derivatives_at(joint_path)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        v_max = float(np.nanmin(bound["velocity"] / q1.max(axis=0)))
+        v_max = min(v_max, float(np.sqrt(np.nanmin(bound["acceleration"] / q2.max(axis=0)))))
+
+    best: tuple[float, float, float, float] | None = None
+    v_range, a_range = (0.02, 1.0), (0.02, 0.999)
+    for _ in range(3):
+        for v in np.linspace(*v_range, 16) * v_max:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                a_max = float(np.nanmin((bound["acceleration"] - q2 * v * v) / q1))
+            for u in np.linspace(*a_range, 16):
+                a = u * a_max
+                if not a > 0.0:
+                    continue
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    j = float(np.nanmin((bound["jerk"] - 3.0 * q2 * v * a - q3 * v**3) / q1))
+                if j > 0.0 and (best is None or _duration(joint_path.end, v, a, j) < best[0]):
+                    best = (_duration(joint_path.end, v, a, j), v, a, j)
+                    at = v / v_max, u
+        if best is None:
+            return None
+        dv, da = (v_range[1] - v_range[0]) / 8.0, (a_range[1] - a_range[0]) / 8.0
+        v_range = max(at[0] - dv, 1e-3), min(at[0] + dv, 1.0)
+        a_range = max(at[1] - da, 1e-3), min(at[1] + da, 0.9999)
+    return best[1:] if best else None
+
+
+def _solved(length: float, v: float, a: float, j: float) -> Any:
+    problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    problem.current_position, problem.target_position = [0.0], [length]
+    problem.max_velocity, problem.max_acceleration, problem.max_jerk = [v], [a], [j]
+    result = ruckig.Ruckig(1).calculate(problem, answer)
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise NoSolution(f"Ruckig found no motion along s ({result})")
+    return answer
+
+
+def _duration(length: float, v: float, a: float, j: float) -> float:
+    return float(_solved(length, v, a, j).duration)
+
+
+def _profile(length: float, v: float, a: float, j: float) -> Any:
+    """Ruckig's s(t) as a piecewise cubic, phases without length left out."""
+    profile = _solved(length, v, a, j).profiles[0][0]
+    phases = [i for i in range(7) if profile.t[i] > 1e-9]
+    t = np.concatenate([[0.0], np.cumsum([profile.t[i] for i in phases])])
+    c = np.array([[profile.j[i] / 6.0, profile.a[i] / 2.0, profile.v[i], profile.p[i]] for i in phases]).T
+    return PPoly(c, t, extrapolate=True)
+
+
+METHOD = RuckigLaw

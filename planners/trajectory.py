@@ -1,0 +1,139 @@
+"""Trajectory: joint motion over time as piecewise polynomials of degree 5 at most; one type for every time law."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import InvalidInput
+from planners.curve import Curve
+
+Array = NDArray[np.float64]
+
+
+class Extrema(NamedTuple):
+    """Exact least and greatest value of each joint (n,), and when [s]; one-sided values at jumps count."""
+
+    least: Array
+    greatest: Array
+    t_least: Array
+    t_greatest: Array
+
+    @property
+    def worst(self) -> Array:
+        """Largest absolute value of each joint (n,)."""
+        return np.maximum(np.abs(self.least), np.abs(self.greatest))
+
+    @property
+    def t_worst(self) -> Array:
+        """When it occurs [s]."""
+        return np.where(np.abs(self.least) > np.abs(self.greatest), self.t_least, self.t_greatest)
+
+
+class Trajectory(Curve):
+    """Joint motion q(t), t in [0, duration] seconds.
+
+    ``trajectory(t, order)`` gives q, q̇, q̈ or the jerk; where a derivative jumps, its right-hand value.
+
+    Parameters
+    ----------
+    polynomial : scipy.interpolate.PPoly
+        Knots from 0, coefficients (at most 6, m, n).
+    """
+
+    parameter = "t"
+
+    def __init__(self, polynomial: Any) -> None:
+        if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
+            raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
+        if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
+            raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
+        self._orders = [polynomial, *(polynomial.derivative(order) for order in (1, 2, 3, 4))]
+
+    @property
+    def end(self) -> float:
+        """The duration [s]."""
+        return float(self._orders[0].x[-1])
+
+    @property
+    def duration(self) -> float:
+        """The duration [s]."""
+        return self.end
+
+    @property
+    def knots(self) -> Array:
+        """Times of the knots (m + 1,) [s]."""
+        return np.asarray(self._orders[0].x)
+
+    @property
+    def coefficients(self) -> Array:
+        """Coefficients (6, m, n), highest power first, in the time since each piece's first knot."""
+        return np.asarray(self._orders[0].c)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self._orders[0].c.shape[2])
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        values: Array = self._orders[order](x)
+        return values
+
+    def sample(self, rate: float) -> tuple[Array, Array]:
+        """Times (k,) at n/rate, the end always included, and configurations (k, n).
+
+        Raises
+        ------
+        InvalidInput
+            A rate [1/s] that is not above 0.
+        """
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise InvalidInput("rate", rate, "samples per second, above 0")
+        t = np.arange(0.0, self.end, 1.0 / rate)
+        t = np.append(t[t < self.end - 1e-9], self.end)
+        return t, self(t)
+
+    def ends(self, order: int) -> tuple[Array, Array]:
+        """One-sided values (m, n) of a derivative at the first and the last instant of every piece."""
+        p = self._orders[order]
+        h = np.diff(p.x)[:, None]
+        last = p.c[0]
+        for c in p.c[1:]:
+            last = last * h + c
+        return np.asarray(p.c[-1]), np.asarray(last)
+
+    def jumps(self, order: int) -> Array:
+        """How much a derivative jumps at the inner knots (m − 1, n)."""
+        first, last = self.ends(order)
+        return first[1:] - last[:-1]
+
+    def extrema(self, order: int) -> Extrema:
+        """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one."""
+        p = self._orders[order]
+        first, last = self.ends(order)
+        roots = self._orders[order + 1].roots(discontinuity=False, extrapolate=False)
+        found = [np.empty(self.n) for _ in range(4)]
+        for j in range(self.n):
+            inner = roots[j][np.isfinite(roots[j])]
+            t = np.concatenate([p.x[:-1], p.x[1:], inner])
+            values = np.concatenate([first[:, j], last[:, j], p(inner)[:, j]])
+            low, high = int(np.argmin(values)), int(np.argmax(values))
+            for array, value in zip(found, (values[low], values[high], t[low], t[high]), strict=True):
+                array[j] = value
+        return Extrema(*found)
+
+    def slowed(self, factor: float) -> Trajectory:
+        """Return the same motion, factor times as long: velocities / factor, accelerations / factor², jerks / factor³.
+
+        Raises
+        ------
+        InvalidInput
+            A factor that is not above 0.
+        """
+        if not (np.isfinite(factor) and factor > 0.0):
+            raise InvalidInput("factor", factor, "a number above 0")
+        p = self._orders[0]
+        powers = np.arange(p.c.shape[0])[::-1][:, None, None]
+        return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True))
