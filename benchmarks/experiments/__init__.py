@@ -1,0 +1,1 @@
+"""Experiments: the paper's claims and misprints, judged from the rows of a run."""

@@ -1,0 +1,92 @@
+"""What a problem set is: targets, starts, and columns that say where each one stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+from optik import se3
+from optik.errors import InvalidInput
+from optik.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProblemSet:
+    """IK problems: reach `targets` (k, 4, 4) from `starts` (k, n).
+
+    Attributes
+    ----------
+    group : (k,) array of str
+        What reports group by: a plane, a stratum, a distance.
+    known : (k,) array of bool
+        Whether a configuration inside the limits is known for the target. Where not, the target may be out of reach: it
+        is counted apart, never dropped.
+    sigma : (k,) array
+        Smallest singular value of the Jacobian at the known configuration, NaN where none is known.
+    spread : (k,) array
+        Standard deviation of start − solution [rad], NaN where the start is not drawn so.
+    """
+
+    targets: Array
+    starts: Array
+    group: NDArray[np.str_]
+    known: NDArray[np.bool_]
+    sigma: Array
+    spread: Array
+
+    def __len__(self) -> int:
+        return len(self.targets)
+
+    def chosen(self, most: int | None) -> NDArray[np.int64]:
+        """Indices of at most so many problems, evenly spaced, out of those with a known solution if they suffice."""
+        indices = np.arange(len(self))
+        if most is None or len(self) <= most:
+            return indices
+        known = np.flatnonzero(self.known)
+        pool = known if len(known) >= most else indices
+        return np.asarray(pool[np.linspace(0, len(pool) - 1, most).round().astype(int)])
+
+    def frame(self, robot: Robot) -> pl.DataFrame:
+        """One row a problem: group, target position, distances from the start, what is known."""
+        first = robot.fk(self.starts)
+        e = se3.error(first, self.targets)
+        return pl.DataFrame(
+            {
+                "problem": np.arange(len(self)),
+                "group": self.group.tolist(),
+                "x": self.targets[:, 0, 3],
+                "y": self.targets[:, 1, 3],
+                "z": self.targets[:, 2, 3],
+                "distance": np.linalg.norm(e[:, :3], axis=1),
+                "turn": np.linalg.norm(e[:, 3:], axis=1),
+                "known": self.known,
+                "sigma": self.sigma,
+                "spread": self.spread,
+                "target": self.targets.reshape(-1, 16).tolist(),
+                "start": self.starts.tolist(),
+            }
+        )
+
+
+def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
+    """The one start configuration (n,) of a set, given in degrees [rad].
+
+    Raises
+    ------
+    InvalidInput
+        Wrong length or outside the limits.
+    """
+    q = np.deg2rad(robot.configuration(start_deg, "start_deg"))
+    if not robot.limits.contains(q):
+        raise InvalidInput("start_deg", start_deg, f"a configuration inside the limits of {robot.name}")
+    return q
+
+
+def smallest_singular_values(robot: Robot, q: Array) -> Array:
+    """Smallest singular value of the Jacobian at configurations (k, n)."""
+    return np.asarray(np.linalg.svd(robot.jacobian(q), compute_uv=False)[..., -1])

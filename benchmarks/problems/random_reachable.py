@@ -1,0 +1,39 @@
+"""Random reachable targets: tool poses of configurations drawn inside the limits, from one fixed start."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.robot import Robot
+
+
+def random_reachable(robot: Robot, seed: int, *, start_deg: ArrayLike, count: int = 500) -> ProblemSet:
+    """Targets at any position and orientation that the arm can take.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    seed : int
+        Of the draw.
+    start_deg : (n,) array
+        The one start configuration [degrees].
+    count : int
+        How many.
+    """
+    q0 = start_of(robot, start_deg)
+    rng = np.random.default_rng((seed, 1))
+    q = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+    return ProblemSet(
+        robot.fk(q),
+        np.tile(q0, (count, 1)),
+        np.full(count, "random"),
+        np.ones(count, dtype=bool),
+        smallest_singular_values(robot, q),
+        np.full(count, np.nan),
+    )
+
+
+METHOD = random_reachable

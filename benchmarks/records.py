@@ -1,0 +1,127 @@
+"""Run folders: what a run writes, whole or not at all, and how it is read back."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from optik.errors import InvalidInput, OutputError
+
+FORMAT = "optik-run/1"
+
+
+class RunFolder:
+    """A folder with ``run.json``, ``problems/*.parquet``, ``ik/*.parquet`` and ``line/*``.
+
+    Every file is written under a temporary name and renamed, so it is there whole or not at all; a run that was
+    interrupted is continued by running it again.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+
+    # ------------------------------------------------------------ opening
+
+    def create(self, manifest: dict[str, Any]) -> None:
+        """Start a run here, or continue one of the same settings.
+
+        Raises
+        ------
+        OutputError
+            The folder cannot be written, or holds a run of other settings, or something else.
+        """
+        try:
+            if self.path.exists() and not self.path.is_dir():
+                raise OutputError(self.path, "is a file; name a folder for the run")
+            if self.path.is_dir() and any(self.path.iterdir()):
+                self._continue(manifest)
+            for folder in ("problems", "ik", "line"):
+                (self.path / folder).mkdir(parents=True, exist_ok=True)
+            self.write_json("run.json", manifest)
+        except OutputError:
+            raise
+        except OSError as error:
+            raise OutputError(self.path, f"cannot be written ({error.strerror})") from None
+
+    def _continue(self, manifest: dict[str, Any]) -> None:
+        if not (self.path / "run.json").is_file():
+            raise OutputError(self.path, "holds something else; name an empty or a new folder for the run")
+        old = self.manifest()
+        if old.get("fingerprint") != manifest["fingerprint"]:
+            raise OutputError(
+                self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
+            )
+
+    def manifest(self) -> dict[str, Any]:
+        """Content of ``run.json``.
+
+        Raises
+        ------
+        InvalidInput
+            The folder is no run.
+        """
+        try:
+            data = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise InvalidInput("run", str(self.path), "a folder written by optik bench run") from None
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise InvalidInput("run", f"{self.path} of another format", f"a run of format {FORMAT}")
+        return data
+
+    # ------------------------------------------------------------ writing
+
+    def has(self, name: str) -> bool:
+        """Whether a part is there already."""
+        return (self.path / name).is_file()
+
+    def write(self, name: str, frame: pl.DataFrame) -> None:
+        """Write a Parquet part."""
+        self._whole(name, lambda part: frame.write_parquet(part))
+
+    def write_json(self, name: str, data: Any) -> None:
+        """Write plain data as strict JSON."""
+        self._whole(name, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a text file."""
+        self._whole(name, lambda part: part.write_text(text, encoding="utf-8"))
+
+    def _whole(self, name: str, write: Any) -> None:
+        target = self.path / name
+        part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            write(part)
+            part.replace(target)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise OutputError(target, f"cannot be written ({error.strerror or error})") from None
+
+    # ------------------------------------------------------------ reading
+
+    def read(self, name: str) -> pl.DataFrame | None:
+        """One Parquet part, None where it is not there."""
+        return pl.read_parquet(self.path / name) if self.has(name) else None
+
+    def read_json(self, name: str) -> Any:
+        """Plain data, None where it is not there."""
+        return json.loads((self.path / name).read_text(encoding="utf-8")) if self.has(name) else None
+
+    def rows(self, block: str) -> pl.DataFrame | None:
+        """All IK rows of a block, joined with its problems and sorted; None where nothing was run."""
+        parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
+        problems = self.read(f"problems/{slug(block)}.parquet")
+        if not parts or problems is None:
+            return None
+        rows = pl.concat([pl.read_parquet(p) for p in parts])
+        return rows.join(problems.drop("target", "start"), on="problem").sort("method_index", "problem", "budget")
+
+
+def slug(text: str) -> str:
+    """File name for a label: letters, digits and dashes; Greek letters spelt."""
+    spelt = text.lower().replace("λ", "lambda").replace("α", "alpha")
+    return re.sub(r"[^a-z0-9.]+", "-", spelt).strip("-")
