@@ -112,13 +112,18 @@ class RunFolder:
         return json.loads((self.path / name).read_text(encoding="utf-8")) if self.has(name) else None
 
     def rows(self, block: str) -> pl.DataFrame | None:
-        """All IK rows of a block, joined with its problems and sorted; None where nothing was run."""
+        """All IK rows of a block, joined with its problems and sorted; None where nothing was run.
+
+        ``known`` is True as well where any of the methods solved the problem.
+        """
         parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
         problems = self.read(f"problems/{slug(block)}.parquet")
         if not parts or problems is None:
             return None
         rows = pl.concat([pl.read_parquet(p) for p in parts])
-        return rows.join(problems.drop("target", "start"), on="problem").sort("method_index", "problem", "budget")
+        joined = rows.join(problems.drop("target", "start"), on="problem")
+        solved = (pl.col("status") == "solved").any().over("problem")
+        return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")
 
 
 def slug(text: str) -> str:

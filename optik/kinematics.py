@@ -114,6 +114,21 @@ def errors_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
 
 
 @compiled
+def judge(
+    fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, slack: float, q: Array, target: Array
+) -> tuple[float, float, bool]:
+    """Position and rotation error of q (n,) against a target, and whether q stands inside its limits within slack."""
+    frame, T, e = np.empty((q.shape[0], 4, 4)), np.empty((4, 4)), np.empty(6)
+    frames(fixed, prismatic, q, frame)
+    tool_pose(frame, tool, T)
+    pose_error(T, target, e)
+    inside = True
+    for i in range(q.shape[0]):
+        inside = inside and lower[i] - slack <= q[i] <= upper[i] + slack
+    return sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2), inside
+
+
+@compiled
 def cholesky_solve(A: Array, b: Array) -> bool:
     """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
 

@@ -86,6 +86,27 @@ def pose_error(T: Array, target: Array, out: Array) -> None:
 
 
 @compiled
+def is_pose(T: Array) -> bool:
+    """Whether T (4, 4) is a pose: finite, last row (0, 0, 0, 1), a rotation within `ROTATION_TOLERANCE`."""
+    for j in range(4):
+        if not abs(T[3, j] - (1.0 if j == 3 else 0.0)) <= 1e-9:
+            return False
+    for i in range(3):
+        if not abs(T[i, 3]) < np.inf:
+            return False
+        for j in range(i + 1):
+            dot = T[0, i] * T[0, j] + T[1, i] * T[1, j] + T[2, i] * T[2, j]
+            if not abs(dot - (1.0 if i == j else 0.0)) <= 1e-6:
+                return False
+    det = (
+        T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
+        - T[0, 1] * (T[1, 0] * T[2, 2] - T[1, 2] * T[2, 0])
+        + T[0, 2] * (T[1, 0] * T[2, 1] - T[1, 1] * T[2, 0])
+    )
+    return bool(det > 0.0)
+
+
+@compiled
 def _log_many(R: Array, out: Array) -> None:
     for i in range(R.shape[0]):
         log_rotation(R[i], out[i])
@@ -192,6 +213,8 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
         T = np.ascontiguousarray(T, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidInput(argument, repr(T)[:60], "a (4, 4) array of numbers") from None
+    if T.shape == (4, 4) and is_pose(T):
+        return T
     if T.shape != (4, 4):
         hint = "; a rotation matrix alone is no pose, see optik.se3.pose(R, p)" if T.shape == (3, 3) else ""
         raise InvalidInput(argument, f"shape {T.shape}{hint}", "a pose of shape (4, 4)")
@@ -203,9 +226,7 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
     off = float(np.abs(R.T @ R - np.eye(3)).max())
     if off > ROTATION_TOLERANCE:
         raise InvalidInput(argument, f"a 3×3 part with |RᵀR − I| = {off:.2g}", "a rotation (|RᵀR − I| ≤ 1e-6)")
-    if np.linalg.det(R) < 0.0:
-        raise InvalidInput(argument, "a reflection (det R = −1)", "a rotation (det R = +1)")
-    return T
+    raise InvalidInput(argument, "a reflection (det R = −1)", "a rotation (det R = +1)")
 
 
 def from_xyz_rpy(xyz: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

@@ -145,7 +145,7 @@ class Certificate:
 
 
 def plain(values: Array) -> list[float | None]:
-    """List of numbers that JSON can hold: None for what is not finite."""
+    """List of numbers that JSON can hold: None for infinity (a jump) and for what is undefined (no limit)."""
     return [float(v) if np.isfinite(v) else None for v in values]
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik.errors import InvalidInput
-from optik.robot import Robot
+from optik.kinematics import judge
+from optik.robot import LIMIT_TOLERANCE, Robot
 from optik.se3 import check_pose
 
 Array = NDArray[np.float64]
@@ -215,7 +216,9 @@ class IKSolver(ABC):
             start = q0 if restart == 0 else restart_configuration(self.robot, target, q0, restart)
             outcome = self.attempt(target, start, trace, left)
             iterations += outcome.iterations
-            result = self._judge(outcome, target)._replace(iterations=iterations, restarts=restart)
+            result = self._judge(outcome, target)
+            if result and restart == 0:
+                return result
             if best is None or result or _merit(result, self.tolerance) < _merit(best, self.tolerance):
                 best = result
             best = best._replace(iterations=iterations, restarts=restart)
@@ -226,25 +229,24 @@ class IKSolver(ABC):
 
     def _judge(self, outcome: Attempt, target: Array) -> IKResult:
         """Measure the outcome with our own forward kinematics and limits, and set the status accordingly."""
-        limits = self.robot.limits
-        status = outcome.status
-        q = outcome.q if np.isfinite(outcome.q).all() else limits.clip(np.nan_to_num(outcome.q))
-        position, rotation = self._errors(q, target)
+        q, status = outcome.q, outcome.status
+        position, rotation, inside = self._measure(q, target)  # NaN fails every comparison below
         solves = position <= self.tolerance.position and rotation <= self.tolerance.rotation
-        if solves and bool(limits.contains(q)):
+        if solves and inside:
             status = IKStatus.SOLVED
         else:
             if solves:
                 status = IKStatus.OUTSIDE_LIMITS
             elif status is IKStatus.SOLVED:
                 status = IKStatus.REJECTED
-            q = limits.clip(q)
-            position, rotation = self._errors(q, target)
-        return IKResult(q, status, 0, 0, position, rotation, outcome.trace, outcome.message)
+            q = self.robot.limits.clip(np.where(np.isfinite(q), q, 0.0))
+            position, rotation, _ = self._measure(q, target)
+        return IKResult(q, status, outcome.iterations, 0, position, rotation, outcome.trace, outcome.message)
 
-    def _errors(self, q: Array, target: Array) -> tuple[float, float]:
-        e = self.robot.errors(q, target)
-        return float(np.sqrt(e[:3] @ e[:3])), float(np.sqrt(e[3:] @ e[3:]))
+    def _measure(self, q: Array, target: Array) -> tuple[float, float, bool]:
+        robot = self.robot
+        lower, upper = robot.limits.lower, robot.limits.upper
+        return judge(robot.fixed, robot.prismatic, robot.tool, lower, upper, LIMIT_TOLERANCE, q, target)
 
 
 def check_count(value: int, argument: str, least: int) -> None:

@@ -85,11 +85,10 @@ class TimeLaw(ABC):
         """Return the limits as arrays, or say which one the law needs and does not have."""
         missing = [f for f in self.keeps if getattr(limits, f) is None]
         if missing:
-            wanted = " and ".join(f"a {f} limit" for f in missing)
             raise InvalidInput(
                 "limits",
                 f"none for {robot.name}",
-                f"{wanted} for the law {self.name!r}: MotionLimits({', '.join(f'{f}=...' for f in missing)})",
+                f"limits on {' and '.join(missing)} for the law {self.name!r}: MotionLimits({', '.join(f'{f}=...' for f in missing)})",
             )
         return limits.arrays(robot.n)
 

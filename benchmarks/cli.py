@@ -1,0 +1,369 @@
+"""The command line, the roof of the house. Exit status 0, 1 (ran, no solution), 2 (misuse)."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+import optik
+from optik.errors import InvalidInput, NoSolution, OptikError
+
+app = typer.Typer(
+    help="Trajectory optimisation for serial arms: inverse kinematics, straight lines, time laws, and a fair comparison.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
+bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
+app.add_typer(plan_app, name="plan")
+app.add_typer(bench_app, name="bench")
+
+out_console, err_console = Console(), Console(stderr=True)
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
+RobotName = Annotated[str, typer.Option("--robot", "-r", help="A name from `optik robots`.")]
+Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
+
+
+def main() -> None:
+    """Run the command line; every error of ours is one line and exit status 2, or 1 where there is no solution."""
+    try:
+        app()
+    except NoSolution as error:
+        err_console.print(f"no solution: {error}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(1)
+    except OptikError as error:
+        err_console.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        err_console.print("stopped; run the same command again to continue", style="yellow")
+        sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+
+
+# ---------------------------------------------------------------- one robot, one pose
+
+
+@app.command()
+def robots(as_json: AsJson = False) -> None:
+    """List the robots that come with optik."""
+    found = [optik.load(name) for name in optik.robots()]
+    if as_json:
+        print_json([{"name": r.name, "joints": r.n, "source": r.source, "fingerprint": r.fingerprint} for r in found])
+        return
+    table = Table("robot", "joints", "joint ranges", "source")
+    for robot in found:
+        ranges = ", ".join(
+            f"{lo:.0f}…{hi:.0f}°" for lo, hi in np.rad2deg(np.stack([robot.limits.lower, robot.limits.upper], 1))
+        )
+        table.add_row(robot.name, str(robot.n), ranges, robot.source)
+    out_console.print(table)
+
+
+@app.command(context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options
+def fk(
+    q_deg: Annotated[list[float], typer.Argument(help="Joint values in degrees.")],
+    robot: RobotName = "paper6r",
+    as_json: AsJson = False,
+) -> None:
+    """Forward kinematics: where the tool is."""
+    arm = optik.load(robot)
+    q = np.deg2rad(arm.configuration(q_deg, "Q_DEG"))
+    T = arm.fk(q)
+    smallest = float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1])
+    inside = bool(arm.limits.contains(q))
+    if as_json:
+        print_json(
+            {"robot": arm.name, "pose": T.tolist(), "smallest_singular_value": smallest, "inside_limits": inside}
+        )
+        return
+    table = Table("", "x", "y", "z", "position [m]", title=f"tool of {arm.name} in its base frame")
+    for axis, row in zip("xyz", T[:3], strict=True):
+        table.add_row(axis, *(f"{v:+.6f}" for v in row))
+    out_console.print(table)
+    note = "inside the joint limits" if inside else "OUTSIDE the joint limits"
+    out_console.print(f"smallest singular value of the Jacobian {smallest:.4g}; {note}")
+
+
+@app.command()
+def ik(
+    xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame [m].")],
+    rpy_deg: Annotated[
+        tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw [degrees].")
+    ] = None,
+    start_deg: Annotated[
+        str, typer.Option(help="Start configuration [degrees], comma separated; middle of the ranges if left out.")
+    ] = "",
+    robot: RobotName = "paper6r",
+    solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}.")] = "dls",
+    restarts: Annotated[int, typer.Option(help="Starts after the first, drawn inside the limits.")] = 20,
+    as_json: AsJson = False,
+) -> None:
+    """Inverse kinematics: joint values for a tool pose. Without --rpy-deg the orientation of the start is kept."""
+    from optik import se3
+
+    arm = optik.load(robot)
+    q0 = configuration(arm, start_deg)
+    R = se3.from_xyz_rpy((0, 0, 0), rpy_deg)[:3, :3] if rpy_deg is not None else arm.fk(q0)[:3, :3]
+    result = optik.solve_ik(arm, se3.pose(R, xyz), q0, solver, max_restarts=restarts)
+    if as_json:
+        print_json(
+            {
+                "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
+                "q_deg": np.rad2deg(result.q).tolist(), "q": result.q.tolist(), "iterations": result.iterations,
+                "restarts": result.restarts, "position_error": result.position_error,
+                "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
+            }
+        )  # fmt: skip
+    else:
+        table = Table(
+            "joint",
+            "value [°]",
+            "range [°]",
+            title=f"{result.status}, {result.iterations} iterations, {result.restarts} restarts",
+        )
+        limits = np.rad2deg(np.stack([arm.limits.lower, arm.limits.upper], axis=1))
+        for name, value, (lo, hi) in zip(arm.joint_names, np.rad2deg(result.q), limits, strict=True):
+            table.add_row(name, f"{value:+.6f}", f"{lo:.0f} … {hi:.0f}")
+        out_console.print(table)
+        out_console.print(
+            f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
+        )
+    if not result:
+        if not as_json:
+            err_console.print(f"not solved; try {result.status.advice}", style="yellow")
+        raise typer.Exit(1)
+
+
+# ---------------------------------------------------------------- motions
+
+
+@plan_app.command("line")
+def plan_line(
+    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame [m].")] = (
+        -0.12,
+        0.0,
+        0.20,
+    ),
+    turn_deg: Annotated[
+        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame [degrees].")
+    ] = (0.0, 0.0, 0.0),
+    start_deg: Annotated[
+        str, typer.Option(help="Start configuration [degrees], comma separated.")
+    ] = "20,-35,40,25,50,-30",
+    robot: RobotName = "paper6r",
+    ik: Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}.")] = "dls",
+    timing: Annotated[str, typer.Option(help="Time law: quintic, ruckig or toppra.")] = "ruckig",
+    samples: Annotated[int, typer.Option(help="Samples of the line.")] = 151,
+    velocity: Annotated[
+        float | None, typer.Option(help="Limit on every joint [rad/s]; the robot's own if left out.")
+    ] = None,
+    acceleration: Annotated[float | None, typer.Option(help="[rad/s²]")] = None,
+    jerk: Annotated[float | None, typer.Option(help="[rad/s³]")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the plan as JSON.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Move the tool along a straight line, time it, and say what the motion keeps."""
+    import planners
+    from optik import se3
+
+    arm = optik.load(robot)
+    q = configuration(arm, start_deg)
+    start = arm.fk(q)
+    goal = se3.pose(se3.exp_so3(np.deg2rad(turn_deg)) @ start[:3, :3], start[:3, 3] + move)
+    own = planners.MotionLimits.of(arm)
+    limits = planners.MotionLimits(
+        own.velocity if velocity is None else velocity,
+        own.acceleration if acceleration is None else acceleration,
+        own.jerk if jerk is None else jerk,
+    )
+    planned = planners.plan(arm, planners.Line(start, goal), q, ik=ik, timing=timing, limits=limits, samples=samples)
+    if as_json:
+        print_json(planned.to_dict())
+    if not planned:
+        if as_json:
+            raise typer.Exit(1)
+        planned.trajectory  # noqa: B018  (raises NoSolution with the reason)
+    if out is not None:
+        planned.save(out)
+    if not as_json:
+        print_certificate(planned)
+        if out is not None:
+            out_console.print(f"written to {out}", highlight=False)
+
+
+def print_certificate(planned: Any) -> None:
+    """Print what a plan keeps, for people."""
+    proof, off = planned.certificate, planned.certificate.path_error
+    length = f"{1e3 * planned.path.end:.1f} {'mm' if planned.path.unit == 'm' else 'mrad'}"
+    table = Table(
+        "", "worst / limit", "joint", "at [s]", "promised",
+        title=f"{planned.ik} + {planned.law}: {length} in {proof.duration:.4f} s",
+    )  # fmt: skip
+    for field in ("velocity", "acceleration", "jerk"):
+        ratio, joint, t = proof.worst(field)
+        promised = "yes" if field in proof.keeps else "no"
+        if np.isnan(ratio):
+            table.add_row(field, "no limit", "", "", promised)
+        else:
+            table.add_row(field, f"{ratio:.8g}", joint, f"{t:.4f}", promised)
+    out_console.print(table)
+    out_console.print(
+        f"tool off the line at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (of {off.instants} instants), "
+        f"tool speed {proof.tool_speed:.3g} m/s, smallest singular value {proof.singular_value:.3g} "
+        f"at {proof.t_singular_value:.3f} s, C{proof.continuous}",
+        highlight=False,
+    )
+    if proof.holds:
+        out_console.print("the certificate holds: all that the law promises is kept exactly", style="green")
+    else:
+        out_console.print("the certificate does NOT hold: " + "; ".join(proof.broken), style="yellow", highlight=False)
+
+
+# ---------------------------------------------------------------- comparisons
+
+
+@bench_app.command("list")
+def bench_list(as_json: AsJson = False) -> None:
+    """List the suites."""
+    from benchmarks.suite import SUITES, load_suite
+    from optik.registry import names
+
+    suites = [load_suite(name) for name in names(SUITES)]
+    if as_json:
+        print_json(
+            [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
+        )
+        return
+    table = Table("suite", "what", "blocks", "line")
+    for suite in suites:
+        line = f"{len(suite.line.ik)} IK methods × {len(suite.line.laws)} laws" if suite.line else "none"
+        table.add_row(suite.name, suite.title, ", ".join(b.id for b in suite.blocks), line)
+    out_console.print(table)
+
+
+@bench_app.command("run")
+def bench_run(
+    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
+    workers: Workers = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Run a suite into a folder; a run that was stopped is continued."""
+    folder = run_with_progress(suite, out, workers)
+    if as_json:
+        print_json(folder.manifest())
+    else:
+        out_console.print(
+            f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
+        )
+
+
+@bench_app.command("report")
+def bench_report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    as_json: AsJson = False,
+) -> None:
+    """Write the report of a run: one HTML file that opens offline."""
+    from benchmarks.records import RunFolder
+    from benchmarks.report import write_report
+
+    with err_console.status("writing the report"):
+        page = write_report(RunFolder(run))
+    if as_json:
+        print_json({"report": str(page)})
+    else:
+        out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the run and its report.")] = Path("optik-demo"),
+    workers: Workers = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Compare the methods on the paper's line and workspace: the suite `paper` and its report."""
+    from benchmarks.experiments.claims import judge
+    from benchmarks.report import write_report
+
+    folder = run_with_progress("paper", out, workers)
+    with err_console.status("writing the report"):
+        page = write_report(folder)
+    findings = judge(folder)
+    if as_json:
+        print_json({"report": str(page), "claims": [{"claim": f.claim, "verdict": f.verdict} for f in findings]})
+        return
+    table = Table("", "the paper's claim", "verdict")
+    for f in findings:
+        table.add_row(f.key, f.claim, f.verdict)
+    out_console.print(table)
+    out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+def run_with_progress(suite: str, out: Path, workers: int) -> Any:
+    """Run a suite with a progress bar on the error stream."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from benchmarks.run import run_suite
+    from benchmarks.suite import load_suite
+
+    asked = load_suite(suite)
+    command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err_console, transient=True) as bar:
+        task = bar.add_task("compiling", total=None)
+        return run_suite(
+            asked,
+            out,
+            workers=workers,
+            command=command,
+            progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
+        )
+
+
+# ---------------------------------------------------------------- shared
+
+
+def configuration(arm: optik.Robot, degrees: str) -> Any:
+    """Read a configuration given in degrees; the middle of the ranges if empty.
+
+    Raises
+    ------
+    InvalidInput
+        Not numbers, the wrong count, or outside the limits.
+    """
+    if not degrees.strip():
+        return 0.5 * (arm.limits.lower + arm.limits.upper)
+    try:
+        values = [float(v) for v in degrees.replace(",", " ").split()]
+    except ValueError:
+        raise InvalidInput("--start-deg", repr(degrees), f"{arm.n} numbers in degrees, comma separated") from None
+    q = np.deg2rad(arm.configuration(values, "--start-deg"))
+    lower, upper = arm.limits.lower, arm.limits.upper
+    if not arm.limits.contains(q):
+        i = int(np.argmax(np.maximum(lower - q, q - upper)))
+        room = f"within [{np.degrees(lower[i]):g}, {np.degrees(upper[i]):g}]°, its range"
+        raise InvalidInput("--start-deg", f"{arm.joint_names[i]} = {values[i]:g}°", f"{arm.joint_names[i]} {room}")
+    return q
+
+
+def print_json(data: Any) -> None:
+    """Print strict JSON for programs."""
+    typer.echo(json.dumps(data, allow_nan=False, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""Claims on the line: smooth joints by quintic segments, and a tool that stays on the line at constant orientation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
+from benchmarks.records import RunFolder
+
+BARELY = 1e-9
+"""Steps of q [rad], q̇ [rad/s] and q̈ [rad/s²] at knots below this are rounding."""
+ON_LINE_M, ON_LINE_RAD = 1e-4, np.deg2rad(0.01)
+
+
+def quintic_plan(folder: RunFolder) -> dict[str, Any] | None:
+    """The first solved plan with the paper's time law."""
+    plans = folder.read_json("line/plans.json") or []
+    return next((p for p in plans if p["law"] == "quintic" and p["status"] == "solved"), None)
+
+
+def smooth_joints(folder: RunFolder) -> Finding:
+    """Claim (f)."""
+    claim = "Quintic segments between the samples give smooth joint motion without jumps."
+    rule = (
+        "Exact one-sided values at the knots: no step in position, velocity and acceleration. Holds outright only if "
+        "acceleration and jerk also keep the robot's limits."
+    )
+    plan = quintic_plan(folder)
+    if plan is None:
+        return Finding("f", claim, UNTESTED, "The run has no solved line with the quintic law.", rule)
+    certificate = plan["certificate"]
+    jumps = {k: max(v) for k, v in plan["jumps"].items()}
+    smooth = all(jumps[k] <= BARELY for k in ("position", "velocity")) and certificate["continuous"] >= 2
+    worst = {f: _worst(certificate, f) for f in ("velocity", "acceleration", "jerk")}
+    figures = (
+        ("step in velocity at knots", f"{jumps['velocity']:.1g} rad/s"),
+        ("step in acceleration at knots", f"{jumps['acceleration']:.1g} rad/s²"),
+        ("step in jerk at knots", f"{jumps['jerk']:.0f} rad/s³"),
+        *((f"worst {f} over its limit", words) for f, (_, words) in worst.items()),
+    )
+    text = (
+        f"Position, velocity and acceleration are continuous, so nothing jumps that a drive feels as an impact. But rest at "
+        f"the ends and full speed one sample later cost {worst['acceleration'][0]:.1f} times the acceleration limit and "
+        f"{worst['jerk'][0]:.0f} times the jerk limit, in the first and last 0.02 s, and the jerk steps at every sample."
+    )
+    if not smooth:
+        return Finding("f", claim, FAILS, "The motion steps at its knots.", rule, figures)
+    if all(ratio <= 1.0 for ratio, _ in worst.values()):
+        return Finding("f", claim, HOLDS, "Continuous, and within every limit.", rule, figures)
+    return Finding("f", claim, f"{PARTLY} smooth means continuous acceleration", text, rule, figures)
+
+
+def on_the_line(folder: RunFolder) -> Finding:
+    """Claim (g)."""
+    claim = "The tool stays on the straight line at constant orientation."
+    rule = "Tool against line at 3,001 instants between the samples too. Holds if it is within 0.1 mm and 0.01°."
+    plan = quintic_plan(folder)
+    if plan is None:
+        return Finding("g", claim, UNTESTED, "The run has no solved line with the quintic law.", rule)
+    off = plan["certificate"]["path_error"]
+    figures = (
+        ("largest distance from the line", f"{1e6 * off['distance']:.3g} µm at t = {off['t_distance']:.3f} s"),
+        ("largest turn from its orientation", f"{1e6 * off['angle']:.3g} µrad at t = {off['t_angle']:.3f} s"),
+        ("largest IK error at samples, before the polish", f"{1e6 * plan['ik_position_error']:.3g} µm"),
+    )
+    text = (
+        f"The tool is never more than {1e6 * off['distance']:.2g} µm off the line and {1e6 * off['angle']:.2g} µrad off its "
+        f"orientation over {1e3 * plan['length']:.0f} mm, with {plan['samples']} samples."
+    )
+    holds = off["distance"] <= ON_LINE_M and off["angle"] <= ON_LINE_RAD
+    return Finding("g", claim, HOLDS if holds else FAILS, text, rule, figures)
+
+
+def _worst(certificate: dict[str, Any], field: str) -> tuple[float, str]:
+    extreme, joints = certificate[field], certificate["joint_names"]
+    ratios = [
+        np.inf if v is None else (-np.inf if r is None else r)
+        for v, r in zip(extreme["value"], extreme["ratio"], strict=True)
+    ]
+    i = int(np.argmax(ratios))
+    return float(ratios[i]), f"{ratios[i]:.3g} ({joints[i]} at t = {extreme['time'][i]:.4f} s)"

@@ -1,0 +1,96 @@
+"""Claims on the iteration's two numbers and its start: damping, step size and initial configuration."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+
+from benchmarks.experiments.base import FAILS, HOLDS, UNTESTED, Finding
+from benchmarks.records import RunFolder
+
+
+def damping_trade(folder: RunFolder) -> Finding:
+    """Claim (d)."""
+    claim = "A small λ converges faster far from singular configurations; a large λ calms the iteration near them."
+    rule = (
+        "Far: in the stratum of the largest singular values the smallest λ needs fewer median iterations than the largest. "
+        "Near: in the stratum of the smallest, the 95th percentile of the peak error over the first error, and the share "
+        "of iterations that raise the error, are lower for the largest λ."
+    )
+    rows = folder.rows("damping")
+    if rows is None:
+        return Finding("d", claim, UNTESTED, "The run has no damping block.", rule)
+    table = _at_the_end(rows, "group").sort("method_index")
+    order = rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
+    near, far = (table.filter(pl.col("group") == g) for g in (order[0], order[-1]))
+    faster = far["iterations"][0] < far["iterations"][-1]
+    calmer = near["peak"][-1] < near["peak"][0] and near["rises"][-1] < near["rises"][0]
+    small, large = table["method"][0], table["method"][-1]
+    text = (
+        f"Far ({order[-1]}): {far['iterations'][0]:.0f} median iterations with {small}, {far['iterations'][-1]:.0f} with "
+        f"{large}. Near ({order[0]}): the error peaks at {near['peak'][0]:.1f} times its first value with {small} and at "
+        f"{near['peak'][-1]:.1f} with {large}. The price of calm: {100 * near['solved'][0]:.0f} % solved with {small}, "
+        f"{100 * near['solved'][-1]:.0f} % with {large}."
+    )
+    figures = tuple(
+        (
+            f"{r['group']}, {r['method']}",
+            f"{100 * r['solved']:.0f} % solved, {_number(r['iterations'])} iterations, peak ×{r['peak']:.1f}, "
+            f"{100 * r['rises']:.1f} % of iterations raise the error",
+        )
+        for g in order
+        for r in table.filter(pl.col("group") == g).iter_rows(named=True)
+    )
+    return Finding("d", claim, HOLDS if faster and calmer else FAILS, text, rule, figures)
+
+
+def start_and_step(folder: RunFolder) -> Finding:
+    """Claim (e)."""
+    claim = "The initial configuration and the step size decide whether the iteration converges."
+    rule = (
+        "Success rate within the largest budget. Holds if it changes by at least 20 points over the start's distance at "
+        "step 1, and by at least 20 points over the step size at the nearest start."
+    )
+    rows = folder.rows("step")
+    if rows is None:
+        return Finding("e", claim, UNTESTED, "The run has no step block.", rule)
+    table = _at_the_end(rows, "spread")
+    one = table.filter(pl.col("method") == "α=1").sort("spread")
+    if one.is_empty():
+        return Finding("e", claim, UNTESTED, "The run's step block has no method labelled α=1.", rule)
+    nearest = table.filter(pl.col("spread") == table["spread"].min()).sort("method_index")
+    by_start, by_step = (float(np.ptp(part["solved"].to_numpy())) for part in (one, nearest))
+    words = ", ".join(f"{m} {100 * s:.0f} %" for m, s in nearest.select("method", "solved").iter_rows())
+    text = (
+        f"Start: {100 * one['solved'][0]:.0f} % solved from {one['spread'][0]:g} rad away, "
+        f"{100 * one['solved'][-1]:.0f} % from {one['spread'][-1]:g} rad (step 1). Step, from {nearest['spread'][0]:g} rad: "
+        f"{words}. A step of 2 mirrors the error instead of removing it; a step of 0.1 needs more iterations than there are."
+    )
+    figures = tuple(
+        (
+            f"{r['method']}, start {r['spread']:g} rad away",
+            f"{100 * r['solved']:.0f} % solved, {_number(r['iterations'])} iterations",
+        )
+        for r in table.sort("method_index", "spread").iter_rows(named=True)
+    )
+    holds = by_start >= 0.2 and by_step >= 0.2
+    return Finding("e", claim, HOLDS if holds else FAILS, text, rule, figures)
+
+
+def _at_the_end(rows: pl.DataFrame, by: str) -> pl.DataFrame:
+    """Success, iterations of the solved, peak and rises of each method at the largest budget, by one column."""
+    ok = pl.col("status") == "solved"
+    return (
+        rows.filter(pl.col("budget") == pl.col("budget").max())
+        .group_by(by, "method", "method_index", maintain_order=True)
+        .agg(
+            solved=ok.mean(),
+            iterations=pl.col("iterations").filter(ok).median(),
+            peak=pl.col("peak").quantile(0.95),
+            rises=(pl.col("rises") / pl.col("iterations").clip(1)).mean(),
+        )
+    )
+
+
+def _number(value: float | None) -> str:
+    return "no" if value is None else f"{value:.0f}"

@@ -1,0 +1,178 @@
+"""Claims on the workspace: accuracy with enough iterations, iterations and error against distance (Fig. 11–13)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from scipy import stats
+
+from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
+from benchmarks.records import RunFolder
+
+Array = NDArray[np.float64]
+
+BLOCK = "workspace"
+TWO_MM = 2e-3
+ALMOST_ALL = 0.99
+STOPPED = 1e-6
+"""Errors at or below the stop rule say nothing about growth."""
+
+
+class Fit(NamedTuple):
+    """A line through error [mm] against distance [m], and the exponent of a power law through the same points."""
+
+    slope: float
+    r2: float
+    exponent: float
+
+
+def baseline(folder: RunFolder) -> pl.DataFrame | None:
+    """Rows of the paper's method: the first `dls` of the block, on targets with a known solution."""
+    rows = folder.rows(BLOCK)
+    if rows is None:
+        return None
+    dls = rows.filter((pl.col("solver") == "dls") & pl.col("known"))
+    if dls.is_empty():
+        return None
+    worst = pl.max_horizontal(*(pl.col(f"error_{axis}").abs() for axis in "xyz"))
+    return dls.filter(pl.col("method_index") == pl.col("method_index").min()).with_columns(axis=worst)
+
+
+def within_two_millimetres(folder: RunFolder) -> Finding:
+    """Claim (a)."""
+    claim = "With enough iterations the error on each of X, Y and Z is within 2 mm."
+    rule = (
+        "Share of the targets with a known solution whose largest axis error is ≤ 2 mm at the largest budget. Holds from "
+        "99 %; holds up to a distance if 99 % of all targets within it, and at least 20 of them, are."
+    )
+    rows = baseline(folder)
+    if rows is None:
+        return Finding("a", claim, UNTESTED, "The run has no workspace block with dls.", rule)
+    method, most = rows["method"][0], int(rows["budget"].max())  # type: ignore[arg-type]
+    share = rows.group_by("budget", maintain_order=True).agg(ok=(pl.col("axis") <= TWO_MM).mean())
+    last = rows.filter(pl.col("budget") == most).sort("distance")
+    within = last.select(ok=pl.col("axis") <= TWO_MM)["ok"].to_numpy()
+    overall = float(within.mean())
+    running = np.cumsum(within) / np.arange(1, len(within) + 1)
+    good = np.flatnonzero((running >= ALMOST_ALL) & (np.arange(len(within)) >= 19))
+    figures = tuple((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows())
+    text = f"{method}: {100 * overall:.1f} % of {len(within)} targets after {most} iterations"
+    if overall >= ALMOST_ALL:
+        return Finding("a", claim, HOLDS, text + ".", rule, figures)
+    if not len(good):
+        return Finding("a", claim, FAILS, text + ".", rule, figures)
+    reach = 1e3 * float(last["distance"][int(good[-1])])
+    failed = last.filter(pl.col("axis") > TWO_MM)
+    text += (
+        f"; 99 % of the targets up to {reach:.0f} mm from the start. The others end in a local minimum or against a "
+        f"joint limit: their median error is {1e3 * float(failed['position_error'].median()):.0f} mm, and the last "  # type: ignore[arg-type]
+        f"doubling of the budget adds {100 * (share['ok'][-1] - share['ok'][-2]):.1f} points."
+    )
+    return Finding("a", claim, f"{PARTLY} the target is within {reach:.0f} mm of the start", text, rule, figures)
+
+
+def more_iterations(folder: RunFolder) -> Finding:
+    """Claim (b)."""
+    claim = "A larger motion range needs more iterations for the same accuracy."
+    rule = (
+        "Spearman's rank correlation between distance and iterations to 1e-6 m and rad, on solved targets. Holds from "
+        "0.5 with p < 0.001."
+    )
+    rows = baseline(folder)
+    if rows is None:
+        return Finding("b", claim, UNTESTED, "The run has no workspace block with dls.", rule)
+    solved = _solved(rows)
+    rank = stats.spearmanr(solved["distance"], solved["iterations"])
+    bins = solved.with_columns(bin=(pl.col("distance") * 10).floor()).group_by("bin").agg(
+        pl.col("iterations").median().alias("median"), pl.len()
+    ).filter(pl.col("len") >= 10).sort("bin")  # fmt: skip
+    figures = tuple(
+        (f"median iterations, {100 * b:.0f} to {100 * (b + 1):.0f} mm away", f"{median:.0f} ({count} targets)")
+        for b, median, count in bins.iter_rows()
+    )
+    holds = rank.statistic >= 0.5 and rank.pvalue < 1e-3
+    text = (
+        f"{rows['method'][0]}: rank correlation {rank.statistic:.2f} over {len(solved)} solved targets; the median grows from "
+        f"{bins['median'][0]:.0f} to {bins['median'][-1]:.0f} iterations."
+    )
+    return Finding("b", claim, HOLDS if holds else FAILS, text, rule, figures)
+
+
+def linear_error(folder: RunFolder) -> Finding:
+    """Claim (c)."""
+    claim = "At a fixed number of iterations the error grows about linearly with distance, on X, Y and Z."
+    rule = (
+        "Medians of |error| in twelve bins of equal count over distance, for each axis and for the distance error, at each "
+        "budget where most targets are still above the stop rule. A method keeps the claim at a budget if all four have "
+        "R² ≥ 0.9 for a line and a power-law exponent of 0.75 to 1.33."
+    )
+    rows = folder.rows(BLOCK)
+    if rows is None or (dls := rows.filter((pl.col("solver") == "dls") & pl.col("known"))).is_empty():
+        return Finding("c", claim, UNTESTED, "The run has no workspace block with dls.", rule)
+    figures, keep, words = [], {}, []
+    for (method,), part in dls.group_by("method", maintain_order=True):
+        fits = list(_fits(part))
+        good = [budget for budget, fit in fits if all(linear(f) for f in fit.values())]
+        if good:
+            keep[method] = good
+        whole = [f"{fit['position_error'].exponent:.1f}" for _, fit in fits]
+        words.append(
+            f"{method}: error ~ distance to the power {', '.join(whole)} after {', '.join(str(b) for b, _ in fits)}"
+        )
+        for budget, fit in fits:
+            line = ", ".join(
+                f"{name[6:].upper() if name[5] == '_' else 'distance'} {f.slope:.0f} mm/m R² {f.r2:.2f} ~d^{f.exponent:.1f}"
+                for name, f in fit.items()
+            )
+            figures.append((f"{method}, {budget} iterations", line))
+    text = "; ".join(words) + " iterations."
+    if not keep:
+        verdict = FAILS
+    elif len(keep) == dls["method"].n_unique():
+        verdict = HOLDS
+    else:
+        verdict = f"{PARTLY} the iteration is slowed: " + ", ".join(
+            f"{m} ({_range(b)} iterations)" for m, b in keep.items()
+        )
+    text += (
+        " A full step is Newton's: it leaves an error of the second order in the distance, and of ever higher order after "
+        "more steps. A step α < 1 leaves the share 1 − α of the error each time, so the error stays proportional to it."
+    )
+    return Finding("c", claim, verdict, text, rule, tuple(figures))
+
+
+def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
+    for (budget,), part in rows.group_by("budget", maintain_order=True):
+        if (part["position_error"] > STOPPED).mean() < 0.5:  # type: ignore[operator]
+            return
+        columns = ("error_x", "error_y", "error_z", "position_error")
+        yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in columns}
+
+
+def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
+    """Fit medians of error [m] in bins of equal count over distance [m]: robust against targets that never converge."""
+    parts = np.array_split(np.argsort(distance, kind="stable"), bins)
+    d = np.array([np.median(distance[p]) for p in parts])
+    e = np.maximum([np.median(error[p]) for p in parts], 1e-12)
+    line = stats.linregress(d, 1e3 * e)
+    power = stats.linregress(np.log(d), np.log(e))
+    return Fit(float(line.slope), float(line.rvalue) ** 2, float(power.slope))
+
+
+def linear(f: Fit) -> bool:
+    """Whether a fit counts as about linear."""
+    return f.r2 >= 0.9 and 0.75 <= f.exponent <= 1.33
+
+
+def _range(budgets: list[int]) -> str:
+    return f"{budgets[0]}" if len(budgets) == 1 else f"{budgets[0]} to {budgets[-1]}"
+
+
+def _solved(rows: pl.DataFrame) -> pl.DataFrame:
+    return rows.filter(
+        (pl.col("budget") == pl.col("budget").max()) & (pl.col("status") == "solved") & (pl.col("distance") > 0.0)
+    )
