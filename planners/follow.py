@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
 from optik.errors import InvalidInput
-from optik.ik import IKSolver, IKStatus
+from optik.ik import IKResult, IKSolver, IKStatus
 from optik.ik.base import check_count, check_start
 from optik.robot import Robot
 from planners.curve import Curve
@@ -175,7 +175,7 @@ def _solve_samples(solver: IKSolver, knots: Array, poses: Array, q: Array) -> tu
     for s, target in zip(knots, poses, strict=True):
         result = solver.solve(target, q)
         if not result:
-            stop = _no_ik(s, result.status, result.position_error, result.rotation_error, solver)
+            stop = _no_ik(solver, s, result, q)
             break
         q = result.q
         found.append(q)
@@ -185,13 +185,19 @@ def _solve_samples(solver: IKSolver, knots: Array, poses: Array, q: Array) -> tu
     return np.array(found).reshape(-1, solver.robot.n), IKRecord(e[:, 0], e[:, 1], np.array(iterations, np.int64)), stop
 
 
-def _no_ik(s: float, status: IKStatus, distance: float, angle: float, solver: IKSolver) -> Stop:
+def _no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
+    """Why no configuration was found: a joint that stands at its limit, a singular arm, or just the method's word."""
+    robot, limits = solver.robot, solver.robot.limits
+    smallest = float(np.linalg.svd(robot.jacobian(before), compute_uv=False)[-1])
+    at_limit = np.flatnonzero((result.q <= limits.lower + 1e-9) | (result.q >= limits.upper - 1e-9))
+    joint = robot.joint_names[at_limit[0]] if at_limit.size else None
     reason = (
-        f"{solver.name} found no configuration at s = {s:.6g} ({status}: "
-        f"{1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° away)"
+        f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
+        f"{np.degrees(result.rotation_error):.3g}° away); {joint + ' stands at its limit; ' if joint else ''}"
+        f"smallest singular value just before: {smallest:.2g}"
     )
-    kind = FollowStatus.OUTSIDE_LIMITS if status is IKStatus.OUTSIDE_LIMITS else FollowStatus.NO_IK
-    return Stop(kind, float(s), None, reason, "a shorter line, another start configuration, or " + status.advice)
+    kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.NO_IK
+    return Stop(kind, float(s), joint, reason, "a shorter line, or another start configuration")
 
 
 def _checked(

@@ -85,10 +85,11 @@ class TimeLaw(ABC):
         """Return the limits as arrays, or say which one the law needs and does not have."""
         missing = [f for f in self.keeps if getattr(limits, f) is None]
         if missing:
+            arguments = ", ".join(f"{f}=..." for f in missing)
             raise InvalidInput(
                 "limits",
                 f"none for {robot.name}",
-                f"limits on {' and '.join(missing)} for the law {self.name!r}: MotionLimits({', '.join(f'{f}=...' for f in missing)})",
+                f"limits on {' and '.join(missing)} for the law {self.name!r}: MotionLimits({arguments})",
             )
         return limits.arrays(robot.n)
 

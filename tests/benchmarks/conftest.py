@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.records import RunFolder
+from benchmarks.run import run_suite
+from benchmarks.suite import Suite, suite_of
+
+START = [20, -35, 40, 25, 50, -30]
+
+SMALL: dict[str, Any] = {
+    "title": "a small run",
+    "seed": 7,
+    "blocks": [
+        {
+            "id": "workspace",
+            "robot": "paper6r",
+            "set": "graph_paper",
+            "budgets": [1, 3, 10, 40],
+            "options": {"start_deg": START, "normals": ["Y"], "offsets_m": [0.0], "half_size_m": 0.3, "spacing_m": 0.1},
+            "methods": [
+                {"label": "dls λ=0.01", "solver": "dls", "options": {"damping": 0.01}},
+                {"label": "ipopt", "solver": "ipopt", "max_problems": 6},
+            ],
+        },
+        {
+            "id": "misprint",
+            "robot": "paper6r",
+            "set": "near_start",
+            "budgets": [5, 100],
+            "options": {"count": 40},
+            "methods": [
+                {"label": "as printed", "solver": "dls", "options": {"as_printed": True}},
+                {"label": "corrected", "solver": "dls"},
+            ],
+        },
+    ],
+    "line": {
+        "robot": "paper6r",
+        "start_deg": START,
+        "move_m": [-0.12, 0.0, 0.20],
+        "ik": ["dls"],
+        "laws": ["quintic", "ruckig", "toppra"],
+        "samples": 31,
+    },
+}
+
+
+def small(**changes: Any) -> Suite:
+    return suite_of("small", copy.deepcopy(SMALL) | changes)
+
+
+@pytest.fixture(scope="session")
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    folder: Path = tmp_path_factory.mktemp("runs") / "small"
+    return run_suite(small(), folder, command="optik bench run small --out RUN")

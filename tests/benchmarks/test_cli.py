@@ -1,0 +1,112 @@
+"""The command line as people type it: in a process of its own, rightly and wrongly."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optik
+from optik.registry import names
+
+START = "20,-35,40,25,50,-30"
+
+
+def optik_command(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    root = Path(__file__).resolve().parents[2]
+    environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(root), "COLUMNS": "160", "HOME": str(Path.home())}
+    return subprocess.run(
+        [sys.executable, "-m", "benchmarks.cli", *arguments],
+        capture_output=True, text=True, timeout=300, cwd=cwd or root, env=environment,
+    )  # fmt: skip
+
+
+def test_robots_lists_every_robot() -> None:
+    done = optik_command("robots", "--json")
+    assert done.returncode == 0
+    assert [r["name"] for r in json.loads(done.stdout)] == list(optik.robots())
+
+
+def test_fk_takes_negative_numbers_and_agrees_with_the_library() -> None:
+    done = optik_command("fk", *START.split(","), "--json")
+    assert done.returncode == 0
+    q = np.deg2rad([float(v) for v in START.split(",")])
+    np.testing.assert_allclose(json.loads(done.stdout)["pose"], optik.load("paper6r").fk(q), atol=1e-12)
+
+
+def test_ik_answers_what_fk_confirms() -> None:
+    done = optik_command(
+        "ik", "--xyz", "0.1", "0.3", "0.2", "--rpy-deg", "-90", "10", "20", "--start-deg", START, "--json"
+    )
+    answer = json.loads(done.stdout)
+    assert (done.returncode == 0) == answer["solved"]
+    T = optik.load("paper6r").fk(answer["q"])
+    assert answer["solved"]
+    np.testing.assert_allclose(T[:3, 3], [0.1, 0.3, 0.2], atol=1e-6)
+
+
+def test_no_solution_is_exit_status_one() -> None:
+    done = optik_command("ik", "--xyz", "3", "0", "0", "--start-deg", START)
+    assert done.returncode == 1
+    assert "not solved" in done.stderr
+    done = optik_command("plan", "line", "--move", "1", "1", "1")
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "s = " in done.stderr
+
+
+def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    done = optik_command("plan", "line", "--timing", "ruckig", "--out", str(file), "--json")
+    assert done.returncode == 0
+    printed = json.loads(done.stdout)
+    assert printed == json.loads(file.read_text())
+    assert printed["certificate"]["holds"] is True
+    assert max(printed["certificate"]["jerk"]["ratio"]) <= 1.0
+
+
+def test_bench_list_lists_every_suite() -> None:
+    done = optik_command("bench", "list", "--json")
+    assert [s["name"] for s in json.loads(done.stdout)] == list(names("benchmarks.suites"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fk", "1", "2"], "Q_DEG"),
+        (["fk", "nan", "0", "0", "0", "0", "0"], "finite"),
+        (["fk", "0", "0", "0", "0", "0", "0", "--robot", "paper7r"], "paper6r"),
+        (["ik", "--xyz", "0", "0", "1", "--solver", "dsl"], "did you mean dls"),
+        (["ik", "--xyz", "0", "0", "1", "--start-deg", "a,b"], "--start-deg"),
+        (["plan", "line", "--start-deg", "190,0,0,0,0,0"], "joint1"),
+        (["plan", "line", "--timing", "ruckg"], "did you mean ruckig"),
+        (["plan", "line", "--velocity", "0"], "velocity"),
+        (["plan", "line", "--jerk", "nan"], "jerk"),
+        (["plan", "line", "--move", "0", "0", "0"], "length of 0"),
+        (["plan", "line", "--robot", "ur5e", "--start-deg", "10,-80,90,20,30,40"], "acceleration and jerk"),
+        (["plan", "line", "--out", "/proc/no/plan.json"], "cannot be written"),
+        (["bench", "run", "papers", "--out", "x"], "did you mean paper"),
+        (["bench", "run", "paper", "--out", "/proc/no"], "cannot be written"),
+        (["bench", "run", "paper", "--out", "."], "something else"),
+        (["bench", "run", "paper", "--out", "x", "--workers", "0"], "workers"),
+        (["bench", "report", "."], "bench run"),
+        (["demo", "--out", "/proc/no"], "cannot be written"),
+    ],
+)
+def test_misuse_is_one_line_and_exit_status_two(arguments: list[str], words: str) -> None:
+    done = optik_command(*arguments)
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.strip().count("\n") == 0
+    assert done.stdout == ""
+
+
+def test_unknown_options_are_exit_status_two() -> None:
+    done = optik_command("plan", "line", "--sampels", "3")
+    assert done.returncode == 2
+    assert "--samples" in done.stderr

@@ -1,0 +1,164 @@
+"""A run is whole, repeatable for any number of workers, can be continued, and its rows are what really happened."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from benchmarks.problems.base import ProblemSet
+from benchmarks.records import RunFolder, slug
+from benchmarks.run import at_budget, problem_set, run_suite
+from benchmarks.suite import load_suite
+from optik import load
+from optik.errors import InvalidInput, OutputError
+from optik.ik import make_solver
+from tests.benchmarks.conftest import SMALL, small
+
+
+def test_a_finished_run_says_so_and_can_be_repeated(small_run: RunFolder) -> None:
+    manifest = small_run.manifest()
+    assert manifest["complete"] is True
+    assert manifest["settings"] == SMALL
+    assert manifest["provenance"]["versions"]["numpy"] == np.__version__
+    assert manifest["command"].startswith("optik bench run")
+
+
+def test_rows_hold_every_problem_method_and_budget(small_run: RunFolder) -> None:
+    rows = small_run.rows("workspace")
+    assert rows is not None
+    assert rows.filter(pl.col("method") == "dls λ=0.01").height == 49 * 4
+    assert rows.filter(pl.col("method") == "ipopt").height == 6 * 4
+    assert rows.select("method", "problem", "budget").is_duplicated().sum() == 0
+
+
+def test_errors_at_a_budget_are_those_of_a_run_stopped_there(small_run: RunFolder) -> None:
+    rows = small_run.rows("workspace")
+    problems = small_run.read("problems/workspace.parquet")
+    assert rows is not None
+    assert problems is not None
+    robot = load("paper6r")
+    for row in rows.sample(40, seed=1).iter_rows(named=True):
+        options = {"damping": 0.01} if row["solver"] == "dls" else {}
+        solver = make_solver(robot, row["solver"], max_iterations=row["budget"], **options)
+        problem = problems.filter(pl.col("problem") == row["problem"]).row(0, named=True)
+        result = solver.solve(np.array(problem["target"]).reshape(4, 4), problem["start"], trace=True)
+        assert result.trace is not None
+        assert result.iterations == row["iterations"]
+        np.testing.assert_allclose(
+            result.trace[-1][:3], [row["error_x"], row["error_y"], row["error_z"]], rtol=0, atol=1e-12
+        )
+        assert np.linalg.norm(result.trace[-1][3:]) == pytest.approx(row["rotation_error"], abs=1e-12)
+        assert str(result.status) == row["status"]
+
+
+def test_the_row_of_a_budget_counts_rises_and_the_peak() -> None:
+    robot = load("paper6r")
+    solver = make_solver(robot, "dls", max_iterations=30)
+    q = np.deg2rad([20.0, -35, 40, 25, 50, -30])
+    result = solver.solve(robot.fk(q + 0.8), q, trace=True)
+    assert result.trace is not None
+    size = [float(np.linalg.norm(e)) for e in result.trace]
+    row = at_budget(result, solver, 6)
+    assert row["peak"] == pytest.approx(max(size[:7]) / size[0])
+    assert row["rises"] == sum(b > a for a, b in pairwise(size[:7]))
+
+
+def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tmp_path: Path) -> None:
+    two = run_suite(small(line=SMALL["line"] | {"laws": ["ruckig"]}), tmp_path / "two", workers=2)
+    for block in ("workspace", "misprint"):
+        one, other = small_run.rows(block), two.rows(block)
+        assert one is not None
+        assert other is not None
+        assert_frame_equal(one.drop("seconds"), other.drop("seconds"), check_exact=True)
+
+
+def test_a_run_is_continued_and_only_what_is_missing_is_done(small_run: RunFolder, tmp_path: Path) -> None:
+    suite = small(line=SMALL["line"] | {"laws": ["ruckig"]})
+    folder = run_suite(suite, tmp_path / "run")
+    parts = sorted((tmp_path / "run" / "ik").iterdir())
+    parts[0].unlink()
+    kept = {p.name: p.stat().st_mtime_ns for p in parts[1:]}
+    run_suite(suite, tmp_path / "run")
+    assert parts[0].is_file()
+    assert {p.name: p.stat().st_mtime_ns for p in parts[1:]} == kept
+    assert folder.manifest()["complete"] is True
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(OutputError, match="something else"):
+        run_suite(small(), tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_folder_of_other_settings_is_left_alone(small_run: RunFolder) -> None:
+    before = (small_run.path / "run.json").read_text()
+    with pytest.raises(OutputError, match="other settings"):
+        run_suite(small(seed=8), small_run.path)
+    assert (small_run.path / "run.json").read_text() == before
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    file = tmp_path / "run"
+    file.write_text("")
+    with pytest.raises(OutputError, match="file"):
+        run_suite(small(), file)
+
+
+def test_a_wrong_option_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    wrong = json.loads(json.dumps(SMALL))
+    wrong["blocks"][1]["methods"][0]["options"] = {"dampening": 0.1}
+    with pytest.raises(InvalidInput, match="dampening"):
+        run_suite(small(blocks=wrong["blocks"]), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_wrong_option_of_a_set_is_named() -> None:
+    suite = small()
+    block = suite.blocks[1]
+    block.options["counts"] = 3
+    with pytest.raises(InvalidInput, match="counts"):
+        problem_set(block, 0)
+
+
+def test_nothing_half_written_is_left(small_run: RunFolder) -> None:
+    assert not list(small_run.path.rglob("*.part"))
+
+
+@pytest.mark.parametrize("block", load_suite("paper").blocks, ids=lambda b: b.id)
+def test_problem_sets_of_the_paper_suite_are_what_they_say(block: object) -> None:
+    robot, problems = problem_set(block, 2026)  # type: ignore[arg-type]
+    assert isinstance(problems, ProblemSet)
+    again = problem_set(block, 2026)[1]  # type: ignore[arg-type]
+    np.testing.assert_array_equal(problems.targets, again.targets)
+    np.testing.assert_array_equal(problems.starts, again.starts)
+    assert robot.limits.contains(problems.starts).all()
+    assert np.isfinite(problems.sigma[problems.known]).all()
+    assert np.isnan(problems.sigma[~problems.known]).all()
+
+
+def test_graph_paper_keeps_the_orientation_and_lies_on_its_planes() -> None:
+    block = load_suite("paper").blocks[0]
+    robot, problems = problem_set(block, 0)
+    T0 = robot.fk(problems.starts[0])
+    assert (problems.targets[:, :3, :3] == T0[:3, :3]).all()
+    offset = problems.targets[:, :3, 3] - T0[:3, 3]
+    on_y = np.array([g.startswith("X–Z") for g in problems.group])
+    for axis, on in ((1, on_y), (2, ~on_y)):
+        np.testing.assert_allclose(np.unique(offset[on, axis].round(9)), [-0.2, -0.1, 0.0, 0.1, 0.2])
+
+
+def test_slugs_spell_greek_and_keep_labels_apart() -> None:
+    assert slug("dls λ=0.01") == "dls-lambda-0.01"
+    assert slug("α=0.25") != slug("α=0.5")
+
+
+def test_a_folder_that_is_no_run_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="bench run"):
+        RunFolder(tmp_path).manifest()
