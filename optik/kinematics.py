@@ -31,16 +31,31 @@ def multiply(A: Array, B: Array, out: Array) -> None:
 
 
 @compiled
+def copy_pose(A: Array, out: Array) -> None:
+    """Copy a pose; a loop compiles in a tenth of the time that a slice assignment takes."""
+    for i in range(4):
+        for j in range(4):
+            out[i, j] = A[i, j]
+
+
+@compiled
+def copy_vector(a: Array, out: Array) -> None:
+    """Copy a vector."""
+    for i in range(a.shape[0]):
+        out[i] = a[i]
+
+
+@compiled
 def frames(fixed: Array, prismatic: Bools, q: Array, out: Array) -> None:
     """Pose of every joint frame in the base, after its own motion, into out (n, 4, 4)."""
     before = np.empty((4, 4))
     for i in range(q.shape[0]):
         if i == 0:
-            before[:] = fixed[0]
+            copy_pose(fixed[0], before)
         else:
             multiply(out[i - 1], fixed[i], before)
         T = out[i]
-        T[:] = before
+        copy_pose(before, T)
         if prismatic[i]:
             for r in range(3):
                 T[r, 3] += before[r, 2] * q[i]
@@ -204,13 +219,15 @@ def _carry(w: Array, r: Array, x: Array, out: Array) -> None:
     _cross(w[0], r, r1)  # ṙ = ω × r
     _cross(w[1], r, r2)  # r̈ = ω̇ × r + ω × ṙ
     _cross(w[0], r1, t)
-    r2 += t
+    for i in range(3):
+        r2[i] += t[i]
     _cross(w[2], r, r3)  # r⃛ = ω̈ × r + 2 ω̇ × ṙ + ω × r̈
     _cross(w[1], r1, t)
-    r3 += 2.0 * t
-    _cross(w[0], r2, t)
-    r3 += t
     for i in range(3):
+        r3[i] += 2.0 * t[i]
+    _cross(w[0], r2, t)
+    for i in range(3):
+        r3[i] += t[i]
         out[0, i] += x[0] * r[i]
         out[1, i] += x[1] * r[i] + x[0] * r1[i]
         out[2, i] += x[2] * r[i] + 2.0 * x[1] * r1[i] + x[0] * r2[i]
@@ -227,7 +244,8 @@ def tool_motion(frame: Array, T: Array, prismatic: Bools, fixed: Array, q: Array
     n = q.shape[0]
     w = np.zeros((3, 3))  # ω, ω̇, ω̈ of the current link
     p = np.zeros((4, 3))  # position of the current frame origin and its derivatives
-    one = np.array([1.0, 0.0, 0.0, 0.0])
+    one = np.zeros(4)
+    one[0] = 1.0
     x = np.empty(4)
     z, z1, z2, t, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(n + 1):
@@ -296,7 +314,7 @@ def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
             if not size < smallest:
                 break
             smallest = size
-            best[:] = q[k]
+            copy_vector(q[k], best)
             if size < 1e-30:
                 break
             jacobian_from(frame, prismatic, T, J)
@@ -304,7 +322,7 @@ def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
                 break
             for i in range(n):
                 q[k, i] += dq[i]
-        q[k] = best
+        copy_vector(best, q[k])
 
 
 @compiled
@@ -322,7 +340,9 @@ def path_derivatives(fixed: Array, prismatic: Bools, tool: Array, q: Array, twis
         frames(fixed, prismatic, q[k], frame)
         tool_pose(frame, tool, T)
         jacobian_from(frame, prismatic, T, J)
-        dq[k] = 0.0
+        for order in range(3):
+            for i in range(n):
+                dq[k, order, i] = 0.0
         for order in range(3):
             tool_motion(frame, T, prismatic, fixed, q[k], dq[k], made)
             for i in range(6):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optik._compile import compiled
 from optik.errors import InvalidInput
 from optik.ik.base import Attempt, IKSolver, IKStatus
-from optik.kinematics import damped_step, frames, jacobian_from, tool_pose
+from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.robot import Robot
 from optik.se3 import pose_error
 
@@ -50,14 +50,14 @@ def iterate(
         tool_pose(frame, tool, T)
         pose_error(T, target, e)  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
         if trace.shape[0] > 0:
-            trace[k] = e
+            copy_vector(e, trace[k])
         p2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
         r2 = e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
         if p2 + r2 < smallest:
             smallest = p2 + r2
-            best[:] = q
+            copy_vector(q, best)
         if p2 <= tolerance_p * tolerance_p and r2 <= tolerance_r * tolerance_r:
-            best[:] = q
+            copy_vector(q, best)
             return k, _SOLVED
         if k == max_iterations:
             return k, _MAX_ITERATIONS
