@@ -27,8 +27,10 @@ class RunFolder:
 
     # ------------------------------------------------------------ opening
 
-    def create(self, manifest: dict[str, Any]) -> None:
-        """Start a run here, or continue one of the same settings.
+    def create(self, manifest: dict[str, Any]) -> dict[str, Any]:
+        """Start a run here, or continue one of the same settings; returns the manifest as it is now.
+
+        A continued run keeps the provenance of its first session and lists that of every later one that had work to do.
 
         Raises
         ------
@@ -39,16 +41,17 @@ class RunFolder:
             if self.path.exists() and not self.path.is_dir():
                 raise OutputError(self.path, "is a file; name a folder for the run")
             if self.path.is_dir() and any(self.path.iterdir()):
-                self._continue(manifest)
+                manifest = self._continued(manifest)
             for folder in ("problems", "ik", "line"):
                 (self.path / folder).mkdir(parents=True, exist_ok=True)
             self.write_json("run.json", manifest)
+            return manifest
         except OutputError:
             raise
         except OSError as error:
             raise OutputError(self.path, f"cannot be written ({error.strerror})") from None
 
-    def _continue(self, manifest: dict[str, Any]) -> None:
+    def _continued(self, manifest: dict[str, Any]) -> dict[str, Any]:
         if not (self.path / "run.json").is_file():
             raise OutputError(self.path, "holds something else; name an empty or a new folder for the run")
         old = self.manifest()
@@ -56,6 +59,8 @@ class RunFolder:
             raise OutputError(
                 self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
             )
+        later = [] if old["complete"] else [manifest["provenance"]]
+        return old | {"continued": [*old["continued"], *later]}
 
     def manifest(self) -> dict[str, Any]:
         """Content of ``run.json``.

@@ -97,9 +97,10 @@ def run_suite(
         "settings": suite.settings,
         "command": command,
         "provenance": provenance(suite.seed, workers),
+        "continued": [],
         "complete": False,
     }
-    folder.create(manifest)
+    manifest = folder.create(manifest)
     tell(0, 1, "problem sets")
     work = [w for block in suite.blocks for w in _parts(folder, block, suite.seed) if not folder.has(w.file)]
     total = len(work) + (suite.line is not None)

@@ -90,6 +90,18 @@ def test_a_run_is_continued_and_only_what_is_missing_is_done(small_run: RunFolde
     assert folder.manifest()["complete"] is True
 
 
+def test_a_continued_run_names_every_session_that_worked(tmp_path: Path) -> None:
+    suite = small(blocks=[], line=SMALL["line"] | {"laws": ["ruckig"]})
+    folder = run_suite(suite, tmp_path / "run", workers=1)
+    first = folder.manifest()
+    assert run_suite(suite, tmp_path / "run", workers=3).manifest() == first
+    folder.write_json("run.json", first | {"complete": False})
+    (tmp_path / "run" / "line" / "plans.json").unlink()
+    again = run_suite(suite, tmp_path / "run", workers=3).manifest()
+    assert again["provenance"] == first["provenance"]
+    assert [p["workers"] for p in again["continued"]] == [3]
+
+
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(OutputError, match="something else"):
