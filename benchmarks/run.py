@@ -20,10 +20,9 @@ from benchmarks.problems.base import ProblemSet
 from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, RunFolder, slug
 from benchmarks.suite import SETS, Block, Method, Suite
-from optik.errors import InvalidInput
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
 from optik.ik.base import check_count
-from optik.registry import load_method
+from optik.registry import build_method
 from optik.robot import Robot, load
 
 Array = NDArray[np.float64]
@@ -132,13 +131,7 @@ def problem_set(block: Block, seed: int) -> tuple[Robot, ProblemSet]:
         An option that the set does not have.
     """
     robot = load(block.robot)
-    make = load_method(SETS, block.set, "problem set")
-    try:
-        return robot, make(robot, seed, **block.options)
-    except TypeError as error:
-        if "argument" not in str(error):
-            raise
-        raise InvalidInput(f"block {block.id!r}: options", str(error), f"options of the set {block.set!r}") from None
+    return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
 def _parts(folder: RunFolder, block: Block, seed: int) -> Iterator[Work]:

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from optik.errors import MissingDependency, UnknownName
+from optik.errors import InvalidInput, MissingDependency, UnknownName
 
 _OURS = ("optik", "planners", "benchmarks")
 
@@ -72,6 +72,27 @@ def load_method(folder: str, name: str, kind: str = "method") -> Any:
         if not package or package in _OURS:
             raise
         raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
+
+
+def build_method(folder: str, name: str, kind: str, *arguments: Any, **options: Any) -> Any:
+    """Call one method with options that people wrote.
+
+    Raises
+    ------
+    UnknownName, MissingDependency
+        As `load_method`.
+    InvalidInput
+        An option that the method does not have, or one that it needs and nobody gave.
+    """
+    method = load_method(folder, name, kind)
+    try:
+        return method(*arguments, **options)
+    except TypeError as error:
+        wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
+        if wrong is None:
+            raise
+        given = ", ".join(options) or "none"
+        raise InvalidInput("options", f"{given} ({wrong[0]})", f"options of the {kind} {name!r}") from None
 
 
 def _extra_with(package: str) -> str | None:

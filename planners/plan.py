@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.ik import IKSolver, make_solver
-from optik.registry import load_method, names
+from optik.registry import build_method, names
 from optik.robot import Robot
 from planners.certificate import Certificate, certify, plain
 from planners.follow import FollowStatus, JointPath, Stop, follow
@@ -157,13 +157,7 @@ def make_law(law: str, **options: Any) -> TimeLaw:
     InvalidInput
         An option that the law does not have, or out of range.
     """
-    kind = load_method("planners.timing", law, "time law")
-    try:
-        built: TimeLaw = kind(**options)
-    except TypeError as error:
-        if "unexpected keyword" not in str(error) and "takes no arguments" not in str(error):
-            raise
-        raise InvalidInput("options", ", ".join(options), f"options of the law {law!r}") from None
+    built: TimeLaw = build_method("planners.timing", law, "time law", **options)
     return built
 
 

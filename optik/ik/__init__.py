@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from optik.errors import InvalidInput
 from optik.ik.base import IKResult, IKSolver, IKStatus, Tolerance
-from optik.registry import load_method, names
+from optik.registry import build_method, load_method, names
 from optik.robot import Robot
 
 if TYPE_CHECKING:
@@ -34,15 +33,7 @@ def make_solver(robot: Robot, solver: str = "dls", **options: Any) -> IKSolver:
     InvalidInput
         An option that the method does not have, or out of range.
     """
-    kind = load_method("optik.ik", solver, "IK method")
-    try:
-        built: IKSolver = kind(robot, **options)
-    except TypeError as error:
-        if "unexpected keyword" not in str(error):
-            raise
-        raise InvalidInput(
-            "options", ", ".join(options), f"options of {solver}, see help(optik.ik.{kind.__name__})"
-        ) from None
+    built: IKSolver = build_method("optik.ik", solver, "IK method", robot, **options)
     return built
 
 
