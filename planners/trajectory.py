@@ -51,6 +51,7 @@ class Trajectory(Curve):
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
         self._orders = [polynomial, *(polynomial.derivative(order) for order in (1, 2, 3, 4))]
+        self._extrema: dict[int, Extrema] = {}
 
     @property
     def end(self) -> float:
@@ -110,7 +111,12 @@ class Trajectory(Curve):
         return first[1:] - last[:-1]
 
     def extrema(self, order: int) -> Extrema:
-        """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one."""
+        """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one; found once, then kept."""
+        if order not in self._extrema:
+            self._extrema[order] = self._find_extrema(order)
+        return self._extrema[order]
+
+    def _find_extrema(self, order: int) -> Extrema:
         p = self._orders[order]
         first, last = self.ends(order)
         roots = self._orders[order + 1].roots(discontinuity=False, extrapolate=False)
