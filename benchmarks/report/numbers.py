@@ -1,0 +1,41 @@
+"""Numbers as people read them: significant digits, powers of ten, infinity, and a dash for what is not there."""
+
+from __future__ import annotations
+
+import math
+
+_RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Format a number: 0.00123, 88.4, 12,345, 1.2·10⁻⁷, ∞, – for NaN and None.
+
+    Parameters
+    ----------
+    value : float or None
+        The number.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Without a unit.
+    """
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{abs(value):.{digits - 1}e}".split("e")
+    power = int(exponent)
+    sign = "−" if value < 0 else ""
+    if -4 < power < 7:
+        return f"{sign}{float(f'{mantissa}e{power}'):,.{max(digits - 1 - power, 0)}f}"
+    return f"{sign}{mantissa}·10{str(power).translate(_RAISED)}"
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """Format a share given in percent."""
+    return "–" if math.isnan(share) else f"{share:.{digits}f} %"

@@ -1,0 +1,118 @@
+"""The head of the page: what was compared on what, and the key findings, every number computed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.experiments.base import PARTLY
+from benchmarks.metrics import LEVELS, success
+from benchmarks.report.laws import broken_limits
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.run import BlockRows, Run
+from optik.errors import UnknownName
+from optik.robot import load
+
+
+def overview(run: Run) -> dict[str, Any]:
+    """What was compared, on what, and what came out."""
+    robots = list(
+        dict.fromkeys([b.robot for b in run.suite.blocks] + ([run.suite.line.robot] if run.suite.line else []))
+    )
+    return {
+        "title": run.suite.title,
+        "suite": run.suite.name,
+        "complete": bool(run.manifest.get("complete")),
+        "created": run.manifest["provenance"].get("created", ""),
+        "robots": [(name, _axes(name)) for name in robots],
+        "blocks": [_block(b, run) for b in run.blocks],
+        "missing": [b.title for b in run.suite.blocks if b.id not in {x.block.id for x in run.blocks}],
+        "line": _line(run),
+        "findings": [f for f in (*map(_rates, run.comparisons), _durations(run), _verdicts(run)) if f],
+    }
+
+
+def _axes(name: str) -> str:
+    try:
+        return f"{load(name).n} joints"
+    except UnknownName:  # a robot that this version has no longer
+        return "not in this version"
+
+
+def _block(b: BlockRows, run: Run) -> dict[str, Any]:
+    total, known = b.problems()
+    ran = {m: b.last.filter(pl.col("method") == m).height for m in b.methods}
+    methods = []
+    for m in b.block.methods:
+        options = ", ".join(f"{k} = {v}" for k, v in m.options.items()) or "no options"
+        part = "" if ran.get(m.label, 0) == total else f"; {ran.get(m.label, 0):,} of the problems"
+        methods.append({"label": m.label, "colour": run.method_colour(m.label), "what": f"{m.solver}, {options}{part}"})
+    return {
+        "id": b.block.id, "title": b.block.title, "set": b.block.set.replace("_", " "), "robot": b.block.robot,
+        "total": total, "known": known, "methods": methods, "budgets": b.block.budgets,
+    }  # fmt: skip
+
+
+def _line(run: Run) -> dict[str, Any] | None:
+    task = run.suite.line
+    if task is None:
+        return None
+    return {
+        "length": number(1e3 * float(np.linalg.norm(task.move_m))),
+        "move": ", ".join(number(1e3 * x) for x in task.move_m),
+        "start": ", ".join(f"{x:g}".replace("-", "−") for x in task.start_deg),
+        "samples": task.samples, "ik": task.ik, "laws": task.laws, "robot": task.robot,
+    }  # fmt: skip
+
+
+def _rates(b: BlockRows) -> str:
+    """Share solved and median time of every method on the paired problems."""
+    known = b.paired.filter((pl.col("budget") == b.budget) & pl.col("known"))
+    if known.is_empty():
+        return ""
+    words = []
+    for label in b.methods:
+        part = known.filter(pl.col("method") == label)
+        share, low, high = success(part, LEVELS[-1])
+        seconds = part.filter(pl.col("status") == "solved")["seconds"]
+        took = f", {number(1e6 * float(np.median(seconds)))} µs a solved call" if len(seconds) else ""
+        words.append(f"{label} solves {percent(share)} ({low:.1f} to {high:.1f} %){took}")
+    count = known["problem"].n_unique()
+    return (
+        f"{b.block.title}, {count:,} targets with a known solution, at most {b.budget} iterations: "
+        + "; ".join(words)
+        + "."
+    )
+
+
+def _durations(run: Run) -> str:
+    """Durations of the laws with what each breaks, for the first IK method."""
+    if not run.solved_plans:
+        return ""
+    ik = run.solved_plans[0]["ik"]
+    words = []
+    for p in run.solved_plans:
+        if p["ik"] == ik:
+            breaks = broken_limits(p["certificate"])
+            words.append(
+                f"{p['law']} {p['duration']:.3f} s ("
+                + (f"breaks {', '.join(breaks)}" if breaks else "keeps every limit")
+                + ")"
+            )
+    return f"The line of {number(1e3 * run.solved_plans[0]['length'])} mm by {ik}: " + "; ".join(words) + "."
+
+
+def _verdicts(run: Run) -> str:
+    """How many claims hold."""
+    verdicts = Counter(PARTLY if f.verdict.startswith(PARTLY) else f.verdict for f in run.findings)
+    if not verdicts:
+        return ""
+    words = {
+        "holds": ("holds", "hold"), PARTLY: ("holds under a condition", "hold under a condition"),
+        "does not hold": ("does not hold", "do not hold"), "not tested": ("is not tested here", "are not tested here"),
+    }  # fmt: skip
+    parts = [f"{verdicts[v]} {one if verdicts[v] == 1 else many}" for v, (one, many) in words.items() if v in verdicts]
+    return f"Of the paper's {sum(verdicts.values())} claims, " + ", ".join(parts) + "."

@@ -1,0 +1,73 @@
+"""From a run folder to one self-contained HTML page."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from benchmarks.records import RunFolder
+from benchmarks.report.board import strict
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.overview import overview
+from benchmarks.report.run import Run
+from benchmarks.report.sections import SECTIONS
+
+FILE = "report.html"
+
+
+def write_report(folder: RunFolder) -> Path:
+    """Write ``report.html`` into a run folder: one file that opens offline.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        A run, finished or not; what it does not hold is left out, and an unfinished run is called so.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    InvalidInput
+        The folder is no run.
+    OutputError
+        The page cannot be written.
+    """
+    folder.write_text(FILE, render(Run(folder)))
+    return folder.path / FILE
+
+
+def render(run: Run) -> str:
+    """The page as text."""
+    head = overview(run)
+    built = ((section, section.build(run)) for section in SECTIONS)
+    environment = Environment(
+        loader=PackageLoader("benchmarks.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "percent": percent, "strict": strict}
+    return environment.get_template("page.html.j2").render(
+        head=head,
+        sections=[(section, context) for section, context in built if context is not None],
+        style=_asset("page.css"),
+        script=_asset("page.js"),
+        plotly=_plotly(),
+    )
+
+
+def _asset(name: str) -> Markup:
+    return Markup(files("benchmarks.report").joinpath("templates", name).read_text(encoding="utf-8"))
+
+
+def _plotly() -> Markup:
+    from plotly.offline import get_plotlyjs
+
+    return Markup(get_plotlyjs())

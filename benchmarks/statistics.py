@@ -1,0 +1,88 @@
+"""Statistics of a comparison: quantiles, the interval of a share, and quantiles in bins of a column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike
+
+
+def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
+    """Quantiles by linear interpolation between order statistics.
+
+    Parameters
+    ----------
+    values : array
+        Any number of values, no NaN among them.
+    levels : sequence of float
+        In [0, 1].
+
+    Returns
+    -------
+    tuple of float
+        One for each level; NaN where there are no values.
+    """
+    x = np.asarray(values, dtype=float)
+    if x.size == 0:
+        return (float("nan"),) * len(levels)
+    return tuple(float(q) for q in np.quantile(x, levels))
+
+
+def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson's score interval of a share.
+
+    Parameters
+    ----------
+    successes, trials : int
+        How many of how many.
+    confidence : float
+        Level of the interval.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end, in [0, 1]; NaN without trials.
+    """
+    if trials == 0:
+        return float("nan"), float("nan")
+    from scipy.stats import binomtest
+
+    interval = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def binned(
+    rows: pl.DataFrame, by: str, column: str, *, width: float, least: int = 10, levels: Sequence[float] = (0.5, 0.95)
+) -> pl.DataFrame:
+    """Quantiles of one column in bins of equal width of another.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        With both columns.
+    by, column : str
+        What is binned (from 0 upwards), and what quantiles are taken of.
+    width : float
+        Of a bin, in units of `by`.
+    least : int
+        Bins with fewer rows are left out: their quantiles would say little.
+    levels : sequence of float
+        In [0, 1].
+
+    Returns
+    -------
+    DataFrame
+        ``middle`` of each bin, ``count``, and one column ``q0.5``, ``q0.95``, … for each level, in order of `by`.
+    """
+    return (
+        rows.group_by(bin=(pl.col(by) / width).floor())
+        .agg(
+            pl.len().alias("count"),
+            *(pl.col(column).quantile(level, interpolation="linear").alias(f"q{level:g}") for level in levels),
+        )
+        .filter(pl.col("count") >= least)
+        .sort("bin")
+        .select(((pl.col("bin") + 0.5) * width).alias("middle"), pl.exclude("bin"))
+    )
