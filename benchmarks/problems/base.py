@@ -43,13 +43,14 @@ class ProblemSet:
         return len(self.targets)
 
     def chosen(self, most: int | None) -> NDArray[np.int64]:
-        """Indices of at most so many problems, evenly spaced, out of those with a known solution if they suffice."""
-        indices = np.arange(len(self))
+        """Indices of at most so many problems, with a known solution first, else at random.
+
+        A smaller choice is part of every larger one, so methods given different numbers share the smallest.
+        """
         if most is None or len(self) <= most:
-            return indices
-        known = np.flatnonzero(self.known)
-        pool = known if len(known) >= most else indices
-        return np.asarray(pool[np.linspace(0, len(pool) - 1, most).round().astype(int)])
+            return np.arange(len(self))
+        order = np.random.default_rng((len(self), 3)).permutation(len(self))
+        return np.sort(order[np.argsort(~self.known[order], kind="stable")][:most])
 
     def frame(self, robot: Robot) -> pl.DataFrame:
         """One row a problem: group, target position, distances from the start, what is known."""

@@ -166,6 +166,15 @@ def test_graph_paper_keeps_the_orientation_and_lies_on_its_planes() -> None:
         np.testing.assert_allclose(np.unique(offset[on, axis].round(9)), [-0.2, -0.1, 0.0, 0.1, 0.2])
 
 
+def test_a_smaller_choice_of_problems_is_part_of_a_larger_one() -> None:
+    _, problems = problem_set(load_suite("paper").blocks[0], 0)
+    few, more, all_of_them = (problems.chosen(most) for most in (50, 1000, None))
+    assert set(few) < set(more) < set(all_of_them)
+    assert len(few) == 50
+    assert problems.known[more].all()
+    np.testing.assert_array_equal(all_of_them, np.arange(len(problems)))
+
+
 def test_slugs_spell_greek_and_keep_labels_apart() -> None:
     assert slug("dls λ=0.01") == "dls-lambda-0.01"
     assert slug("α=0.25") != slug("α=0.5")

@@ -1,0 +1,215 @@
+"""What every time law must keep, whatever its method: runs over all files in planners/timing."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from optik.errors import InvalidInput
+from planners import JointPath, Line, MotionLimits, TimeLaw, Trajectory, certify, laws, make_law
+from planners.timing.base import DERIVATIVES
+from tests.planners import plain
+from tests.planners.plain import default_joint_path, paper6r, random_joint_paths
+
+Array = NDArray[np.float64]
+
+LINES = range(5)
+SETS = {"fast": (2.0, 10.0, 100.0), "slow": (1.0, 2.0, 20.0)}
+
+PROMISE = {"toppra": 1.0 + 1e-4}
+"""Largest ratio of what a law promises. TOPP-RA sets limits at grid points only, in single precision: shown, not mended."""
+ON_PATH = {"quintic": 2e-5}
+"""Largest distance to the path [m]; the paper's law leaves it between its samples."""
+
+every_law = pytest.mark.parametrize("law", laws())
+every_line = pytest.mark.parametrize("line", LINES, ids="line{}".format)
+every_set = pytest.mark.parametrize("limits", SETS)
+
+
+def joint_path_of(line: int) -> JointPath:
+    """The default line, and lines drawn at random; every other one turns the tool."""
+    return (default_joint_path(), *random_joint_paths(4))[line]
+
+
+@cache
+def motion(law: str, line: int, limits: str) -> Trajectory:
+    return make_law(law).run(joint_path_of(line), MotionLimits(*SETS[limits]))
+
+
+def instants(trajectory: Trajectory, count: int) -> Array:
+    """Knots, and instants that are none."""
+    t = np.concatenate([np.linspace(0.0, trajectory.duration, count), trajectory.knots])
+    return np.unique(t)
+
+
+@every_law
+def test_a_law_says_its_name_and_what_it_keeps(law: str) -> None:
+    built = make_law(law)
+    assert isinstance(built, TimeLaw)
+    assert built.name == law
+    assert isinstance(built.keeps, tuple)
+    assert set(built.keeps) <= set(DERIVATIVES)
+
+
+@every_law
+@every_line
+@every_set
+def test_it_starts_at_the_start_and_ends_at_the_end_of_the_joint_path(law: str, line: int, limits: str) -> None:
+    trajectory, joint_path = motion(law, line, limits), joint_path_of(line)
+    assert 0.0 < trajectory.duration < np.inf
+    assert trajectory.knots[0] == 0.0
+    np.testing.assert_allclose(trajectory(0.0), joint_path.q[0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(trajectory(trajectory.duration), joint_path.q[-1], rtol=0.0, atol=1e-9)
+
+
+@every_law
+@every_line
+@every_set
+def test_it_starts_and_ends_at_rest(law: str, line: int, limits: str) -> None:
+    trajectory = motion(law, line, limits)
+    first, last = trajectory.ends(1)
+    np.testing.assert_allclose(np.stack([first[0], last[-1]]), 0.0, rtol=0.0, atol=1e-9)
+
+
+@every_law
+@every_line
+@every_set
+def test_position_and_velocity_are_continuous_and_all_is_finite(law: str, line: int, limits: str) -> None:
+    trajectory = motion(law, line, limits)
+    assert np.isfinite(trajectory.coefficients).all()
+    assert np.abs(trajectory.jumps(0)).max() <= 1e-12
+    assert np.abs(trajectory.jumps(1)).max() <= 1e-9 * max(1.0, trajectory.extrema(1).worst.max())
+
+
+@every_law
+@every_line
+@every_set
+def test_the_tool_stays_on_the_path(law: str, line: int, limits: str) -> None:
+    trajectory, path = motion(law, line, limits), joint_path_of(line).path
+    assert isinstance(path, Line)
+    worst = np.zeros(2)
+    rng = np.random.default_rng(0)
+    for t in rng.uniform(0.0, trajectory.duration, 60):
+        worst = np.maximum(worst, plain.off_line(path.start, path.goal, plain.fk(trajectory(t))))
+    assert worst[0] <= ON_PATH.get(law, 1e-6)
+    assert worst[1] <= 10.0 * ON_PATH.get(law, 1e-6)
+
+
+@every_law
+@every_line
+@every_set
+def test_the_tool_never_runs_backwards(law: str, line: int, limits: str) -> None:
+    trajectory, path = motion(law, line, limits), joint_path_of(line).path
+    s = path.nearest(paper6r().fk(trajectory(instants(trajectory, 301))))
+    assert np.diff(s).min() >= -1e-9 * path.end
+    assert s[0] == pytest.approx(0.0, abs=1e-9)
+    assert s[-1] == pytest.approx(path.end, abs=1e-9)
+
+
+@every_law
+@every_line
+@every_set
+def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, limits: str) -> None:
+    trajectory = motion(law, line, limits)
+    x = trajectory.knots
+    u = np.linspace(0.0, 1.0, 9) * np.diff(x)[:, None]  # both ends of every piece, so one-sided values too
+    for field in make_law(law).keeps:
+        order = DERIVATIVES.index(field) + 1
+        c = trajectory.coefficients
+        power = np.arange(len(c))[::-1]
+        value = np.zeros((*u.shape, trajectory.n))
+        for row, p in zip(c, power, strict=True):
+            if p >= order:
+                value += np.prod(np.arange(p - order + 1, p + 1)) * row[:, None, :] * u[..., None] ** (p - order)
+        worst = float(np.abs(value).max())
+        limit = SETS[limits][order - 1]
+        assert worst <= PROMISE.get(law, 1.0 + 1e-12) * limit
+        if field == "jerk":
+            assert np.abs(trajectory.jumps(2)).max() <= 1e-6 * trajectory.extrema(2).worst.max()
+
+
+@every_law
+@every_line
+@every_set
+def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: str) -> None:
+    joint_path, bounds, keeps = joint_path_of(line), MotionLimits(*SETS[limits]), make_law(law).keeps
+    certificate = certify(
+        paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, keeps=keeps, instants=301
+    )
+    ratios = [certificate.worst(field)[0] for field in keeps]
+    assert max(ratios, default=0.0) <= PROMISE.get(law, 1.0)
+    assert certificate.holds == (max(ratios, default=0.0) <= 1.0)
+    assert certificate.rest == (True, True)
+    assert certificate.continuous >= 1
+    assert (certificate.position_margin > 0.0).all()
+    assert certificate.path_error.distance <= ON_PATH.get(law, 1e-6)
+
+
+@every_law
+def test_a_missing_limit_is_named(law: str) -> None:
+    keeps = make_law(law).keeps
+    for missing in keeps:
+        given = {f: 10.0 for f in keeps if f != missing}
+        with pytest.raises(InvalidInput) as info:
+            make_law(law).run(default_joint_path(), MotionLimits(**given))
+        assert info.value.argument == "limits"
+        assert missing in str(info.value)
+        for other in given:
+            assert other not in info.value.expected
+    make_law(law).run(default_joint_path(), MotionLimits(**dict.fromkeys(keeps, 10.0)))
+
+
+@every_law
+def test_limits_of_another_length_are_refused(law: str) -> None:
+    for field in make_law(law).keeps:
+        given: dict[str, Any] = {"velocity": 2.0, "acceleration": 10.0, "jerk": 100.0} | {field: [1.0, 2.0]}
+        with pytest.raises(InvalidInput) as info:
+            make_law(law).run(default_joint_path(), MotionLimits(**given))
+        assert info.value.argument == field
+
+
+@every_law
+@pytest.mark.parametrize("joint", [0, 3])
+def test_a_limit_of_one_joint_is_kept_by_that_joint(law: str, joint: int) -> None:
+    free = MotionLimits(2.0, 10.0, 100.0)
+    tight = {f: np.full(6, b) for f, b in zip(DERIVATIVES, (2.0, 10.0, 100.0), strict=True)}
+    for bound in tight.values():
+        bound[joint] /= 5.0
+    law_of = make_law(law)
+    slow, fast = (law_of.run(default_joint_path(), m) for m in (MotionLimits(**tight), free))
+    for field in law_of.keeps:
+        order = DERIVATIVES.index(field) + 1
+        assert (slow.extrema(order).worst <= PROMISE.get(law, 1.0) * tight[field]).all()
+    if law_of.keeps:
+        assert slow.duration > 1.2 * fast.duration
+
+
+@every_law
+@every_line
+def test_limits_scaled_by_powers_of_a_factor_scale_the_time(law: str, line: int) -> None:
+    """With k v, k² a and k³ j the same motion runs k times as fast; a law that looks at no limit does not change."""
+    k = 1.7
+    joint_path, law_of = joint_path_of(line), make_law(law)
+    one = law_of.run(joint_path, MotionLimits(1.0, 4.0, 30.0)).duration
+    other = law_of.run(joint_path, MotionLimits(k, 4.0 * k**2, 30.0 * k**3)).duration
+    assert other == pytest.approx(one / k if law_of.keeps else one, rel=1e-3)
+
+
+@every_law
+def test_higher_limits_are_never_slower(law: str) -> None:
+    durations = [
+        make_law(law).run(default_joint_path(), MotionLimits(2.0 * f, 10.0 * f, 100.0 * f)).duration
+        for f in (0.5, 1.0, 2.0, 4.0)
+    ]
+    assert (np.diff(durations) <= 1e-6).all()
+
+
+@every_law
+def test_the_same_problem_has_the_same_motion(law: str) -> None:
+    again = make_law(law).run(joint_path_of(1), MotionLimits(*SETS["fast"]))
+    np.testing.assert_array_equal(again.coefficients, motion(law, 1, "fast").coefficients)
+    np.testing.assert_array_equal(again.knots, motion(law, 1, "fast").knots)

@@ -1,0 +1,500 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from optik import Robot
+from optik.errors import InvalidInput
+from optik.ik import IKSolver, Tolerance, make_solver
+from optik.ik.base import Attempt, IKStatus
+from optik.ik.dls import DLS
+from optik.robot import JointLimits, load
+from planners import Followed, FollowStatus, JointPath, Line, follow
+from tests.planners import plain
+from tests.planners.plain import MOVE, START, default_joint_path, default_line, paper6r, random_joint_paths
+
+Array = NDArray[np.float64]
+ROBOT = paper6r()
+LIMITS = ROBOT.limits
+REACH = 0.472 + np.hypot(0.055, 0.470)
+"""From the crossing of the first axes to the crossing of the last three, with the elbow stretched."""
+STRETCHED = -np.arctan2(0.470, 0.055)
+"""The elbow angle where it is."""
+
+
+def wide(robot: Robot) -> Robot:
+    """The same arm with two turns of room on every joint."""
+    room = np.full(robot.n, 4.0 * np.pi)
+    return Robot("wide", robot.fixed, robot.prismatic, robot.tool, JointLimits(-room, room))
+
+
+def line_from_start(direction: Any, length: float = 1.2) -> Line:
+    direction = np.asarray(direction, dtype=float)
+    start = ROBOT.fk(START)
+    return Line(start, plain.moved(start, direction / np.linalg.norm(direction) * length))
+
+
+def wrist(q: Array) -> Array:
+    T = plain.fk(q)
+    return np.asarray(T[:3, 3] - 0.261 * T[:3, 2])
+
+
+def check_good(joint_path: JointPath, start: Array, goal: Array) -> None:
+    """What every accepted sample, and all between them, must be, by plain forward kinematics."""
+    path_end = joint_path.path.end
+    lower, upper = joint_path.robot.limits.lower, joint_path.robot.limits.upper
+    assert (joint_path.q >= lower - 1e-9).all()
+    assert (joint_path.q <= upper + 1e-9).all()
+    for s, q in zip(joint_path.knots, joint_path.q, strict=True):
+        distance, angle = plain.distance(plain.fk(q), plain.line_pose(start, goal, s / path_end))
+        assert distance <= 1e-12
+        assert angle <= 1e-12
+    for s in 0.5 * (joint_path.knots[:-1] + joint_path.knots[1:]):
+        distance, angle = plain.distance(plain.fk(joint_path(s)), plain.line_pose(start, goal, s / path_end))
+        assert max(distance, angle) <= 1e-5
+    assert np.abs(np.diff(joint_path.q, axis=0)).max() <= 0.25
+
+
+# ---------------------------------------------------------------- the paper's line
+
+
+def test_the_default_line_starts_where_the_paper_does_and_ends_where_it_was_computed() -> None:
+    joint_path = default_joint_path()
+    np.testing.assert_allclose(joint_path.q[0], START, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(np.rad2deg(joint_path.q[-1]), plain.END_DEG, rtol=0.0, atol=5e-3)
+    assert joint_path.knots.shape == (151,)
+    np.testing.assert_allclose(joint_path.knots, np.arange(151) * np.hypot(0.12, 0.20) / 150, rtol=1e-13)
+    assert joint_path.end == joint_path.path.end
+
+
+def test_the_default_line_keeps_clear_of_singularities() -> None:
+    joint_path = default_joint_path()
+    mine = [np.linalg.svd(plain.jacobian(q), compute_uv=False)[-1] for q in joint_path.q[::10]]
+    np.testing.assert_allclose(joint_path.singular_values[::10], mine, rtol=1e-8)
+    assert joint_path.singular_values.min() > 0.22
+
+
+def test_every_sample_is_polished_inside_the_limits_and_on_the_line() -> None:
+    line = default_line()
+    check_good(default_joint_path(), line.start, line.goal)
+
+
+def test_no_joint_of_the_default_line_is_faster_than_the_notes_say() -> None:
+    speed = np.hypot(0.12, 0.20) / 3.0
+    assert np.abs(default_joint_path().derivatives[:, 0]).max() * speed < 0.22
+
+
+@pytest.mark.parametrize("i", [0, 1, 40, 75, 149, 150])
+def test_derivatives_at_the_samples_are_those_of_an_independently_solved_power_series(i: int) -> None:
+    joint_path, line = default_joint_path(), default_line()
+    exact = plain.derivatives_along(line.start, line.goal, joint_path.knots[i], line.end, joint_path.q[i])
+    np.testing.assert_allclose(joint_path.q[i], exact[0], rtol=0.0, atol=1e-13)
+    for order in (1, 2, 3):
+        size = np.abs(exact[order]).max()
+        np.testing.assert_allclose(joint_path.derivatives[i, order - 1], exact[order], rtol=0.0, atol=1e-11 * size)
+
+
+@pytest.mark.parametrize("k", range(6))
+def test_derivatives_along_lines_that_turn_are_exact_too(k: int) -> None:
+    joint_path = random_joint_paths(6)[k]
+    line = joint_path.path
+    assert isinstance(line, Line)
+    for i in (0, 60, 150):
+        exact = plain.derivatives_along(line.start, line.goal, joint_path.knots[i], line.end, joint_path.q[i])
+        for order in (1, 2, 3):
+            size = np.abs(exact[order]).max()
+            np.testing.assert_allclose(joint_path.derivatives[i, order - 1], exact[order], rtol=0.0, atol=1e-10 * size)
+
+
+def test_the_power_series_agree_with_differences_of_configurations_solved_one_by_one() -> None:
+    line, h = default_line(), 2e-3
+    s = 0.1
+    guess = default_joint_path()(s)
+    solved = {k: plain.newton(line(s + k * h), guess) for k in range(-4, 5)}
+    exact = plain.derivatives_along(line.start, line.goal, s, line.end, guess)
+    first = sum(w * (solved[k] - solved[-k]) for k, w in ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))) / h
+    second = (
+        sum(w * (solved[k] + solved[-k]) for k, w in ((1, 8 / 5), (2, -1 / 5), (3, 8 / 315), (4, -1 / 560)))
+        - 205 / 72 * solved[0]
+    ) / h**2
+    third = sum(w * (solved[k] - solved[-k]) for k, w in ((1, -61 / 30), (2, 169 / 120), (3, -3 / 10), (4, 7 / 240)))
+    for order, (differences, tolerance) in enumerate(((first, 1e-11), (second, 1e-8), (third / h**3, 1e-5)), start=1):
+        np.testing.assert_allclose(exact[order], differences, rtol=0.0, atol=tolerance * np.abs(exact[order]).max())
+
+
+def test_between_samples_the_joint_path_and_its_derivatives_stay_with_the_line() -> None:
+    joint_path, line = default_joint_path(), default_line()
+    for i in (0, 37, 75, 149):
+        s = 0.5 * (joint_path.knots[i] + joint_path.knots[i + 1])
+        exact = plain.derivatives_along(line.start, line.goal, s, line.end, joint_path(s))
+        for order, tolerance in enumerate((1e-13, 1e-11, 1e-8, 1e-5)):
+            size = max(np.abs(exact[order]).max(), 1.0)
+            np.testing.assert_allclose(joint_path(s, order), exact[order], rtol=0.0, atol=tolerance * size)
+
+
+def test_the_joint_path_takes_its_values_and_two_derivatives_at_the_samples() -> None:
+    joint_path = default_joint_path()
+    np.testing.assert_allclose(joint_path(joint_path.knots), joint_path.q, rtol=0.0, atol=1e-14)
+    for order in (1, 2):
+        at_knots = joint_path(joint_path.knots, order)
+        scale = np.abs(at_knots).max()
+        np.testing.assert_allclose(at_knots, joint_path.derivatives[:, order - 1], rtol=0.0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("samples", [15, 31, 151])
+def test_the_deviation_is_the_worst_of_seven_points_between_any_two_samples(samples: int) -> None:
+    joint_path, line = default_joint_path("dls", samples), default_line()
+    worst = np.zeros(2)
+    for a, b in zip(joint_path.knots[:-1], joint_path.knots[1:], strict=True):
+        for u in np.arange(1, 8) / 8.0:
+            s = a + u * (b - a)
+            off = plain.distance(plain.fk(joint_path(s)), plain.line_pose(line.start, line.goal, s / line.end))
+            worst = np.maximum(worst, off)
+    np.testing.assert_allclose(joint_path.deviation, worst, rtol=1e-3, atol=3e-15)
+    assert max(joint_path.deviation) <= {15: 3e-9, 31: 1e-10, 151: 1e-13}[samples]
+
+
+# ---------------------------------------------------------------- methods, records, starts
+
+
+@pytest.mark.parametrize("ik", ["dls", "ipopt"])
+def test_the_joint_path_does_not_depend_on_the_ik_method(ik: str) -> None:
+    one, other = default_joint_path("dls"), default_joint_path(ik)
+    np.testing.assert_allclose(other.q, one.q, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(other.derivatives, one.derivatives, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("ik", ["dls", "ipopt"])
+def test_the_record_is_what_the_method_did_before_the_polish(ik: str) -> None:
+    line, solver = default_line(), make_solver(ROBOT, ik)
+    record = follow(solver, line, START, samples=31).joint_path.ik  # type: ignore[union-attr]
+    q = START
+    for i, s in enumerate(np.linspace(0.0, line.end, 31)):
+        result = solver.solve(line(s), q)
+        q = result.q
+        assert record.iterations[i] == result.iterations
+        off = plain.distance(plain.fk(q), line(s))
+        assert record.position_error[i] == pytest.approx(off[0], rel=1e-6, abs=1e-14)
+        assert record.rotation_error[i] == pytest.approx(off[1], rel=1e-6, abs=1e-14)
+    assert record.iterations[1:].min() >= 1
+    assert record.position_error.max() <= 1e-6
+    if ik == "dls":
+        assert record.position_error.max() > 1e-12, "errors after the polish would be at rounding"
+
+
+def test_an_arm_of_another_convention_is_followed_as_well() -> None:
+    robot, q = load("ur5e"), np.deg2rad([15.0, -80.0, 95.0, -60.0, -70.0, 20.0])
+    start = robot.fk(q)
+    np.testing.assert_allclose(start, plain.fk(q, "ur5e"), rtol=0.0, atol=1e-14)
+    line = Line(start, plain.moved(start, np.array([0.1, -0.05, 0.08]), np.array([0.2, 0.1, -0.3])))
+    joint_path = follow(make_solver(robot, "dls"), line, q).joint_path
+    assert joint_path is not None
+    for s, at in zip(joint_path.knots[::10], joint_path.q[::10], strict=True):
+        wanted = plain.line_pose(line.start, line.goal, s / line.end)
+        assert max(plain.distance(plain.fk(at, "ur5e"), wanted)) <= 1e-12
+
+
+def test_a_start_within_a_reading_of_the_path_is_put_on_it() -> None:
+    line = default_line()
+    off = START + 2e-5
+    assert 1e-6 < plain.distance(plain.fk(off), line.start)[0] < 1e-4
+    joint_path = follow(make_solver(ROBOT, "dls"), line, off).joint_path
+    assert joint_path is not None
+    check_good(joint_path, line.start, line.goal)
+
+
+def test_a_pure_rotation_is_followed_in_radians() -> None:
+    start = ROBOT.fk(START)
+    line = Line(start, plain.moved(start, np.zeros(3), np.array([0.1, 0.2, -0.15])))
+    joint_path = follow(make_solver(ROBOT, "dls"), line, START).joint_path
+    assert joint_path is not None
+    assert joint_path.end == pytest.approx(np.linalg.norm([0.1, 0.2, -0.15]))
+    check_good(joint_path, line.start, line.goal)
+
+
+# ---------------------------------------------------------------- failures: where, why, and the good part
+
+
+def check_stopped(followed: Followed, status: FollowStatus, s: float, line: Line) -> None:
+    """It stopped at the sample s, for that reason, and all before that sample is kept and good."""
+    assert not followed
+    assert followed.stop is not None
+    assert followed.stop.status is status
+    assert followed.stop.s == pytest.approx(s, abs=1e-12)
+    assert followed.stop.reason
+    assert followed.stop.advice
+    assert followed.joint_path is not None
+    step = line.end / 150
+    assert followed.joint_path.end == pytest.approx(s - step, abs=1e-12), "the good part ends one sample before"
+    assert len(followed.joint_path.ik.iterations) == len(followed.joint_path.q) == len(followed.joint_path.knots)
+    assert len(followed.joint_path.derivatives) == len(followed.joint_path.q)
+    check_good(followed.joint_path, line.start, line.goal)
+
+
+def first_sample_after(s: float, line: Line) -> float:
+    return float(np.ceil(s / (line.end / 150)) * line.end / 150)
+
+
+@pytest.mark.parametrize("direction", [(-0.25, -0.23, 0.94), (-0.69, -0.23, 0.69), (0.17, 0.97, -0.18)])
+def test_a_line_that_leaves_the_workspace_stops_where_the_arm_is_stretched(direction: Any) -> None:
+    line = line_from_start(direction)
+    w, v = wrist(START), line(0.0, 1)[:3]
+    leaves = -w @ v + np.sqrt((w @ v) ** 2 + REACH**2 - w @ w)  # |w + s v| = reach; the orientation does not change
+    followed = follow(make_solver(ROBOT, "dls"), line, START)
+    check_stopped(followed, FollowStatus.NO_IK, first_sample_after(leaves, line), line)
+
+
+@cache
+def crossing(direction: tuple[float, float, float]) -> tuple[float, int]:
+    """Where the first joint leaves its range, and which: by plain Newton on a grid, with no limits, and a root search."""
+    line, before = line_from_start(direction), START
+    for s in np.linspace(0.0, line.end, 101)[1:]:
+        q = plain.newton(line(s), before)
+        out = np.flatnonzero((q < LIMITS.lower) | (q > LIMITS.upper))
+        if out.size:
+            break
+        before = q
+    roots = {}
+    for j in out:
+        limit = LIMITS.upper[j] if q[j] > LIMITS.upper[j] else LIMITS.lower[j]
+
+        def margin(w: float, j: int = j, limit: float = limit) -> float:
+            return float(plain.newton(line(w), before)[j] - limit)
+
+        roots[brentq(margin, s - line.end / 100, s, xtol=1e-7)] = int(j)
+    return min(roots), roots[min(roots)]
+
+
+THROUGH_LIMITS = [
+    (0.62, -0.78, 0.13),
+    (0.98, -0.2, 0.02),
+    (-0.25, -0.93, 0.27),
+    (-0.75, 0.47, 0.47),
+    (-0.75, -0.6, -0.28),
+    (-0.9, 0.32, -0.3),
+    (-0.38, -0.92, 0.02),
+]
+
+
+@pytest.mark.parametrize("direction", THROUGH_LIMITS)
+def test_a_line_through_a_joint_limit_stops_at_the_limit(direction: Any) -> None:
+    line = line_from_start(direction)
+    s, joint = crossing(direction)
+    followed = follow(make_solver(ROBOT, "dls"), line, START)
+    check_stopped(followed, FollowStatus.NO_IK, first_sample_after(s, line), line)
+    assert followed.stop is not None
+    assert followed.stop.joint in (None, ROBOT.joint_names[joint])
+
+
+@pytest.mark.xfail(strict=True, reason="the joint is read off the best iterate, which may be the start of the solve")
+def test_a_stop_at_a_joint_limit_names_the_joint() -> None:
+    for direction in THROUGH_LIMITS:
+        line = line_from_start(direction)
+        stop = follow(make_solver(ROBOT, "dls"), line, START).stop
+        assert stop is not None
+        assert stop.joint == ROBOT.joint_names[crossing(direction)[1]]
+
+
+class Free(IKSolver):
+    """Solves the pose and looks at no limit."""
+
+    name: ClassVar[str] = "free"
+
+    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+        return Attempt(plain.newton(target, start), IKStatus.SOLVED, 1)
+
+
+def test_a_configuration_outside_the_limits_is_said_to_be_outside_the_limits() -> None:
+    line = line_from_start(THROUGH_LIMITS[0])
+    s, joint = crossing(THROUGH_LIMITS[0])
+    followed = follow(Free(ROBOT), line, START)
+    check_stopped(followed, FollowStatus.OUTSIDE_LIMITS, first_sample_after(s, line), line)
+    assert followed.stop is not None
+    assert followed.stop.joint == ROBOT.joint_names[joint]
+
+
+def test_a_sample_that_only_a_loose_tolerance_keeps_inside_is_found_outside_by_the_polish() -> None:
+    line = line_from_start(THROUGH_LIMITS[0])
+    s, joint = crossing(THROUGH_LIMITS[0])
+    solver = DLS(ROBOT, tolerance=Tolerance(3e-3, 1e-2))
+    followed = follow(solver, line, START)
+    check_stopped(followed, FollowStatus.OUTSIDE_LIMITS, first_sample_after(s, line), line)
+    assert followed.stop is not None
+    assert followed.stop.joint == ROBOT.joint_names[joint]
+
+
+HALF = 75.5 / 150
+"""Between the samples 75 and 76."""
+
+
+class Lying(DLS):
+    """Claims success without moving, from half-way on."""
+
+    name: ClassVar[str] = "lying"
+    line: ClassVar[Line] = default_line()
+
+    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+        if self.line.nearest(target[None])[0] > HALF * self.line.end:
+            return Attempt(start, IKStatus.SOLVED, 0)
+        return super().attempt(target, start, trace, seconds)
+
+
+def test_a_method_that_claims_what_is_not_so_is_stopped() -> None:
+    line = default_line()
+    followed = follow(Lying(ROBOT), line, START)
+    check_stopped(followed, FollowStatus.NO_IK, 76 / 150 * line.end, line)
+    assert followed.stop is not None
+    assert "rejected" in followed.stop.reason
+
+
+def test_too_few_iterations_stop_at_the_first_sample_that_needs_them() -> None:
+    followed = follow(DLS(ROBOT, max_iterations=0), default_line(), START)
+    assert followed.joint_path is None
+    assert followed.stop is not None
+    assert followed.stop.status is FollowStatus.NO_IK
+    assert followed.stop.s == pytest.approx(default_line().end / 150)
+
+
+def test_a_start_that_no_iteration_puts_on_the_path_stops_at_zero() -> None:
+    followed = follow(DLS(ROBOT, max_iterations=0), default_line(), START + 2e-5)
+    assert followed.joint_path is None
+    assert followed.stop is not None
+    assert (followed.stop.status, followed.stop.s) == (FollowStatus.NO_IK, 0.0)
+
+
+# ---------------------------------------------------------------- singular
+
+
+def test_a_singular_start_is_said_to_be_singular() -> None:
+    q = np.zeros(6)
+    start = ROBOT.fk(q)
+    followed = follow(make_solver(ROBOT, "dls"), Line(start, plain.moved(start, [0.05, 0.0, 0.02])), q)
+    assert followed.joint_path is None
+    assert followed.stop is not None
+    assert (followed.stop.status, followed.stop.s) == (FollowStatus.SINGULAR, 0.0)
+
+
+def test_a_line_through_a_singular_pose_stops_there() -> None:
+    q = np.deg2rad([20.0, -35.0, 40.0, 25.0, 0.0, -30.0])  # axes 4 and 6 in line
+    speed = np.array([0.2, 0.1, -0.1, 0.05, 0.5, 0.1])
+    middle, twist = plain.fk(q), 0.1 * plain.jacobian(q) @ speed
+    line = Line(plain.moved(middle, -twist[:3], -twist[3:]), plain.moved(middle, twist[:3], twist[3:]))
+    start = plain.newton(line.start, q - 0.1 * speed)
+    followed = follow(make_solver(ROBOT, "dls"), line, start)
+    check_stopped(followed, FollowStatus.SINGULAR, 0.5 * line.end, line)
+
+
+# ---------------------------------------------------------------- branch jumps
+
+
+class Flip(DLS):
+    """Goes over to another configuration of the same pose half-way: wrist, a full turn, or the elbow."""
+
+    name: ClassVar[str] = "flip"
+    line: Line
+    other: Callable[[Array, Array], Array]
+
+    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+        found = super().attempt(target, start, trace, seconds)
+        if self.line.nearest(target[None])[0] <= HALF * self.line.end or self.flipped:
+            return found
+        self.flipped = True
+        return found._replace(q=self.other(target, found.q))
+
+    flipped = False
+
+
+def flip(robot: Robot, line: Line, other: Callable[[Array, Array], Array]) -> Flip:
+    solver = Flip(robot)
+    solver.line, solver.other = line, other
+    return solver
+
+
+def turned_wrist(target: Array, q: Array) -> Array:
+    return q + np.array([0.0, 0.0, 0.0, np.pi, -2.0 * q[4], np.pi])
+
+
+def full_turn(target: Array, q: Array) -> Array:
+    return q + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0 * np.pi])
+
+
+def other_elbow(target: Array, q: Array) -> Array:
+    bend = q[2] - STRETCHED
+    return plain.newton(target, q + np.array([0.0, bend, -2.0 * bend, 0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(("other", "joint"), [(turned_wrist, "joint4"), (full_turn, "joint6")])
+def test_a_jump_to_another_branch_is_caught(other: Any, joint: str) -> None:
+    line, robot = default_line(), wide(ROBOT)
+    middle = default_joint_path()(0.6 * line.end)
+    assert max(plain.distance(plain.fk(other(None, middle)), plain.fk(middle))) < 1e-14, "the other branch is valid"
+    assert follow(make_solver(robot, "dls"), line, START), "without the jump the line is followed"
+    followed = follow(flip(robot, line, other), line, START)
+    check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
+    assert followed.stop is not None
+    assert followed.stop.joint == joint
+
+
+def test_a_small_jump_is_caught_because_the_tool_leaves_the_path_between_samples() -> None:
+    q = np.array([0.3, -0.4, STRETCHED + 0.06, 0.4, 0.8, 0.2])
+    start = ROBOT.fk(q)
+    inward = -wrist(q) / np.linalg.norm(wrist(q))
+    line = Line(start, plain.moved(start, 5e-5 * inward + 1e-3 * np.cross(inward, [0.0, 0.0, 1.0])))
+    assert follow(make_solver(ROBOT, "dls"), line, q)
+    followed = follow(flip(ROBOT, line, other_elbow), line, q)
+    check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
+    jump = np.abs(other_elbow(line(0.5 * line.end), q) - q).max()
+    assert 0.05 < jump < 0.25, "small enough for the step, so it was caught by the midpoint"
+
+
+def test_too_few_samples_are_no_motion_that_can_be_trusted() -> None:
+    followed = follow(make_solver(ROBOT, "dls"), default_line(), START, samples=2)
+    assert followed.joint_path is None
+    assert followed.stop is not None
+    assert followed.stop.status is FollowStatus.BRANCH_JUMP
+    assert followed.stop.s == pytest.approx(default_line().end)
+    assert "more samples" in followed.stop.advice
+
+
+# ---------------------------------------------------------------- misuse
+
+
+@pytest.mark.parametrize(
+    ("argument", "change"),
+    [
+        ("q_start", {"q_start": START + 1e-3}),  # the tool is off the path
+        ("q_start", {"q_start": START + np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0])}),  # outside its limits
+        ("q_start", {"q_start": START * np.nan}),
+        ("q_start", {"q_start": START[:5]}),
+        ("q_start", {"q_start": None}),
+        ("path", {"path": Line(default_line().start, default_line().start)}),
+        ("samples", {"samples": 1}),
+        ("samples", {"samples": 0}),
+        ("samples", {"samples": -5}),
+        ("samples", {"samples": 10.0}),
+        ("samples", {"samples": True}),
+    ],
+)
+def test_misuse_is_an_error_that_names_the_argument(argument: str, change: dict[str, Any]) -> None:
+    given = {"path": default_line(), "q_start": START, "samples": 151} | change
+    with pytest.raises(InvalidInput) as info:
+        follow(make_solver(ROBOT, "dls"), given["path"], given["q_start"], samples=given["samples"])
+    assert info.value.argument == argument
+
+
+def test_the_error_of_a_start_off_the_path_says_how_far_it_is() -> None:
+    start = ROBOT.fk(START)
+    line = Line(plain.moved(start, [0.0, 0.003, 0.0]), plain.moved(start, MOVE))
+    with pytest.raises(InvalidInput, match=r"3 mm"):
+        follow(make_solver(ROBOT, "dls"), line, START)
+
+
+def test_the_error_of_a_start_outside_its_limits_names_the_joint() -> None:
+    with pytest.raises(InvalidInput, match="joint5"):
+        follow(make_solver(ROBOT, "dls"), default_line(), START + np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0]))
