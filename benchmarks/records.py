@@ -11,6 +11,7 @@ from typing import Any
 import polars as pl
 
 from optik.errors import InvalidInput, OutputError
+from optik.files import write_whole
 
 FORMAT = "optik-run/1"
 
@@ -86,25 +87,18 @@ class RunFolder:
 
     def write(self, name: str, frame: pl.DataFrame) -> None:
         """Write a Parquet part."""
-        self._whole(name, lambda part: frame.write_parquet(part))
+        write_whole(self.path / name, lambda part: frame.write_parquet(part))
 
     def write_json(self, name: str, data: Any) -> None:
         """Write plain data as strict JSON."""
-        self._whole(name, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
+        write_whole(
+            self.path / name,
+            lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"),
+        )
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file."""
-        self._whole(name, lambda part: part.write_text(text, encoding="utf-8"))
-
-    def _whole(self, name: str, write: Any) -> None:
-        target = self.path / name
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        try:
-            write(part)
-            part.replace(target)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise OutputError(target, f"cannot be written ({error.strerror or error})") from None
+        write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     # ------------------------------------------------------------ reading
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from optik import se3
 from optik.errors import InvalidInput
+from optik.ik.base import check_count
 from optik.robot import LIMIT_TOLERANCE, Robot
 from planners.paths.base import Path
 from planners.timing.base import DERIVATIVES, MotionLimits
@@ -71,7 +72,8 @@ class Certificate:
     singular_value, t_singular_value : float
         Smallest singular value of the Jacobian on them, and when.
     continuous : int
-        How many derivatives are continuous, standstill before a start and after an end at rest included: 0 to 3.
+        How many derivatives are continuous, standstill before a start and after an end at rest included: 0 to 3; −1
+        where the position itself jumps.
     rest : (2,) tuple of bool
         Whether the velocity is zero at the start and at the end.
     """
@@ -118,6 +120,8 @@ class Certificate:
             ratio, joint, t = self.worst(field)
             if ratio > 1.0:
                 words.append(f"{field} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s")
+        if self.continuous < 1:
+            words.append(f"the {'position' if self.continuous < 0 else 'velocity'} jumps")
         margin = int(np.argmin(self.position_margin))
         if self.position_margin[margin] < -LIMIT_TOLERANCE:
             words.append(f"{self.joint_names[margin]} passes its range by {-self.position_margin[margin]:.3g} rad")
@@ -185,12 +189,21 @@ def certify(
     -------
     Certificate
         With exact extrema of the polynomials, one-sided values at jumps included.
+
+    Raises
+    ------
+    InvalidInput
+        A trajectory of another number of joints, fewer than 2 instants, a rate that is not above 0.
     """
+    if trajectory.n != robot.n:
+        raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
+    check_count(instants, "instants", 2)
     bound = limits.arrays(robot.n)
     extremes = {f: _extreme(trajectory, order, bound[f]) for order, f in enumerate(DERIVATIVES, start=1)}
-    jumps = [_jumps(trajectory, order) for order in (1, 2, 3)]
-    if jumps[1].any():
-        extremes["jerk"] = _infinite_at_jumps(trajectory, extremes["jerk"], jumps[1], bound["jerk"])
+    jumps = [_jumps(trajectory, order) for order in range(4)]
+    for order, field in enumerate(DERIVATIVES):  # what jumps has an infinite derivative
+        if jumps[order].any():
+            extremes[field] = _infinite_at_jumps(trajectory, order, extremes[field], jumps[order], bound[field])
     reach = trajectory.extrema(0)
     t = np.linspace(0.0, trajectory.end, instants)
     q, dq = trajectory(t), trajectory(t, 1)
@@ -212,7 +225,7 @@ def certify(
         rotation_speed=float(np.linalg.norm(twist[:, 3:], axis=1).max()),
         singular_value=float(smallest[k]),
         t_singular_value=float(t[k]),
-        continuous=next((order for order in (0, 1, 2) if jumps[order].any()), 3),
+        continuous=next((order - 1 for order in range(4) if jumps[order].any()), 3),
         rest=_rest(trajectory),
     )
 
@@ -229,22 +242,27 @@ def _jumps(trajectory: Trajectory, order: int) -> NDArray[np.bool_]:
     return np.asarray(np.abs(_steps(trajectory, order)) > JUMP * max(scale, 1e-12))
 
 
-def _infinite_at_jumps(trajectory: Trajectory, jerk: Extreme, jumps: NDArray[np.bool_], bound: Array) -> Extreme:
-    """An acceleration that jumps has infinite jerk there: said of the largest jump of each joint."""
-    size = np.where(jumps, np.abs(_steps(trajectory, 2)), 0.0)
+def _infinite_at_jumps(
+    trajectory: Trajectory, order: int, extreme: Extreme, jumps: NDArray[np.bool_], bound: Array
+) -> Extreme:
+    """Extreme of the derivative of what jumps: infinite, at the largest jump of each joint."""
+    size = np.where(jumps, np.abs(_steps(trajectory, order)), 0.0)
     jumping = jumps.any(axis=0)
     when = trajectory.knots[size.argmax(axis=0)]
     infinite = np.where(np.isfinite(bound), np.inf, np.nan)
     return Extreme(
-        np.where(jumping, np.inf, jerk.value),
-        np.where(jumping, infinite, jerk.ratio),
-        np.where(jumping, when, jerk.time),
+        np.where(jumping, np.inf, extreme.value),
+        np.where(jumping, infinite, extreme.ratio),
+        np.where(jumping, when, extreme.time),
     )
 
 
 def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
-    t, _ = trajectory.sample(rate)
-    t = t[:-1] if t.size > 2 else t  # the last period may be shorter
+    """Largest difference of accelerations over whole periods of a controller, over the period."""
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise InvalidInput("rate", rate, "samples per second, above 0")
+    periods = max(int(trajectory.end * rate + 1e-9), 1)
+    t = np.minimum(np.arange(periods + 1) / rate, trajectory.end)
     difference: Array = np.abs(np.diff(trajectory(t, 2), axis=0)).max(axis=0) * rate
     return difference
 
@@ -266,7 +284,7 @@ def _rest(trajectory: Trajectory) -> tuple[bool, bool]:
 def _steps(trajectory: Trajectory, order: int) -> Array:
     """Steps (m + 1, n) of a derivative at all knots; an end at rest counts as standstill before or after it."""
     first, last = trajectory.ends(order)
-    start, end = _rest(trajectory)
+    start, end = _rest(trajectory) if order else (False, False)  # standstill is somewhere: q does not jump to it
     before = first[:1] if start else np.zeros_like(first[:1])
     after = -last[-1:] if end else np.zeros_like(last[-1:])
     return np.concatenate([before, trajectory.jumps(order), after])

@@ -49,7 +49,10 @@ class Curve(ABC):
         """
         if order not in range(self.highest_order + 1):
             raise InvalidInput("order", repr(order), f"0 to {self.highest_order}")
-        at = np.asarray(x, dtype=np.float64)
+        try:
+            at = np.asarray(x, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InvalidInput(self.parameter, repr(x)[:60], "a number or an array of numbers") from None
         if at.ndim > 1:
             raise InvalidInput(self.parameter, f"shape {at.shape}", "a scalar or a one-dimensional array")
         slack = 1e-9 * max(self.end, 1e-9)

@@ -39,6 +39,10 @@ POLISH_MOVES = 0.02
 """Largest joint motion of the polish [rad or m]: more would be another configuration."""
 
 
+AT_LIMIT = 1e-3
+"""How near a joint stands to its limit to be named as what stops a path [rad or m]."""
+
+
 class FollowStatus(StrEnum):
     """How following a path ended."""
 
@@ -175,7 +179,7 @@ def _solve_samples(solver: IKSolver, knots: Array, poses: Array, q: Array) -> tu
     for s, target in zip(knots, poses, strict=True):
         result = solver.solve(target, q)
         if not result:
-            stop = _no_ik(solver, s, result, q)
+            stop = _no_ik(solver, s, target, result, q)
             break
         q = result.q
         found.append(q)
@@ -185,12 +189,14 @@ def _solve_samples(solver: IKSolver, knots: Array, poses: Array, q: Array) -> tu
     return np.array(found).reshape(-1, solver.robot.n), IKRecord(e[:, 0], e[:, 1], np.array(iterations, np.int64)), stop
 
 
-def _no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
+def _no_ik(solver: IKSolver, s: float, target: Array, result: IKResult, before: Array) -> Stop:
     """Why no configuration was found: a joint that stands at its limit, a singular arm, or just the method's word."""
     robot, limits = solver.robot, solver.robot.limits
-    smallest = float(np.linalg.svd(robot.jacobian(before), compute_uv=False)[-1])
-    at_limit = np.flatnonzero((result.q <= limits.lower + 1e-9) | (result.q >= limits.upper - 1e-9))
-    joint = robot.joint_names[at_limit[0]] if at_limit.size else None
+    J = robot.jacobian(before)
+    smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
+    wanted = before + np.linalg.lstsq(J, robot.errors(before, target), rcond=None)[0]  # to first order
+    beyond = np.maximum(limits.lower - wanted, wanted - limits.upper)
+    joint = robot.joint_names[int(np.argmax(beyond))] if beyond.max() > -AT_LIMIT else None
     reason = (
         f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away); {joint + ' stands at its limit; ' if joint else ''}"

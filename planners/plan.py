@@ -6,13 +6,13 @@ import json
 import os
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik.errors import InvalidInput, NoSolution, OutputError
+from optik.errors import InvalidInput, NoSolution
+from optik.files import write_whole
 from optik.ik import IKSolver, make_solver
 from optik.registry import build_method, names
 from optik.robot import Robot
@@ -132,14 +132,7 @@ class Plan:
         OutputError
             The file cannot be written.
         """
-        target = File(file)
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        try:
-            part.write_text(json.dumps(self.to_dict(), allow_nan=False))
-            part.replace(target)
-        except OSError as error:
-            part.unlink(missing_ok=True) if part.parent.is_dir() else None
-            raise OutputError(target, f"cannot be written ({error.strerror})") from None
+        write_whole(file, lambda part: part.write_text(json.dumps(self.to_dict(), allow_nan=False)))
 
 
 def laws() -> tuple[str, ...]:
@@ -204,9 +197,14 @@ def plan(
     """
     solver = make_solver(robot, ik) if isinstance(ik, str) else ik
     law = make_law(timing) if isinstance(timing, str) else timing
+    limits = MotionLimits.of(robot) if limits is None else limits
+    for argument, value, kind in (
+        ("path", path, Path), ("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits),
+    ):  # fmt: skip
+        if not isinstance(value, kind):
+            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     if solver.robot != robot:
         raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
-    limits = MotionLimits.of(robot) if limits is None else limits
     law.need(limits, robot)
     followed = follow(solver, path, q_start, samples=samples)
     if followed.stop is not None:

@@ -48,6 +48,8 @@ class Trajectory(Curve):
     def __init__(self, polynomial: Any) -> None:
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
+        if not np.isfinite(polynomial.c).all():
+            raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
         self._orders = [polynomial, *(polynomial.derivative(order) for order in (1, 2, 3, 4))]
@@ -66,12 +68,12 @@ class Trajectory(Curve):
     @property
     def knots(self) -> Array:
         """Times of the knots (m + 1,) [s]."""
-        return np.asarray(self._orders[0].x)
+        return _locked(self._orders[0].x)
 
     @property
     def coefficients(self) -> Array:
         """Coefficients (6, m, n), highest power first, in the time since each piece's first knot."""
-        return np.asarray(self._orders[0].c)
+        return _locked(self._orders[0].c)
 
     @property
     def n(self) -> int:
@@ -111,7 +113,15 @@ class Trajectory(Curve):
         return first[1:] - last[:-1]
 
     def extrema(self, order: int) -> Extrema:
-        """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one; found once, then kept."""
+        """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one; found once, then kept.
+
+        Raises
+        ------
+        InvalidInput
+            Another order.
+        """
+        if order not in range(self.highest_order + 1):
+            raise InvalidInput("order", repr(order), f"0 to {self.highest_order}")
         if order not in self._extrema:
             self._extrema[order] = self._find_extrema(order)
         return self._extrema[order]
@@ -143,3 +153,9 @@ class Trajectory(Curve):
         p = self._orders[0]
         powers = np.arange(p.c.shape[0])[::-1][:, None, None]
         return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True))
+
+
+def _locked(array: Array) -> Array:
+    view = array.view()
+    view.setflags(write=False)
+    return view

@@ -274,7 +274,7 @@ class Pinocchio:
     def jacobian(self, q: Array) -> Array:
         """Rows (v, ω) at the tool point along the base's axes."""
         axes = self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        return self._pin.computeFrameJacobian(self._model, self._data, q, self._tool, axes).copy()
+        return self._pin.computeFrameJacobian(self._model, self._data, q, self._tool, axes).copy().reshape(6, -1)
 
 
 # ---------------------------------------------------------------- random arms and configurations

@@ -13,7 +13,7 @@ from benchmarks.report.figures import GRID, HOVER, MUTED, lean, line_3d
 from benchmarks.report.run import Run
 from optik.robot import load
 
-DISTANCE = 2.0
+DISTANCE = 2.4
 """Of the eye, in units of the scene."""
 
 
@@ -33,11 +33,13 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
         plot.frames.append({"when": {"law": [law]}} | _pictures(frames.filter(pl.col("law") == law)))
     first = plot.frames[0]
     plot.add(_arm(first))
+    base = np.array([first[a][0][0] for a in "xyz"])
+    plot.add(_points([base], marker={"color": "var(--muted)", "size": 8, "symbol": "square"}, name="base"))
     plot.add(_points([start, goal], mode="lines", line={"color": "var(--c1)", "width": 6}, name="line"))
     plot.add(_points([start], marker={"color": "var(--c2)", "size": 7, "symbol": "circle"}, name="start"))
     plot.add(_points([goal], marker={"color": "var(--c3)", "size": 7, "symbol": "diamond"}, name="goal"))
     legend = (
-        Key("arm, base to tool", "var(--ink)", "solid"), Key("line", "var(--c1)", "solid"),
+        Key("base", "var(--muted)", "fill"), Key("arm, base to tool", "var(--ink)"), Key("line", "var(--c1)", "solid"),
         Key("start", "var(--c2)", "dot"), Key("goal", "var(--c3)", "dot"),
     )  # fmt: skip
     up = _words(-robot.gravity)
@@ -66,7 +68,9 @@ def _scene(gravity: NDArray[np.float64], direction: NDArray[np.float64], points:
         }
         for i, a in enumerate("xyz")
     }  # fmt: skip
-    vectors = {name: dict(zip("xyz", lean(v), strict=True)) for name, v in (("up", up), ("eye", eye))}
+    vectors = {
+        name: dict(zip("xyz", lean(v), strict=True)) for name, v in (("up", up), ("eye", eye), ("center", -0.15 * up))
+    }
     return {"aspectmode": "data", "camera": vectors, **axes}
 
 

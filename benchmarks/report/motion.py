@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import BAND, HOVER, axis, colour, lean, line
+from benchmarks.report.figures import BAND, HOVER, axis, colour, lean, line, log_axis
 from benchmarks.report.laws import worst
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
@@ -84,6 +85,7 @@ def _joint_board(run: Run, rows: pl.DataFrame) -> Board:
                 [({"law": [ALL_LAWS]}, {"line": {"color": run.law_colours[str(law)]}})],
             )  # fmt: skip
         _bands(plot, run, column, joints)
+        _whole_ranges(plot, rows, column, laws, joints)
         _time_ranges(plot, run, laws)
         plots.append(plot)
     controls = (
@@ -152,6 +154,19 @@ def _outside(limit: tuple[float, float]) -> list[Json]:
     return [band(limit[1], limit[1] + far), band(limit[0] - far, limit[0]), edge(limit[0]), edge(limit[1])]
 
 
+def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], joints: list[str]) -> None:
+    """Ranges that hold whole curves; the shaded bands would widen those that Plotly finds."""
+    for law in (*laws, ALL_LAWS):
+        of_law = rows if law == ALL_LAWS else rows.filter(pl.col("law") == law)
+        for joint in (ALL_JOINTS, *joints):
+            values = (of_law if joint == ALL_JOINTS else of_law.filter(pl.col("joint") == joint))[column].to_numpy()
+            low, high = float(values.min()), float(values.max())
+            room = 0.06 * (high - low) + 1e-9
+            plot.vary(
+                {"range": [DATA], "law": [law], "joint": [joint]}, {"yaxis": {"range": lean([low - room, high + room])}}
+            )
+
+
 def _time_ranges(plot: Plot, run: Run, laws: list[str]) -> None:
     plot.vary({"time": [FIRST]}, {"xaxis": {"range": [-0.05 * EDGE, EDGE]}})
     for law in laws:
@@ -162,10 +177,11 @@ def _time_ranges(plot: Plot, run: Run, laws: list[str]) -> None:
 def _tool_board(run: Run, rows: pl.DataFrame) -> Board:
     iks = rows["ik"].unique(maintain_order=True).to_list()
     laws = rows["law"].unique(maintain_order=True).to_list()
+    most = 1e6 * max(float(rows[c].to_numpy().max()) for c in ("distance", "angle"))
     fields = {
         "speed": ("Speed along the line", axis("speed [mm/s]", rangemode="tozero"), 1e3),
-        "distance": ("Distance from the line", _deviation("distance [µm]"), 1e6),
-        "angle": ("Turn from the orientation", _deviation("angle [µrad]"), 1e6),
+        "distance": ("Distance from the line", _deviation("distance [µm]", most), 1e6),
+        "angle": ("Turn from the orientation", _deviation("angle [µrad]", most), 1e6),
     }
     plots = []
     for column, (title, vertical, scale) in fields.items():
@@ -200,5 +216,5 @@ def _envelope(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[n
     return t[:k].reshape(-1, WINDOW).mean(axis=1), np.maximum(y[:k].reshape(-1, WINDOW).max(axis=1), 1e-16)
 
 
-def _deviation(title: str) -> Json:
-    return axis(title, type="log", exponentformat="power", nticks=6)
+def _deviation(title: str, most: float) -> Json:
+    return log_axis(title, range=(-10.5, max(0.5, math.log10(max(most, 1e-10)) + 0.5)))

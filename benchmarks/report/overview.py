@@ -25,6 +25,7 @@ def overview(run: Run) -> dict[str, Any]:
     return {
         "title": run.suite.title,
         "suite": run.suite.name,
+        "levels": LEVELS,
         "complete": bool(run.manifest.get("complete")),
         "created": run.manifest["provenance"].get("created", ""),
         "robots": [(name, _axes(name)) for name in robots],

@@ -59,10 +59,14 @@ class Line(Path):
     def nearest(self, poses: Array) -> Array:
         """Where on the line (k,) the poses (k, 4, 4) are nearest: by position, or by rotation where it only turns."""
         part = slice(3, 6) if self.turns_only else slice(0, 3)
-        offset = se3.error(self.start, poses)[..., part]
         direction = self._twist[part]
         norm2 = float(direction @ direction)
-        return np.clip(offset @ direction / norm2, 0.0, self._end) if norm2 else np.zeros(len(poses))
+        if not norm2:
+            return np.zeros(len(poses))
+        # seen from the middle, no place on the line is a half turn away, where the rotation vector changes sign
+        middle = 0.5 * self._end
+        offset = se3.error(self.pose(middle), poses)[..., part]
+        return np.clip(middle + offset @ direction / norm2, 0.0, self._end)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files."""

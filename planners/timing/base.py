@@ -83,7 +83,8 @@ class TimeLaw(ABC):
 
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
         """Return the limits as arrays, or say which one the law needs and does not have."""
-        missing = [f for f in self.keeps if getattr(limits, f) is None]
+        bound = limits.arrays(robot.n)
+        missing = [f for f in self.keeps if not np.isfinite(bound[f]).any()]
         if missing:
             arguments = ", ".join(f"{f}=..." for f in missing)
             raise InvalidInput(
@@ -91,7 +92,7 @@ class TimeLaw(ABC):
                 f"none for {robot.name}",
                 f"limits on {' and '.join(missing)} for the law {self.name!r}: MotionLimits({arguments})",
             )
-        return limits.arrays(robot.n)
+        return bound
 
 
 def derivatives_at(joint_path: JointPath, per_interval: int = 2) -> tuple[Array, Array, Array]:

@@ -58,33 +58,36 @@ def slow_down(trajectory: Trajectory, bound: dict[str, Array], orders: tuple[str
 
 
 def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, float, float] | None:
-    """Shortest (V, A, J): a coarse grid over V and A, then a finer one around the best."""
+    """(V, A, J) of the shortest motion: a grid over V and over A's share of what V leaves, then two finer ones."""
     q1, q2, q3 = derivatives_at(joint_path)
+    length = joint_path.end
     with np.errstate(divide="ignore", invalid="ignore"):
-        v_max = float(np.nanmin(bound["velocity"] / q1.max(axis=0)))
-        v_max = min(v_max, float(np.sqrt(np.nanmin(bound["acceleration"] / q2.max(axis=0)))))
+        fastest = min(
+            float(np.nanmin(bound["velocity"] / q1)),
+            float(np.nanmin(np.sqrt(bound["acceleration"] / q2))),
+            float(np.nanmin(np.cbrt(bound["jerk"] / q3))),
+        )
+        # A short line or a low jerk limit never comes near these speeds, so both grids are geometric.
+        v_range, a_range, best = (1e-4, 1.0), (1e-3, 0.999), (np.inf, 0.0, 0.0, 0.0)
+        for _ in range(3):
+            for v in fastest * np.geomspace(*v_range, 14):
+                room_a, room_j = bound["acceleration"] - q2 * v * v, bound["jerk"] - q3 * v**3
+                most = min(float(np.nanmin(room_a / q1)), float(np.nanmin(room_j / (3.0 * q2 * v))))
+                for share in np.geomspace(*a_range, 14):
+                    a = share * most
+                    j = float(np.nanmin((room_j - 3.0 * q2 * v * a) / q1))
+                    if a > 0.0 and j > 0.0 and (duration := _duration(length, v, a, j)) < best[0]:
+                        best, at = (duration, v, a, j), (v / fastest, share)
+            if not np.isfinite(best[0]):
+                return None
+            v_range, a_range = (_closer(r, x) for r, x in zip((v_range, a_range), at, strict=True))
+    return best[1:]
 
-    best: tuple[float, float, float, float] | None = None
-    v_range, a_range = (0.02, 1.0), (0.02, 0.999)
-    for _ in range(3):
-        for v in np.linspace(*v_range, 16) * v_max:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                a_max = float(np.nanmin((bound["acceleration"] - q2 * v * v) / q1))
-            for u in np.linspace(*a_range, 16):
-                a = u * a_max
-                if not a > 0.0:
-                    continue
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    j = float(np.nanmin((bound["jerk"] - 3.0 * q2 * v * a - q3 * v**3) / q1))
-                if j > 0.0 and (best is None or _duration(joint_path.end, v, a, j) < best[0]):
-                    best = (_duration(joint_path.end, v, a, j), v, a, j)
-                    at = v / v_max, u
-        if best is None:
-            return None
-        dv, da = (v_range[1] - v_range[0]) / 8.0, (a_range[1] - a_range[0]) / 8.0
-        v_range = max(at[0] - dv, 1e-3), min(at[0] + dv, 1.0)
-        a_range = max(at[1] - da, 1e-3), min(at[1] + da, 0.9999)
-    return best[1:] if best else None
+
+def _closer(grid: tuple[float, float], x: float) -> tuple[float, float]:
+    """A seventh of a geometric grid, around x, within (0, 1)."""
+    step = (grid[1] / grid[0]) ** (1.0 / 13.0)
+    return x / step, min(x * step, 0.9999)
 
 
 def _solved(length: float, v: float, a: float, j: float) -> Any:

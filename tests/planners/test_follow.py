@@ -292,7 +292,6 @@ def test_a_line_through_a_joint_limit_stops_at_the_limit(direction: Any) -> None
     assert followed.stop.joint in (None, ROBOT.joint_names[joint])
 
 
-@pytest.mark.xfail(strict=True, reason="the joint is read off the best iterate, which may be the start of the solve")
 def test_a_stop_at_a_joint_limit_names_the_joint() -> None:
     for direction in THROUGH_LIMITS:
         line = line_from_start(direction)

@@ -152,7 +152,6 @@ def test_a_short_line_takes_the_time_of_the_closed_form(length: float) -> None:
     assert trajectory.duration == pytest.approx((32.0 * length * steepest / 100.0) ** (1 / 3), rel=0.02 * length / 1e-2)
 
 
-@pytest.mark.xfail(strict=True, reason="_search grids V down to 2 % of the velocity bound only: jerk may ask for less")
 @pytest.mark.parametrize("length", [1e-5, 1e-6])
 def test_a_very_short_line_has_a_motion_too(length: float) -> None:
     line = default_line()
@@ -162,14 +161,12 @@ def test_a_very_short_line_has_a_motion_too(length: float) -> None:
     assert trajectory.extrema(3).worst.max() <= 100.0
 
 
-@pytest.mark.xfail(strict=True, reason="_search grids V down to 2 % of the velocity bound only: jerk may ask for less")
 @pytest.mark.parametrize("limits", [(1e3, 1e3, 1e-3), (100.0, 1000.0, 1.0)])
 def test_a_jerk_limit_far_below_the_others_has_a_motion_too(limits: tuple[float, float, float]) -> None:
     trajectory = make_law("ruckig").run(default_joint_path(), MotionLimits(*limits))
     assert trajectory.extrema(3).worst.max() <= limits[2]
 
 
-@pytest.mark.xfail(strict=True, reason="_search takes nanmin of nothing but NaN where acceleration or jerk is infinite")
 def test_infinite_limits_are_free_or_refused() -> None:
     try:
         trajectory = make_law("ruckig").run(default_joint_path(), MotionLimits(2.0, np.inf, np.inf))
@@ -197,7 +194,7 @@ def test_toppra_is_as_fast_as_toppra_itself_on_another_interpolator(
         gridpoints=np.linspace(0.0, joint_path.end, 201),
     )
     theirs = peer.compute_trajectory(0.0, 0.0)
-    assert trajectory.duration == pytest.approx(theirs.duration, rel=2e-3)
+    assert trajectory.duration == pytest.approx(theirs.duration, rel=1e-5)
 
 
 @lines

@@ -88,7 +88,6 @@ def test_rounding_beyond_the_ends_is_forgiven(kind: str) -> None:
     np.testing.assert_array_equal(c(-1e-12 * c.end), c(0.0))
 
 
-@pytest.mark.xfail(strict=True, reason="Curve.__call__ lets NumPy's own ValueError or TypeError escape")
 @pytest.mark.parametrize("wrong", ["a", 1j, [[1.0], [1.0, 2.0]]])
 def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
     with pytest.raises(InvalidInput):
@@ -239,9 +238,6 @@ def test_the_nearest_place_to_a_pose_of_the_line_is_where_it_is(start: Any, turn
     np.testing.assert_allclose(line.nearest(line(s)), s, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="Line.nearest takes the goal of a half turn for its start: log flips its sign at π"
-)
 def test_the_nearest_place_to_the_goal_of_a_half_turn_is_its_end() -> None:
     rng = np.random.default_rng(4)
     for _ in range(300):

@@ -182,7 +182,6 @@ def test_a_solver_built_for_another_arm_is_refused() -> None:
     assert "ur5e" in info.value.got
 
 
-@pytest.mark.xfail(strict=True, reason="plan() reads attributes of what came: an AttributeError escapes")
 @pytest.mark.parametrize("argument", ["ik", "timing", "limits", "path"])
 def test_arguments_of_another_kind_are_refused_by_name(argument: str) -> None:
     given: dict[str, Any] = {"path": default_line(), "timing": "quintic"} | {argument: 5}
@@ -355,9 +354,6 @@ def test_a_plan_replaces_an_older_one_and_takes_a_string(tmp_path: Path) -> None
     assert [f.name for f in tmp_path.iterdir()] == ["plan.json"]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="save() cleans up with unlink, whose own OSError escapes; a NUL or '' is a ValueError"
-)
 @pytest.mark.parametrize("name", ["a" * 245 + ".json", "a" * 300, "a\0b", ""])
 def test_a_name_that_no_file_can_have_is_an_output_error_too(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -250,7 +250,6 @@ def test_what_is_no_motion_from_time_zero_is_refused(c: Any, x: Any) -> None:
     assert info.value.argument == "polynomial"
 
 
-@pytest.mark.xfail(strict=True, reason="Trajectory takes coefficients that are not finite")
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
 def test_coefficients_that_are_not_finite_are_refused(wrong: float) -> None:
     c = np.ones((6, 2, 1))
@@ -259,14 +258,12 @@ def test_coefficients_that_are_not_finite_are_refused(wrong: float) -> None:
         Trajectory(PPoly(c, [0.0, 1.0, 2.0]))
 
 
-@pytest.mark.xfail(strict=True, reason="extrema(4) is an IndexError and extrema(-1) answers for the fourth derivative")
 @pytest.mark.parametrize("order", [4, -1])
 def test_extrema_of_an_order_that_does_not_exist_are_refused(order: int) -> None:
     with pytest.raises(InvalidInput):
         random(0).extrema(order)
 
 
-@pytest.mark.xfail(strict=True, reason="Trajectory.coefficients hands out the polynomial's own array, writable")
 def test_a_trajectory_cannot_be_changed_through_what_it_hands_out() -> None:
     trajectory = random(0)
     before = trajectory(0.1)

@@ -1,0 +1,329 @@
+"""The report of a small real run: one page, whole, self-contained, and its numbers those of the run's files."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from benchmarks.records import RunFolder
+from benchmarks.report import write_report
+from benchmarks.report.board import strict
+from benchmarks.report.laws import broken_limits, ratio_words, worst
+from benchmarks.report.numbers import number
+from benchmarks.report.sections import SECTIONS
+from benchmarks.run import run_suite
+from optik.errors import InvalidInput
+from tests.benchmarks.conftest import SMALL, small
+
+LOADS = ("src", "href", "srcset", "poster", "data", "action", "background")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+class Page(HTMLParser):
+    """What a page loads, says and shows, apart from the text of its scripts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str]]] = []
+        self.words: list[str] = []
+        self.scripts: list[str] = []
+        self.styles: list[str] = []
+        self.inside = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, {k: v or "" for k, v in attrs}))
+        self.inside = tag
+
+    def handle_endtag(self, tag: str) -> None:
+        self.inside = ""
+
+    def handle_data(self, data: str) -> None:
+        {"script": self.scripts, "style": self.styles}.get(self.inside, self.words).append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attrs for t, attrs in self.tags if t == tag]
+
+    @property
+    def anchors(self) -> list[str]:
+        return [attrs["id"] for attrs in self.all("section")]
+
+
+@pytest.fixture
+def copied(small_run: RunFolder, tmp_path: Path) -> RunFolder:
+    shutil.copytree(small_run.path, tmp_path / "run")
+    return RunFolder(tmp_path / "run")
+
+
+def page_of(folder: RunFolder) -> Page:
+    return Page(write_report(folder).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    folder = tmp_path_factory.mktemp("report") / "run"
+    shutil.copytree(small_run.path, folder)
+    return page_of(RunFolder(folder))
+
+
+# ------------------------------------------------------------ one page, whole
+
+
+def test_the_page_loads_nothing(page: Page) -> None:
+    for tag, attrs in page.tags:
+        for key in LOADS:
+            if key in attrs:
+                assert attrs[key].startswith(("#", "data:")), (tag, key, attrs[key])
+    assert not re.search(r"@import|url\(", "".join(page.styles))
+    policy = next(a["content"] for a in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
+    assert "default-src 'none'" in policy
+    assert "http" not in policy
+
+
+def test_the_page_has_a_language_a_title_and_every_section(page: Page) -> None:
+    assert page.all("html")[0]["lang"] == "en"
+    assert "a small run" in page.text
+    assert page.anchors == [s.anchor for s in SECTIONS]
+    linked = {a["href"] for a in page.all("a")}
+    assert {f"#{s.anchor}" for s in SECTIONS} <= linked
+
+
+def test_plotly_is_there_once(page: Page) -> None:
+    assert sum("plotly.js v" in s[:2000] for s in page.scripts) == 1
+
+
+def test_every_board_is_strict_json_with_finite_numbers(page: Page) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    boards = [s for s in page.scripts if s.startswith('{"state"')]
+    assert len(boards) == sum("board" in a.get("class", "") for a in page.all("figure"))
+    for text in boards:
+        data = json.loads(text, parse_constant=refuse)
+        assert all(plot["id"] in {a.get("id") for a in page.all("div")} for plot in data["plots"])
+        assert any(plot.get("traces") for plot in data["plots"])
+
+
+def test_every_method_and_plan_is_shown(page: Page) -> None:
+    labels = {m["label"] for b in SMALL["blocks"] for m in b["methods"]}
+    assert {a["data-method"] for a in page.all("tr") if "data-method" in a} == labels
+    plans = {f"{ik} + {law}" for ik in SMALL["line"]["ik"] for law in SMALL["line"]["laws"]}
+    assert {a["data-plan"] for a in page.all("tr") if "data-plan" in a} == plans
+    assert "optik bench run small --out RUN" in page.text
+
+
+def test_the_report_is_the_same_twice(copied: RunFolder) -> None:
+    first = write_report(copied).read_bytes()
+    assert write_report(copied).read_bytes() == first
+    assert [f.name for f in copied.path.iterdir() if f.name.endswith(".part")] == []
+
+
+# ------------------------------------------------------------ its numbers
+
+
+def cells(page: Page, block: str) -> dict[tuple[str, str, str], float]:
+    found, here, method = {}, "", ""
+    for tag, attrs in page.tags:
+        here = attrs.get("data-block", here) if tag == "table" else here
+        method = attrs.get("data-method", method) if tag == "tr" else method
+        if tag == "td" and "data-metric" in attrs and here == block:
+            found[method, attrs["data-metric"], attrs["data-part"]] = float(attrs["data-value"])
+    return found
+
+
+@pytest.mark.parametrize("block", ["workspace", "misprint"])
+def test_the_method_table_is_what_the_files_hold(page: Page, small_run: RunFolder, block: str) -> None:
+    rows = [r for f in sorted((small_run.path / "ik").glob(f"{block}--*")) for r in pl.read_parquet(f).to_dicts()]
+    known = {
+        r["problem"] for r in pl.read_parquet(small_run.path / f"problems/{block}.parquet").to_dicts() if r["known"]
+    }
+    known |= {r["problem"] for r in rows if r["status"] == "solved"}
+    last = max(r["budget"] for r in rows)
+    by_method: dict[str, dict[int, dict[str, Any]]] = {}
+    for r in rows:
+        if r["budget"] == last:
+            by_method.setdefault(r["method"], {})[r["problem"]] = r
+    pairs = known.intersection(*by_method.values())
+    assert pairs
+    shown = cells(page, block)
+    for method, answers in by_method.items():
+        mine = [answers[p] for p in sorted(pairs)]
+        solved = [r for r in mine if r["status"] == "solved"]
+        for name, tolerance in (("success at 1e−3", 1e-3), ("success at 1e−6", 1e-6)):
+            hits = sum(max(r["position_error"], r["rotation_error"]) <= tolerance for r in mine)
+            assert shown[method, name, "share"] == pytest.approx(100 * hits / len(mine))
+        expect = {
+            ("position error", "median"): (mine, "position_error", 50, 1e3),
+            ("position error", "p95"): (mine, "position_error", 95, 1e3),
+            ("rotation error", "p95"): (mine, "rotation_error", 95, 180 / math.pi),
+            ("iterations, solved", "median"): (solved, "iterations", 50, 1.0),
+            ("time a call, solved", "p99"): (solved, "seconds", 99, 1e6),
+            ("time a call, not solved", "median"): ([r for r in mine if r not in solved], "seconds", 50, 1e6),
+        }
+        for (name, part), (chosen, column, level, scale) in expect.items():
+            value = shown[method, name, part]
+            if chosen:
+                assert value == pytest.approx(scale * np.percentile([r[column] for r in chosen], level))
+            else:
+                assert math.isnan(value)
+
+
+def test_durations_are_the_plans(page: Page, small_run: RunFolder) -> None:
+    for p in small_run.read_json("line/plans.json"):
+        assert f"{p['law']} {p['duration']:.3f} s" in page.text
+
+
+def certificate(value: list[float | None], ratio: list[float | None]) -> dict[str, Any]:
+    fine = {"value": [1.0, 1.0], "ratio": [0.5, 0.5], "time": [0.0, 0.0]}
+    jerk = {"value": value, "ratio": ratio, "time": [0.1, 0.2]}
+    joints = {"joint_names": ["a", "b"], "position_margin": [1.0, 1.0]}
+    return {"velocity": fine, "acceleration": fine, "jerk": jerk} | joints
+
+
+@pytest.mark.parametrize(
+    ("value", "ratio", "words", "broken"),
+    [
+        ([80.0, 50.0], [0.8, 0.5], "0.800", []),
+        ([80.0, 250.0], [0.8, 2.5], "2.50", ["jerk (2.50)"]),
+        ([None, 250.0], [None, 2.5], "∞", ["jerk (infinite)"]),
+        ([80.0, 250.0], [None, None], "no limit", []),
+        ([80.0, 900.0], [0.8, None], "0.800", []),
+        ([100.0003, 1.0], [1.000003, 0.1], "1 + 3.0·10⁻⁶", ["jerk (1 + 3.0·10⁻⁶)"]),
+    ],
+)  # fmt: skip
+def test_none_is_infinite_in_a_value_and_free_in_a_ratio(
+    value: list[float | None], ratio: list[float | None], words: str, broken: list[str]
+) -> None:
+    c = certificate(value, ratio)
+    assert ratio_words(worst(c, "jerk")) == words
+    assert broken_limits(c) == broken
+
+
+def test_a_motion_that_breaks_a_limit_is_not_ranked(page: Page, small_run: RunFolder) -> None:
+    breaking = {p["name"] for p in small_run.read_json("line/plans.json") if broken_limits(p["certificate"])}
+    assert "dls + quintic" in breaking
+    marked = {a["data-plan"] for a in page.all("tr") if "breaks" in a.get("class", "")}
+    assert marked == breaking
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"), (0.1234, "0.123"), (99.96, "100"), (12345.6, "12,300"), (-2.0, "−2.00"), (1.234e-7, "1.23·10⁻⁷"),
+        (2.5e9, "2.50·10⁹"), (float("inf"), "∞"), (float("nan"), "–"), (None, "–"), (0.00099999, "0.00100"),
+    ],
+)  # fmt: skip
+def test_numbers_are_readable(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+# ------------------------------------------------------------ other runs
+
+
+def edit(folder: RunFolder, change: Callable[[dict[str, Any]], None]) -> None:
+    manifest = folder.manifest()
+    change(manifest)
+    folder.write_json("run.json", manifest)
+
+
+def test_an_unfinished_run_says_so(copied: RunFolder) -> None:
+    edit(copied, lambda m: m.update(complete=False))
+    for file in (*(copied.path / "ik").glob("misprint--*"), *(copied.path / "line").iterdir()):
+        file.unlink()
+    page = page_of(copied)
+    assert "This run is incomplete." in page.text
+    assert "Not started: misprint" in page.text
+    assert "line" not in page.anchors
+    assert "methods" in page.anchors
+
+
+def test_a_run_of_which_nothing_is_there_yet_has_a_report(copied: RunFolder) -> None:
+    edit(copied, lambda m: m.update(complete=False))
+    for folder in ("ik", "line", "problems"):
+        shutil.rmtree(copied.path / folder)
+    assert "This run is incomplete." in page_of(copied).text
+
+
+@pytest.mark.parametrize("without", ["line", "blocks"])
+def test_sections_without_data_are_left_out(small_run: RunFolder, tmp_path: Path, without: str) -> None:
+    settings = {k: v for k, v in small().settings.items() if k != without}
+    shutil.copytree(small_run.path, tmp_path / "run")
+    folder = RunFolder(tmp_path / "run")
+    shutil.rmtree(folder.path / ("line" if without == "line" else "ik"))
+    edit(folder, lambda m: m.update(settings=settings))
+    page = page_of(folder)
+    gone = {"line", "motion", "laws"} if without == "line" else {"methods", "error", "maps"}
+    assert gone.isdisjoint(page.anchors)
+    assert {"claims", "limitations", "provenance"} <= set(page.anchors)
+    assert "incomplete" not in page.text
+
+
+def test_a_plan_that_failed_has_its_reason_in_the_table(copied: RunFolder) -> None:
+    plans = copied.read_json("line/plans.json")
+    keep = ("law", "ik", "name", "seconds", "limits", "path", "robot")
+    failed = {k: plans[-1][k] for k in keep} | {
+        "status": "no_ik",
+        "s": 0.1,
+        "joint": 2,
+        "reason": "out <of> reach",
+        "advice": "",
+    }
+    copied.write_json("line/plans.json", [*plans[:-1], failed])
+    assert "no ik at 100 mm: out <of> reach" in page_of(copied).text
+
+
+def test_text_of_a_suite_is_escaped(tmp_path: Path) -> None:
+    evil = "</script><script>alert('a & b')</script>"
+    suite = small(title=evil, line=SMALL["line"] | {"laws": ["quintic"]})
+    settings = json.loads(json.dumps(suite.settings))
+    block = settings["blocks"][1] | {"title": evil, "options": {"count": 12}}
+    block["methods"] = [{"label": evil, "solver": "dls"}]
+    settings["blocks"] = [block]
+    del settings["line"]
+    from benchmarks.suite import suite_of
+
+    page = page_of(run_suite(suite_of("small", settings), tmp_path / "run"))
+    assert evil in page.text
+    assert all("alert(" not in s or s.startswith('{"state"') or len(s) > 1e6 for s in page.scripts)
+    assert strict({"a": evil}).count("<") == 0
+    assert json.loads(strict({"a": evil})) == {"a": evil}
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="optik bench run"):
+        write_report(RunFolder(tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+# ------------------------------------------------------------ in a browser
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_browser_draws_every_plot_without_an_error(copied: RunFolder, tmp_path: Path) -> None:
+    page = page_of(copied)
+    flags = ["--headless", "--no-sandbox", "--disable-background-networking", "--enable-unsafe-swiftshader"]
+    flags += ["--enable-logging=stderr", "--v=0", f"--user-data-dir={tmp_path / 'profile'}"]
+    flags += ["--window-size=1280,20000", "--virtual-time-budget=10000", "--dump-dom"]
+    done = subprocess.run(
+        [str(CHROMIUM), *flags, (copied.path / "report.html").as_uri()], capture_output=True, text=True, timeout=180
+    )
+    said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert [s for s in said if "Canvas2D" not in s and "GL Driver" not in s] == []
+    plots = sum("plot" in a.get("class", "").split() for a in page.all("div"))
+    drawn = Page(done.stdout)
+    assert sum("js-plotly-plot" in a.get("class", "").split() for a in drawn.all("div")) == plots > 0

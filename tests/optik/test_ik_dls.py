@@ -1,0 +1,277 @@
+"""The paper's iteration against a plain one with SciPy's logarithm and a matrix inverse."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import optik
+from optik import DHRow, IKStatus, JointLimits, Robot
+from optik.errors import InvalidInput
+from optik.ik import DLS, make_solver
+from tests import oracles
+
+PAPER = optik.load("paper6r")
+each_robot = pytest.mark.parametrize("name", optik.robots())
+seeds = st.integers(0, 10**6)
+
+
+def problems(name, count, seed, spread=0.1):
+    """Targets with a known solution, and starts so far from it, clamped to the limits."""
+    rng, arm = np.random.default_rng(seed), oracles.table(name)
+    solution = rng.uniform(arm.lower, arm.upper, (count, arm.n))
+    start = np.clip(solution + rng.normal(0.0, spread, solution.shape), arm.lower, arm.upper)
+    return [oracles.fk(arm, q) for q in solution], start
+
+
+def sizes(errors):
+    return np.linalg.norm(errors[..., :3], axis=-1), np.linalg.norm(errors[..., 3:], axis=-1)
+
+
+# ---------------------------------------------------------------- against the oracle
+
+
+@each_robot
+@pytest.mark.parametrize(("damping", "step"), [(0.05, 1.0), (0.1, 0.5), (0.2, 1.5), (0.5, 1.0)])
+def test_every_iterate_is_the_plain_iterations(name, damping, step):
+    arm, robot = oracles.table(name), optik.load(name)
+    solver = DLS(robot, damping=damping, step=step, max_iterations=25)
+    for target, start in zip(*problems(name, 10, 41, spread=0.3), strict=True):
+        plain = oracles.damped_least_squares(arm, target, start, damping=damping, step=step, iterations=25)
+        result = solver.solve(target, start, trace=True)
+        assert result.iterations == len(plain.q) - 1
+        assert np.abs(result.trace - plain.errors).max() < 1e-9
+        assert bool(result) == plain.solved
+        best = plain.q[-1] if plain.solved else plain.q[np.argmin(np.linalg.norm(plain.errors, axis=1))]
+        assert np.abs(result.q - best).max() < 1e-9
+
+
+@each_robot
+def test_every_iterate_of_a_run_that_hits_its_limits_is_the_plain_iterations(name):
+    # limits so narrow that the clamp of eq. 13 acts in most iterations
+    arm, robot = oracles.table(name), optik.load(name)
+    rng = np.random.default_rng(42)
+    for _ in range(10):
+        middle = rng.uniform(arm.lower, arm.upper)
+        lower, upper = np.maximum(arm.lower, middle - 0.1), np.minimum(arm.upper, middle + 0.1)
+        narrow = Robot(name, robot.fixed, robot.prismatic, robot.tool, JointLimits(lower, upper))
+        plain_arm = oracles.Arm(arm.convention, arm.rows, lower=lower, upper=upper)
+        target = oracles.fk(arm, middle + rng.uniform(-0.3, 0.3, arm.n))
+        plain = oracles.damped_least_squares(plain_arm, target, middle, damping=0.1, iterations=15)
+        trace = DLS(narrow, damping=0.1, max_iterations=15).solve(target, middle, trace=True).trace
+        assert np.abs(trace - plain.errors).max() < 1e-9
+        assert ((plain.q == lower) | (plain.q == upper)).any()  # the clamp did act
+
+
+@given(seeds, st.sampled_from(["mdh", "dh"]), st.integers(1, 8))
+def test_arms_of_any_length_with_a_sliding_joint_iterate_as_the_plain_iteration_does(seed, convention, n):
+    rng = np.random.default_rng(seed)
+    arm = oracles.random_arm(rng, n, prismatic=True, convention=convention)
+    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
+    build = Robot.from_mdh if convention == "mdh" else Robot.from_dh
+    robot = build(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
+    q = rng.uniform(-2, 2, n)
+    target, start = oracles.fk(arm, q), q + rng.uniform(-0.3, 0.3, n)
+    plain = oracles.damped_least_squares(arm, target, start, damping=0.2, iterations=8)
+    trace = DLS(robot, damping=0.2, max_iterations=8).solve(target, start, trace=True).trace
+    assert trace.shape == plain.errors.shape
+    assert np.abs(trace - plain.errors).max() < 1e-9
+
+
+# ---------------------------------------------------------------- the trace
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.2])
+def test_the_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(damping):
+    solver = DLS(PAPER, damping=damping, max_iterations=30)
+    arm = oracles.table("paper6r")
+    for target, start in zip(*problems("paper6r", 12, 43, spread=0.4), strict=True):
+        whole = solver.solve(target, start, trace=True)
+        assert whole.trace.shape == (whole.iterations + 1, 6)
+        for k in range(whole.iterations + 1):
+            stopped = solver.with_options(max_iterations=k).solve(target, start, trace=True)
+            assert stopped.iterations == k
+            assert (stopped.trace == whole.trace[: k + 1]).all()
+            best = stopped.trace[np.argmin(np.linalg.norm(stopped.trace, axis=1))]
+            assert np.abs(oracles.error(oracles.fk(arm, stopped.q), target) - best).max() < 1e-13
+            assert np.abs(np.subtract(sizes(best), (stopped.position_error, stopped.rotation_error))).max() < 1e-13
+
+
+def test_no_iterations_give_the_start_and_its_error():
+    (target,), (start,) = problems("paper6r", 1, 44)
+    result = DLS(PAPER, max_iterations=0).solve(target, start, trace=True)
+    assert not result
+    assert result.status is IKStatus.MAX_ITERATIONS
+    assert (result.q == start).all()
+    assert result.iterations == 0
+    assert np.abs(result.trace - oracles.error(oracles.fk(oracles.table("paper6r"), start), target)).max() < 1e-13
+
+
+def test_a_start_that_solves_needs_no_iteration():
+    q = np.radians([20, -35, 40, 25, 50, -30])
+    result = DLS(PAPER).solve(PAPER.fk(q), q, trace=True)
+    assert result
+    assert result.iterations == 0
+    assert (result.q == q).all()
+    assert result.trace.shape == (1, 6)
+
+
+def test_a_trace_changes_nothing_else_and_is_kept_only_on_request():
+    for target, start in zip(*problems("paper6r", 5, 45), strict=True):
+        bare, traced = DLS(PAPER).solve(target, start), DLS(PAPER).solve(target, start, trace=True)
+        assert bare.trace is None
+        assert (bare.q == traced.q).all()
+        assert bare[1:6] == traced[1:6]
+
+
+# ---------------------------------------------------------------- the paper's misprint and the paper's claims
+
+
+def test_equation_9_as_printed_solves_none_and_corrected_solves_most():
+    targets, starts = problems("paper6r", 1000, 46)
+    printed, corrected = DLS(PAPER, as_printed=True), DLS(PAPER, damping=0.01)
+    wrong = [printed.solve(T, q) for T, q in zip(targets, starts, strict=True)]
+    right = [corrected.solve(T, q) for T, q in zip(targets, starts, strict=True)]
+    assert sum(map(bool, wrong)) == 0
+    assert {r.iterations for r in wrong} == {100}
+    assert sum(map(bool, right)) >= 940
+    assert 4 <= np.median([r.iterations for r in right if r]) <= 5
+
+
+def test_equation_9_as_printed_turns_the_tool_away():
+    q = np.radians([20, -35, 40, 25, 50, -30])
+    target = PAPER.fk(q).copy()
+    target[:3, :3] = oracles.rot_z(0.1)[:3, :3] @ target[:3, :3]
+    printed = DLS(PAPER, as_printed=True, damping=0.0, step=0.01, max_iterations=1).solve(target, q, trace=True)
+    corrected = DLS(PAPER, damping=0.0, step=0.01, max_iterations=1).solve(target, q, trace=True)
+    assert abs(np.linalg.norm(printed.trace[1, 3:]) - 0.101) < 1e-5
+    assert abs(np.linalg.norm(corrected.trace[1, 3:]) - 0.099) < 1e-5
+
+
+def test_more_damping_solves_fewer_in_more_iterations():
+    targets, starts = problems("paper6r", 100, 47)
+    solved, iterations = [], []
+    for damping in (0.01, 0.05, 0.1, 0.2):
+        results = [DLS(PAPER, damping=damping).solve(T, q) for T, q in zip(targets, starts, strict=True)]
+        solved.append(sum(map(bool, results)))
+        iterations.append(np.median([r.iterations for r in results if r]))
+    assert solved == sorted(solved, reverse=True)
+    assert iterations == sorted(iterations)
+    assert solved[0] - solved[-1] > 20
+
+
+def test_undamped_whole_steps_are_newtons_and_converge_quadratically():
+    q = np.radians([20, -35, 40, 25, 50, -30])
+    result = DLS(PAPER, damping=0.0).solve(PAPER.fk(q), q + 0.05, trace=True)
+    size = np.linalg.norm(result.trace, axis=1)
+    assert result
+    assert (size[1:] < 5 * size[:-1] ** 2 + 1e-15).all()
+
+
+# ---------------------------------------------------------------- honesty in hard places
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.01, 0.1])
+def test_the_singular_zero_pose_is_a_start_like_any_other(damping):
+    solver, arm = DLS(PAPER, damping=damping), oracles.table("paper6r")
+    for target in problems("paper6r", 20, 48)[0]:
+        result = solver.solve(target, np.zeros(6))
+        assert np.isfinite(result.q).all()
+        assert PAPER.limits.contains(result.q)
+        p, r = sizes(oracles.error(oracles.fk(arm, result.q), target))
+        assert bool(result) == (p <= 1e-6 and r <= 1e-6)
+
+
+def test_without_damping_a_singular_pose_stalls_and_the_message_says_what_would_help():
+    sliders = Robot.from_mdh([DHRow(prismatic=True)] * 3, JointLimits([-1.0] * 3, [1.0] * 3))
+    for robot, q in ((PAPER, np.zeros(6)), (sliders, np.zeros(3))):
+        result = DLS(robot, damping=0.0).solve(oracles.pose((0.1, 0.2, 0.3), (0.1, 0.1, 0.1)) @ robot.fk(q), q)
+        assert result.status is IKStatus.STALLED
+        assert "damping" in result.message
+        assert result.iterations == 0
+        assert (result.q == q).all()
+        assert result.status.advice
+
+
+@each_robot
+@given(seeds, st.floats(0.0, 1.0), st.floats(0.1, 3.0))
+def test_the_limits_are_kept_and_success_is_what_it_says(name, seed, damping, step):
+    robot, rng = optik.load(name), np.random.default_rng(seed)
+    start = rng.uniform(robot.limits.lower, robot.limits.upper)
+    target = oracles.pose(rng.uniform(-3, 3, 3), rng.uniform(-1, 1, 3))  # many are out of reach
+    solver = DLS(robot, damping=damping, step=step, max_iterations=20)
+    result = solver.solve(target, start, trace=True)
+    assert ((result.q >= robot.limits.lower) & (result.q <= robot.limits.upper)).all()
+    assert np.isfinite(result.trace).all()
+    p, r = sizes(oracles.error(oracles.fk(oracles.table(name), result.q), target))
+    assert bool(result) == (p <= 1e-6 and r <= 1e-6)
+    assert abs(result.position_error - p) < 1e-12
+    assert abs(result.rotation_error - r) < 1e-9
+
+
+def test_a_joint_that_starts_on_its_limit_may_leave_it():
+    q = PAPER.limits.clip(np.array([0.3, -0.6, np.pi / 2, 0.4, 0.9, -0.5]))
+    inside = q - [0, 0, 0.2, 0, 0, 0]
+    result = DLS(PAPER).solve(PAPER.fk(inside), q)
+    assert result
+    assert np.abs(result.q - inside).max() < 1e-4
+
+
+def test_a_target_out_of_reach_is_a_failure_with_the_best_iterate():
+    q = np.radians([20, -35, 40, 25, 50, -30])
+    far = oracles.trans(x=5.0) @ PAPER.fk(q)
+    result = DLS(PAPER).solve(far, q, trace=True)
+    assert result.status is IKStatus.MAX_ITERATIONS
+    found = np.hypot(result.position_error, result.rotation_error)
+    assert abs(found - np.linalg.norm(result.trace, axis=1).min()) < 1e-12
+
+
+# ---------------------------------------------------------------- options
+
+BAD_OPTIONS = [
+    ("damping", -1e-9),
+    ("damping", np.nan),
+    ("damping", np.inf),
+    ("step", 0.0),
+    ("step", -1.0),
+    ("step", np.nan),
+    ("step", np.inf),
+    ("max_iterations", -1),
+    ("max_iterations", True),
+    ("max_iterations", 10.0),
+    ("max_iterations", "10"),
+    ("max_iterations", None),
+]
+
+
+@pytest.mark.parametrize(("option", "value"), BAD_OPTIONS)
+def test_an_option_out_of_range_is_refused_by_name(option, value):
+    with pytest.raises(InvalidInput) as caught:
+        DLS(PAPER, **{option: value})
+    assert caught.value.argument == option
+    with pytest.raises(InvalidInput):
+        make_solver(PAPER, "dls", **{option: value})
+    with pytest.raises(InvalidInput):
+        DLS(PAPER).with_options(**{option: value})
+
+
+@pytest.mark.xfail(strict=True, reason="NumPy's TypeError or ValueError escapes instead of InvalidInput")
+@pytest.mark.parametrize(("option", "value"), [("damping", "x"), ("damping", None), ("step", np.ones(2))])
+def test_an_option_that_is_no_number_is_refused_by_name(option, value):
+    with pytest.raises(InvalidInput):
+        DLS(PAPER, **{option: value})
+
+
+def test_numpys_whole_numbers_count():
+    assert DLS(PAPER, max_iterations=np.int64(7)).max_iterations == 7
+
+
+def test_options_are_those_that_were_given():
+    given = {"damping": 0.3, "step": 0.5, "as_printed": True, "max_iterations": 7}
+    solver = DLS(PAPER, **given)
+    assert given.items() <= solver.options.items()
+    back = pickle.loads(pickle.dumps(solver))
+    assert back.options == solver.options
+    assert back.robot == solver.robot

@@ -1,0 +1,272 @@
+"""IPOPT's formulation: what it solves, what it counts, what it says, and that it says nothing aloud."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import optik
+from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
+from optik.errors import InvalidInput
+from tests import oracles
+
+pytest.importorskip("casadi")
+from optik.ik import IPOPT
+from optik.ik._casadi import quaternion, residual, target_parameters, tool
+
+PAPER = optik.load("paper6r")
+FORMS = ("constraint", "least_squares")
+each_form = pytest.mark.parametrize("form", FORMS)
+each_robot = pytest.mark.parametrize("name", optik.robots())
+START = np.radians([20, -35, 40, 25, 50, -30])
+
+
+def problems(name, count, seed, spread=0.1):
+    rng, arm = np.random.default_rng(seed), oracles.table(name)
+    solution = rng.uniform(arm.lower, arm.upper, (count, arm.n))
+    start = np.clip(solution + rng.normal(0.0, spread, solution.shape), arm.lower, arm.upper)
+    return [oracles.fk(arm, q) for q in solution], start
+
+
+def honest(result, arm, target):
+    """Success is what the oracle's forward kinematics and the limits say it is."""
+    e = oracles.error(oracles.fk(arm, result.q), target)
+    p, r = np.linalg.norm(e[:3]), np.linalg.norm(e[3:])
+    assert abs(result.position_error - p) < 1e-12
+    assert abs(result.rotation_error - r) < 1e-9
+    assert ((result.q >= arm.lower) & (result.q <= arm.upper)).all()
+    assert bool(result) == (p <= 1e-6 and r <= 1e-6)
+    assert result.status in IKStatus
+
+
+# ---------------------------------------------------------------- the symbolic model
+
+
+def four_joints():
+    """An arm of four joints, one of them sliding, with nothing special about it."""
+    rows = [DHRow(a=0.2, alpha=0.3 * i, d=0.1, theta=0.2 * i, prismatic=i == 2) for i in range(4)]
+    base, end = oracles.pose((0.4, -0.2, 0.9), (0.1, 0.2, 0.3)), oracles.pose((3.0, 0.4, 0.2), (0.0, 0.1, 0.2))
+    return Robot.from_mdh(rows, JointLimits([-2.0] * 4, [2.0] * 4), base=base, tool=end, name="four")
+
+
+@pytest.mark.parametrize("robot", [*map(optik.load, optik.robots()), four_joints()], ids=lambda r: r.name)
+def test_the_symbolic_tool_is_the_numeric_one(robot):
+    import casadi as ca
+
+    q = ca.SX.sym("q", robot.n)
+    model = ca.Function("model", [q], list(tool(robot, q)))
+    for x in np.random.default_rng(51).uniform(-3, 3, (50, robot.n)):
+        p, h = (np.asarray(v, dtype=float).ravel() for v in model(x))
+        T = robot.fk(x)
+        assert np.abs(p - T[:3, 3]).max() < 1e-13
+        R = oracles.Rotation.from_quat(h[[1, 2, 3, 0]]).as_matrix()
+        assert np.abs(R - T[:3, :3]).max() < 1e-13
+        assert abs(np.linalg.norm(h) - 1.0) < 1e-14
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 0.1, 2.0, np.pi - 1e-9, np.pi])
+def test_quaternions_are_scipys_up_to_their_sign(angle):
+    for axis in np.vstack([np.eye(3), np.random.default_rng(52).normal(size=(20, 3))]):
+        R = oracles.pose(angle * axis / np.linalg.norm(axis), (0, 0, 0))[:3, :3]
+        ours, theirs = quaternion(R), oracles.Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]]
+        assert min(np.abs(ours - theirs).max(), np.abs(ours + theirs).max()) < 1e-14
+
+
+def test_the_residual_vanishes_at_the_target_only_and_is_the_error_to_third_order():
+    import casadi as ca
+
+    q, t = ca.SX.sym("q", 6), ca.SX.sym("t", 7)
+    function = ca.Function("residual", [q, t], [residual(PAPER, q, t)])
+    T = PAPER.fk(START)
+    assert np.abs(np.asarray(function(START, target_parameters(T)))).max() < 1e-14
+    for axis in np.eye(3):
+        half = T @ oracles.pose(np.pi * axis, (0, 0, 0))  # a half turn is the farthest, not another zero
+        assert np.linalg.norm(np.asarray(function(START, target_parameters(half)))[3:]) > 1.9
+        small = T @ oracles.pose(1e-3 * axis, (0, 0, 0))
+        assert abs(np.linalg.norm(np.asarray(function(START, target_parameters(small)))[3:]) - 1e-3) < 1e-9
+
+
+# ---------------------------------------------------------------- solving
+
+
+@each_form
+@each_robot
+def test_targets_near_the_start_are_solved(name, form):
+    solver, arm = IPOPT(optik.load(name), form=form), oracles.table(name)
+    targets, starts = problems(name, 50, 53)
+    results = [solver.solve(T, q) for T, q in zip(targets, starts, strict=True)]
+    for target, result in zip(targets, results, strict=True):
+        honest(result, arm, target)
+    assert sum(map(bool, results)) >= 48
+
+
+@each_form
+def test_failures_are_honest_and_carry_ipopts_own_word(form):
+    solver, arm = IPOPT(PAPER, form=form), oracles.table("paper6r")
+    rng = np.random.default_rng(54)
+    statuses = set()
+    for _ in range(60):
+        target = oracles.pose(rng.uniform(-3, 3, 3), rng.uniform(-2, 2, 3))  # most are out of reach
+        result = solver.solve(target, rng.uniform(arm.lower, arm.upper))
+        honest(result, arm, target)
+        assert result.status is not IKStatus.REJECTED
+        assert result.message.startswith("IPOPT: ")
+        assert len(result.message) > len("IPOPT: ")
+        statuses.add(result.status)
+    assert IKStatus.STALLED in statuses
+
+
+def test_a_target_out_of_reach_is_called_infeasible_by_ipopt():
+    far = oracles.trans(x=5.0) @ PAPER.fk(START)
+    result = IPOPT(PAPER).solve(far, START)
+    assert result.status is IKStatus.STALLED
+    assert result.message == "IPOPT: Infeasible_Problem_Detected"
+    least = IPOPT(PAPER, form="least_squares").solve(far, START)
+    assert least.status is IKStatus.STALLED  # a minimum, but the pose is not met there
+    assert least.message == "IPOPT: Solve_Succeeded"
+
+
+@each_form
+def test_the_singular_zero_pose_is_a_start_like_any_other(form):
+    solver, arm = IPOPT(PAPER, form=form), oracles.table("paper6r")
+    for target in problems("paper6r", 10, 55)[0]:
+        honest(solver.solve(target, np.zeros(6)), arm, target)
+
+
+@each_form
+def test_a_start_on_a_limit_and_a_solution_on_a_limit_are_fine(form):
+    upper, lower = PAPER.limits.upper, PAPER.limits.lower
+    q = np.array([0.3, upper[1], -0.7, lower[3], 0.9, -0.5])
+    result = IPOPT(PAPER, form=form).solve(PAPER.fk(q), q)
+    honest(result, oracles.table("paper6r"), PAPER.fk(q))
+    assert result
+
+
+def test_the_least_squares_form_solves_an_arm_of_four_joints():
+    robot = four_joints()
+    q = np.array([0.1, 0.2, 0.3, 0.4])
+    result = IPOPT(robot, form="least_squares").solve(robot.fk(q), q + 0.05)
+    assert result
+    assert np.abs(result.q - q).max() < 1e-4
+
+
+@pytest.mark.xfail(strict=True, reason="IPOPT refuses fewer joints than constraints, and iterations is stale memory")
+def test_the_constraint_form_solves_an_arm_of_four_joints():
+    robot = four_joints()
+    q = np.array([0.1, 0.2, 0.3, 0.4])
+    result = IPOPT(robot).solve(robot.fk(q), q + 0.05)
+    assert 0 <= result.iterations <= 100
+    assert result
+
+
+@pytest.mark.xfail(strict=True, reason="CasADi warns of an overconstrained problem on the terminal")
+def test_an_arm_of_four_joints_is_quiet_too(capfd):
+    robot = four_joints()
+    IPOPT(robot).solve(robot.fk(np.zeros(4)), np.full(4, 0.1))
+    captured = capfd.readouterr()
+    assert captured.out + captured.err == ""
+
+
+# ---------------------------------------------------------------- the trace and the count
+
+
+@each_form
+def test_the_trace_has_the_start_and_one_row_an_iteration_and_ends_at_the_answer(form):
+    solver = IPOPT(PAPER, form=form)
+    arm = oracles.table("paper6r")
+    for target, start in zip(*problems("paper6r", 20, 56), strict=True):
+        result = solver.solve(target, start, trace=True)
+        assert result.trace.shape == (result.iterations + 1, 6)
+        assert np.abs(result.trace[0] - oracles.error(oracles.fk(arm, start), target)).max() < 1e-13
+        e = oracles.error(oracles.fk(arm, result.q), target)
+        assert np.abs(result.trace[-1] - e).max() < 1e-7  # IPOPT relaxes bounds by 1e-8, the answer is clipped
+
+
+@each_form
+def test_a_trace_changes_nothing_else_and_is_kept_only_on_request(form):
+    solver = IPOPT(PAPER, form=form)
+    for target, start in zip(*problems("paper6r", 5, 57), strict=True):
+        bare, traced, again = (solver.solve(target, start, trace=t) for t in (False, True, False))
+        assert bare.trace is None
+        assert (bare.q == traced.q).all()
+        assert (bare.q == again.q).all()
+        assert bare[1:6] == traced[1:6] == again[1:6]
+
+
+@each_form
+@pytest.mark.parametrize("most", [0, 1, 3])
+def test_no_more_iterations_than_allowed(form, most):
+    target, start = PAPER.fk(START), np.clip(START + 0.5, PAPER.limits.lower, PAPER.limits.upper)
+    assert IPOPT(PAPER, form=form).solve(target, start).iterations > 3
+    result = IPOPT(PAPER, form=form, max_iterations=most).solve(target, start, trace=True)
+    assert result.iterations == most
+    assert len(result.trace) == most + 1
+    assert result.status is IKStatus.MAX_ITERATIONS
+    assert result.message == "IPOPT: Maximum_Iterations_Exceeded"
+
+
+@each_form
+def test_a_time_limit_that_is_over_at_once_is_the_status(form):
+    result = IPOPT(PAPER, form=form, time_limit=1e-9).solve(oracles.trans(x=5.0) @ PAPER.fk(START), START)
+    assert result.status is IKStatus.TIME_LIMIT
+    assert result.message == "IPOPT: Maximum_WallTime_Exceeded"
+
+
+@each_form
+def test_building_and_solving_say_nothing_aloud(form, capfd):
+    solver = IPOPT(PAPER, form=form)
+    for target in (PAPER.fk(START), oracles.trans(x=5.0) @ PAPER.fk(START)):
+        for trace in (False, True):
+            solver.solve(target, np.zeros(6), trace=trace)
+    solver.with_options(max_iterations=1).solve(PAPER.fk(START), np.zeros(6))
+    with pytest.raises(InvalidInput):
+        IPOPT(PAPER, form=form, solver_options={"no_such_option": 1})
+    captured = capfd.readouterr()
+    assert captured.out + captured.err == ""
+
+
+# ---------------------------------------------------------------- options
+
+
+def test_a_looser_tolerance_needs_no_more_iterations():
+    loose, tight = (IPOPT(PAPER, tolerance=Tolerance(x, x)) for x in (1e-2, 1e-9))
+    for target, start in zip(*problems("paper6r", 10, 58), strict=True):
+        a, b = loose.solve(target, start), tight.solve(target, start)
+        assert a.iterations <= b.iterations
+        assert b.position_error <= 1e-9 or not b
+
+
+def test_solver_options_reach_ipopt():
+    target = PAPER.fk(START)
+    result = IPOPT(PAPER, solver_options={"max_iter": 1}).solve(target, np.zeros(6))
+    assert result.iterations == 1
+    again = optik.solve_ik(PAPER, target, np.zeros(6), "ipopt", solver_options={"max_iter": 1})
+    assert (again.q == result.q).all()
+
+
+@pytest.mark.parametrize("options", [{"no_such_option": 1}, {"max_iter": "many"}])
+def test_solver_options_that_ipopt_does_not_know_are_refused_by_name(options):
+    with pytest.raises(InvalidInput) as caught:
+        IPOPT(PAPER, solver_options=options)
+    assert caught.value.argument == "solver_options"
+    assert next(iter(options)) in str(caught.value)
+
+
+@pytest.mark.xfail(strict=True, reason="Python's TypeError escapes instead of InvalidInput")
+def test_solver_options_that_are_no_mapping_are_refused_by_name():
+    with pytest.raises(InvalidInput):
+        IPOPT(PAPER, solver_options=5)
+
+
+def test_an_unknown_form_is_refused_with_those_that_exist():
+    with pytest.raises(InvalidInput, match=r"^form: expected constraint or least_squares"):
+        IPOPT(PAPER, form="penalty")
+
+
+@each_form
+def test_a_pickled_solver_answers_the_same(form):
+    solver = IPOPT(PAPER, form=form, max_iterations=40, solver_options={"mu_strategy": "adaptive"})
+    back = pickle.loads(pickle.dumps(solver))
+    assert back.options == solver.options
+    for target, start in zip(*problems("paper6r", 5, 59), strict=True):
+        assert (back.solve(target, start).q == solver.solve(target, start).q).all()
