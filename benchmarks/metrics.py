@@ -54,10 +54,20 @@ def success(rows: pl.DataFrame, tolerance: float) -> tuple[float, float, float]:
     return (100.0 * count / len(rows) if len(rows) else float("nan")), 100.0 * low, 100.0 * high
 
 
+def level_words(tolerance: float) -> str:
+    """A tolerance as reports write it: 1e−6."""
+    return f"{tolerance:.0e}".replace("e-0", "e−")
+
+
 def success_at(tolerance: float) -> Metric:
     """Success as a metric."""
-    name = f"success at {tolerance:.0e}".replace("e-0", "e−")
-    return Metric(name, "%", ("share", "low", "high"), lambda rows: success(rows, tolerance), "share")
+    return Metric(
+        f"success at {level_words(tolerance)}",
+        "%",
+        ("share", "low", "high"),
+        lambda rows: success(rows, tolerance),
+        "share",
+    )
 
 
 def _of(column: str, levels: Sequence[float], *, scale: float = 1.0, solved: bool | None = None) -> Compute:

@@ -20,8 +20,8 @@ from benchmarks.problems.base import ProblemSet
 from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, RunFolder, slug
 from benchmarks.suite import SETS, Block, Method, Suite
+from optik.check import check_count
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
-from optik.ik.base import check_count
 from optik.registry import build_method
 from optik.robot import Robot, load
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from statistics import NormalDist
 
 import numpy as np
 import polars as pl
@@ -31,7 +33,7 @@ def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's score interval of a share.
+    """Wilson's score interval of a share; SciPy has it behind a test whose p-value costs a thousand times more.
 
     Parameters
     ----------
@@ -47,10 +49,11 @@ def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float
     """
     if trials == 0:
         return float("nan"), float("nan")
-    from scipy.stats import binomtest
-
-    interval = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
-    return float(interval.low), float(interval.high)
+    z, p = NormalDist().inv_cdf(0.5 + confidence / 2), successes / trials
+    middle = p + z * z / (2 * trials)
+    half = z * math.sqrt(p * (1 - p) / trials + (z / (2 * trials)) ** 2)
+    low, high = ((middle + sign * half) / (1 + z * z / trials) for sign in (-1, 1))
+    return (0.0 if successes == 0 else low), (1.0 if successes == trials else high)
 
 
 def binned(

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
-from optik.ik.base import check_count
 from optik.registry import data_file, names
 
 SUITES = "benchmarks.suites"

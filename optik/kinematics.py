@@ -144,17 +144,18 @@ def judge(
 
 
 @compiled
-def cholesky_solve(A: Array, b: Array) -> bool:
+def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
     """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
 
-    Returns False, with b spoilt, where A is not positive definite to working precision.
+    Returns False, with b spoilt, where a pivot keeps less than the share `least` of its diagonal entry: A is then not
+    positive definite to working precision.
     """
     n = b.shape[0]
     for j in range(n):
         d = A[j, j]
         for k in range(j):
             d -= A[j, k] * A[j, k]
-        if not d > 0.0:
+        if not d > least * A[j, j]:
             return False
         d = sqrt(d)
         A[j, j] = d
@@ -177,7 +178,7 @@ def cholesky_solve(A: Array, b: Array) -> bool:
 
 
 @compiled
-def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array) -> bool:
+def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
     """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,); A (6, 6) and y (6,) are scratch.
 
     Returns False where the matrix is singular to working precision (only without damping).
@@ -191,7 +192,7 @@ def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Arr
                 s += J[i, k] * J[j, k]
             A[i, j] = s
         A[i, i] += damping2
-    if not cholesky_solve(A, y):
+    if not cholesky_solve(A, y, least):
         return False
     for k in range(n):
         s = 0.0
@@ -347,6 +348,7 @@ def path_derivatives(fixed: Array, prismatic: Bools, tool: Array, q: Array, twis
             tool_motion(frame, T, prismatic, fixed, q[k], dq[k], made)
             for i in range(6):
                 e[i] = twists[k, order, i] - made[order, i]
-            if not damped_step(J, e, 0.0, A, y, dq[k, order]):
+            # J Jᵀ has squared singular values: a share of 1e-9 is a ratio of 3e-5, where derivatives lose their meaning
+            if not damped_step(J, e, 0.0, A, y, dq[k, order], 1e-9):
                 return k
     return -1

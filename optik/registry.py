@@ -48,8 +48,7 @@ def data_file(folder: str, name: str, kind: str) -> Path:
     UnknownName
         No such file; the nearest names are offered.
     """
-    if name not in names(folder):
-        raise UnknownName(kind, name, names(folder))
+    _named(folder, name, kind)
     return _folder(folder) / f"{name}.toml"
 
 
@@ -63,8 +62,7 @@ def load_method(folder: str, name: str, kind: str = "method") -> Any:
     MissingDependency
         The module needs an optional package that is not installed. A broken import of our own shows itself.
     """
-    if name not in names(folder):
-        raise UnknownName(kind, name, names(folder))
+    _named(folder, name, kind)
     try:
         return importlib.import_module(f"{folder}.{name}").METHOD
     except ModuleNotFoundError as error:
@@ -72,6 +70,13 @@ def load_method(folder: str, name: str, kind: str = "method") -> Any:
         if not package or package in _OURS:
             raise
         raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
+
+
+def _named(folder: str, name: str, kind: str) -> None:
+    if not isinstance(name, str):
+        raise InvalidInput(kind, repr(name)[:60], f"a name, one of: {', '.join(names(folder))}")
+    if name not in names(folder):
+        raise UnknownName(kind, name, names(folder))
 
 
 def build_method(folder: str, name: str, kind: str, *arguments: Any, **options: Any) -> Any:

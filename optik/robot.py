@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
+from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.registry import data_file
 
@@ -36,8 +37,8 @@ class DHRow(NamedTuple):
     prismatic: bool = False
 
 
-def _frozen(value: ArrayLike) -> Array:
-    array = np.array(value, dtype=np.float64)
+def _frozen(value: ArrayLike, argument: str) -> Array:
+    array = real_array(value, argument, "an array of numbers").copy()
     array.setflags(write=False)
     return array
 
@@ -66,13 +67,17 @@ class JointLimits:
     jerk: Array | None = None
 
     def __post_init__(self) -> None:
-        lower, upper = _frozen(self.lower), _frozen(self.upper)
+        lower, upper = _frozen(self.lower, "limits.lower"), _frozen(self.upper, "limits.upper")
         if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
             raise InvalidInput(
                 "limits", f"shapes {lower.shape} and {upper.shape}", "lower and upper of one length n ≥ 1"
             )
         if np.isnan(lower).any() or np.isnan(upper).any():
             raise InvalidInput("limits", "NaN", "numbers (infinity where a joint is free)")
+        if (lower == np.inf).any() or (upper == -np.inf).any():
+            raise InvalidInput(
+                "limits", "a lower limit of +∞ or an upper one of −∞", "limits that some joint value meets"
+            )
         if (lower > upper).any():
             i = int(np.argmax(lower > upper))
             raise InvalidInput(
@@ -107,17 +112,14 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
     InvalidInput
         Not a scalar or (n,), or not above zero (infinity is allowed).
     """
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput(argument, repr(value)[:60], f"a positive number or {n} of them") from None
+    array = real_array(value, argument, f"a positive number or {n} of them")
     if array.ndim == 0:
         array = np.full(n, float(array))
     if array.shape != (n,):
         raise InvalidInput(argument, f"shape {array.shape}", f"a positive number or {n} of them")
     if not (array > 0.0).all():
         raise InvalidInput(argument, np.array2string(array, precision=6), "limits above 0")
-    return _frozen(array)
+    return _frozen(array, argument)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +158,11 @@ class Robot:
     source: str = ""
 
     def __post_init__(self) -> None:
-        fixed = _frozen(self.fixed)
+        if not isinstance(self.name, str):
+            raise InvalidInput("name", repr(self.name)[:60], "a word")
+        if not isinstance(self.limits, JointLimits):
+            raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
+        fixed = _frozen(self.fixed, "fixed")
         n = fixed.shape[0] if fixed.ndim == 3 else 0
         if fixed.shape != (n, 4, 4) or n == 0:
             raise RobotModelError(self.name, f"fixed transforms of shape {fixed.shape}, expected (n, 4, 4)")
@@ -174,14 +180,14 @@ class Robot:
         joint_names = tuple(self.joint_names) or tuple(f"joint{i + 1}" for i in range(n))
         if len(set(joint_names)) != n:
             raise RobotModelError(self.name, f"{n} joints need {n} different names, got {joint_names}")
-        gravity = _frozen(self.gravity)
+        gravity = _frozen(self.gravity, "gravity")
         if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
             raise RobotModelError(self.name, "gravity is no direction (3,)")
         object.__setattr__(self, "fixed", fixed)
         object.__setattr__(self, "prismatic", prismatic)
-        object.__setattr__(self, "tool", _frozen(se3.check_pose(self.tool, "tool")))
+        object.__setattr__(self, "tool", _frozen(se3.check_pose(self.tool, "tool"), "tool"))
         object.__setattr__(self, "joint_names", joint_names)
-        object.__setattr__(self, "gravity", _frozen(gravity / np.linalg.norm(gravity)))
+        object.__setattr__(self, "gravity", _frozen(gravity / np.linalg.norm(gravity), "gravity"))
 
     # ------------------------------------------------------------ conventions
 
@@ -276,10 +282,7 @@ class Robot:
         InvalidInput
             Wrong length, NaN or infinity.
         """
-        try:
-            array = np.ascontiguousarray(q, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InvalidInput(argument, repr(q)[:60], f"{self.n} joint values") from None
+        array = real_array(q, argument, f"{self.n} joint values")
         if array.ndim == 0 or array.shape[-1] != self.n or (array.ndim > 1 and not batch):
             wanted = f"shape ({self.n},) or (..., {self.n})" if batch else f"shape ({self.n},)"
             raise InvalidInput(argument, f"shape {np.shape(q)}", f"joint values of {wanted} for {self.name}")
@@ -340,7 +343,11 @@ class Robot:
         """
         q = self.configuration(q, batch=True)
         shape = (*q.shape[:-1], 4, 4)
-        goal = np.ascontiguousarray(np.broadcast_to(np.asarray(targets, dtype=np.float64), shape)).reshape(-1, 4, 4)
+        poses = real_array(targets, "targets", "poses (4, 4) or (..., 4, 4)")
+        try:
+            goal = np.ascontiguousarray(np.broadcast_to(poses, shape)).reshape(-1, 4, 4)
+        except ValueError:
+            raise InvalidInput("targets", f"shape {poses.shape}", f"poses of shape (4, 4) or {shape}") from None
         out = np.empty((*q.shape[:-1], 6))
         kinematics.errors_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
         return out
@@ -393,13 +400,20 @@ def _screw_z(angle: float, length: float) -> Array:
 
 def _rows(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
     table = []
+    if not isinstance(rows, Iterable):
+        raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")
     for i, row in enumerate(rows):
         try:
-            table.append(row if isinstance(row, DHRow) else DHRow(**row))
+            named = row if isinstance(row, DHRow) else DHRow(**row)
         except TypeError:
-            raise InvalidInput(
-                f"rows[{i}]", repr(row)[:80], "a DHRow, or a mapping with a, alpha, d, theta, prismatic"
-            ) from None
+            wanted = "a DHRow, or a mapping with a, alpha, d, theta, prismatic"
+            raise InvalidInput(f"rows[{i}]", repr(row)[:80], wanted) from None
+        for field in ("a", "alpha", "d", "theta"):
+            value = getattr(named, field)
+            real = isinstance(value, int | float | np.integer | np.floating)
+            if not real or not np.isfinite(value):
+                raise RobotModelError("table", f"joint {i + 1}: {field} is {value!r}, expected a finite number")
+        table.append(named)
     return table
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik._compile import compiled
+from optik.check import real_array
 from optik.errors import InvalidInput
 
 Array = NDArray[np.float64]
@@ -209,10 +210,7 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
     InvalidInput
         Wrong shape, NaN or infinite, last row not (0, 0, 0, 1), or RᵀR further than 1e-6 from I, or a reflection.
     """
-    try:
-        T = np.ascontiguousarray(T, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput(argument, repr(T)[:60], "a (4, 4) array of numbers") from None
+    T = real_array(T, argument, "a (4, 4) array of numbers")
     if T.shape == (4, 4) and is_pose(T):
         return T
     if T.shape != (4, 4):
@@ -220,6 +218,8 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
         raise InvalidInput(argument, f"shape {T.shape}{hint}", "a pose of shape (4, 4)")
     if not np.isfinite(T).all():
         raise InvalidInput(argument, "NaN or infinity in it", "a pose of finite numbers")
+    if np.abs(T[:3, :3]).max() > 2.0:
+        raise InvalidInput(argument, f"{np.abs(T[:3, :3]).max():.3g} in its 3×3 part", "a rotation (entries within ±1)")
     if np.abs(T[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
         raise InvalidInput(argument, f"last row {T[3].tolist()}", "the last row (0, 0, 0, 1)")
     R = T[:3, :3]

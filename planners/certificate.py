@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik import se3
+from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.ik.base import check_count
 from optik.robot import LIMIT_TOLERANCE, Robot
 from planners.paths.base import Path
 from planners.timing.base import DERIVATIVES, MotionLimits

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
+from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKResult, IKSolver, IKStatus
-from optik.ik.base import check_count, check_start
+from optik.ik.base import check_start
 from optik.robot import Robot
 from planners.curve import Curve
 from planners.hermite import through

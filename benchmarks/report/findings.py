@@ -42,8 +42,9 @@ def limitations(run: Run) -> dict[str, Any]:
         f"({provenance.get('cpu')}) that may have had other work; they include the call from Python. Ratios between methods "
         "say more than microseconds.",
         "A run that ends by itself before its budget is timed once and counted for every larger budget.",
-        "Every method gets one attempt from the given start: no restarts, which the paper's iteration does not have. With "
-        "restarts all of them solve more.",
+        "Every method gets one attempt from the given start: no restarts, which the paper's iteration does not have and "
+        "which are not compared here.",
+        "An iteration of one method is not the work of another's: compare iterations within a method, and times between them.",
         "Rates are of these targets and this start; the Wilson intervals say how well the number of targets determines them, "
         "not what other targets would give.",
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,19 +66,19 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
     for field in FIELDS:
         w = worst(certificate, field)
         if w.broken:
-            out.append(f"{field} ({ratio_words(w)})" if not w.infinite else f"{field} (infinite)")
+            out.append(f"{field} ∞" if w.infinite else f"{field} {ratio_words(w)}×")
     if min(certificate["position_margin"]) < -LIMIT_TOLERANCE:
         out.append("joint range")
     return out
 
 
 def ratio_words(w: Worst) -> str:
-    """Value over limit; near 1, how near."""
+    """Value over limit; near 1 with as many digits as show how near."""
     if w.ratio is None:
         return "no limit"
     off = w.ratio - 1.0
     if 0.0 < abs(off) < 5e-4:
-        return f"1 {'+' if off > 0 else '−'} {number(abs(off), 2)}"
+        return f"{w.ratio:.{min(1 - math.floor(math.log10(abs(off))), 12)}f}"
     return number(w.ratio)
 
 
@@ -129,7 +130,7 @@ def _limit_words(limits: dict[str, list[float | None]]) -> str:
     words = []
     for field, unit in units.items():
         values = list(dict.fromkeys(limits[field]))
-        text = ", ".join("free" if v is None else number(v) for v in values)
+        text = ", ".join("free" if v is None else f"{v:g}" for v in values)
         words.append(
             f"{field} {text} {unit}"
             + (" on every joint" if len(values) == 1 else " (joint by joint, repeats left out)")

@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.metrics import LEVELS, METRICS, success
+from benchmarks.metrics import LEVELS, METRICS, level_words, success
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, SYMBOLS, axis, bars, lean, line
 from benchmarks.report.numbers import number, percent
@@ -78,9 +78,8 @@ def _cell(kind: str, values: tuple[float, ...]) -> list[str]:
 def _success_board(run: Run) -> Board:
     plots = []
     for level in LEVELS:
-        words = f"{level:.0e}".replace("e-0", "e−")
         plot = Plot(
-            f"success-{level:.0e}", f"Success at {words} m and rad",
+            f"success-{level:.0e}", f"Success at {level_words(level)} m and rad",
             {
                 "xaxis": axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500]),
                 "yaxis": axis("problems solved [%]", range=[-2, 102]),

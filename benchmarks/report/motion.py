@@ -86,7 +86,7 @@ def _joint_board(run: Run, rows: pl.DataFrame) -> Board:
             )  # fmt: skip
         _bands(plot, run, column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
-        _time_ranges(plot, run, laws)
+        _time_ranges(plot, rows, laws)
         plots.append(plot)
     controls = (
         Control.of("ik", "Inverse kinematics", iks),
@@ -167,10 +167,10 @@ def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], 
             )
 
 
-def _time_ranges(plot: Plot, run: Run, laws: list[str]) -> None:
+def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
     plot.vary({"time": [FIRST]}, {"xaxis": {"range": [-0.05 * EDGE, EDGE]}})
     for law in laws:
-        end = max(p["duration"] for p in run.solved_plans if p["law"] == law)
+        end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
         plot.vary({"time": [LAST], "law": [law]}, {"xaxis": {"range": [end - EDGE, end + 0.05 * EDGE]}})
 
 

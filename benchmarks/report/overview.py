@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.experiments.base import PARTLY
-from benchmarks.metrics import LEVELS, success
+from benchmarks.metrics import LEVELS, level_words, success
 from benchmarks.report.laws import broken_limits
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import BlockRows, Run
@@ -25,7 +25,7 @@ def overview(run: Run) -> dict[str, Any]:
     return {
         "title": run.suite.title,
         "suite": run.suite.name,
-        "levels": LEVELS,
+        "levels": [level_words(level) for level in LEVELS],
         "complete": bool(run.manifest.get("complete")),
         "created": run.manifest["provenance"].get("created", ""),
         "robots": [(name, _axes(name)) for name in robots],
@@ -100,7 +100,7 @@ def _durations(run: Run) -> str:
             breaks = broken_limits(p["certificate"])
             words.append(
                 f"{p['law']} {p['duration']:.3f} s ("
-                + (f"breaks {', '.join(breaks)}" if breaks else "keeps every limit")
+                + (f"breaks limits: {', '.join(breaks)}" if breaks else "keeps every limit")
                 + ")"
             )
     return f"The line of {number(1e3 * run.solved_plans[0]['length'])} mm by {ik}: " + "; ".join(words) + "."

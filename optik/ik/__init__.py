@@ -38,8 +38,9 @@ def make_solver(robot: Robot, solver: str = "dls", **options: Any) -> IKSolver:
 
 
 @lru_cache(maxsize=64)
-def _kept(robot: Robot, solver: str, options: tuple[tuple[str, Any], ...]) -> IKSolver:
-    return make_solver(robot, solver, **dict(options))
+def _kept(robot: Robot, solver: str, options: tuple[tuple[str, type, Any], ...]) -> IKSolver:
+    # the type is part of the key: 1 == 1.0 == True, but only one of them is a count
+    return make_solver(robot, solver, **{name: value for name, _, value in options})
 
 
 def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "dls", **options: Any) -> IKResult:
@@ -72,7 +73,7 @@ def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "dls"
     """
     trace = bool(options.pop("trace", False))
     try:
-        method = _kept(robot, solver, tuple(sorted(options.items())))
+        method = _kept(robot, solver, tuple((k, type(options[k]), options[k]) for k in sorted(options)))
     except TypeError as error:
         if "unhashable" not in str(error):
             raise

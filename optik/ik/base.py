@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.check import check_count, check_number
 from optik.errors import InvalidInput
 from optik.kinematics import judge
 from optik.robot import LIMIT_TOLERANCE, Robot
@@ -66,8 +67,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for field in ("position", "rotation"):
-            if not getattr(self, field) > 0.0:
-                raise InvalidInput(f"tolerance.{field}", getattr(self, field), "a number above 0")
+            check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
 
 
 class IKResult(NamedTuple):
@@ -154,8 +154,10 @@ class IKSolver(ABC):
             raise InvalidInput("robot", type(robot).__name__, "a Robot (optik.load(name), Robot.from_mdh, ...)")
         check_count(max_iterations, "max_iterations", 0)
         check_count(max_restarts, "max_restarts", 0)
-        if time_limit is not None and not time_limit > 0.0:
-            raise InvalidInput("time_limit", time_limit, "seconds above 0, or None")
+        if time_limit is not None:
+            check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
+        if not isinstance(tolerance, Tolerance):
+            raise InvalidInput("tolerance", repr(tolerance)[:60], "a Tolerance(position=…, rotation=…)")
         self.robot = robot
         self.tolerance = tolerance
         self.max_iterations = max_iterations
@@ -249,12 +251,6 @@ class IKSolver(ABC):
         return judge(robot.fixed, robot.prismatic, robot.tool, lower, upper, LIMIT_TOLERANCE, q, target)
 
 
-def check_count(value: int, argument: str, least: int) -> None:
-    """Refuse what is no whole number of at least so many."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InvalidInput(argument, repr(value), f"a whole number ≥ {least}")
-
-
 def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
     """Return a start configuration, or say which joint stands outside its limits.
 
@@ -277,11 +273,12 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
 
 def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
     """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
-    key = zlib.crc32(np.round(target, 12).tobytes() + np.round(q0, 12).tobytes())
-    rng = np.random.default_rng((key, restart))
-    lower = np.where(np.isfinite(robot.limits.lower), robot.limits.lower, -np.pi)
-    upper = np.where(np.isfinite(robot.limits.upper), robot.limits.upper, np.pi)
-    return rng.uniform(lower, np.maximum(lower, upper))
+    problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
+    rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
+    lower, upper = robot.limits.lower, robot.limits.upper
+    # a joint without an end is drawn over one turn from the end it has, or around zero
+    low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * np.pi, -np.pi))
+    return rng.uniform(low, np.where(np.isfinite(upper), upper, low + 2.0 * np.pi))
 
 
 def _merit(result: IKResult, tolerance: Tolerance) -> float:

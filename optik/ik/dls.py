@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
-from optik.errors import InvalidInput
+from optik.check import check_number
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.robot import Robot
@@ -103,12 +103,8 @@ class DLS(IKSolver):
         self, robot: Robot, *, damping: float = 0.01, step: float = 1.0, as_printed: bool = False, **options: Any
     ) -> None:
         super().__init__(robot, **options)
-        if not (np.isfinite(damping) and damping >= 0.0):
-            raise InvalidInput("damping", damping, "a finite number ≥ 0")
-        if not (np.isfinite(step) and step > 0.0):
-            raise InvalidInput("step", step, "a finite number above 0")
-        self.damping = float(damping)
-        self.step = float(step)
+        self.damping = check_number(damping, "damping", "a finite number ≥ 0", least=0.0)
+        self.step = check_number(step, "step", "a finite number above 0", above=0.0)
         self.as_printed = bool(as_printed)
         self._numbers = np.array(
             [self.damping, self.step, self.tolerance.position, self.tolerance.rotation, float(self.as_printed)]

@@ -34,9 +34,11 @@ class IPOPT(IKSolver):
     ----------
     robot : Robot
         The arm.
-    form : {"constraint", "least_squares"}
-        The pose error as six equality constraints with nothing to minimise (the default: fewer iterations and no
-        tolerance to tune), or its square as the objective.
+    form : {"constraint", "least_squares"}, optional
+        The pose error as six equality constraints with nothing to minimise, or its square as the objective. Measured on
+        the paper's arm: 4 iterations against 8 near a solution, and 0.75 of the time; from far away the square is solved
+        a little more often (57 % against 49 % in one attempt). By default the constraints, which need six joints; the
+        square for arms with fewer.
     solver_options : mapping, optional
         Options of IPOPT by their own names, added to ours.
     **options
@@ -46,11 +48,19 @@ class IPOPT(IKSolver):
     name: ClassVar[str] = "ipopt"
 
     def __init__(
-        self, robot: Robot, *, form: str = "constraint", solver_options: dict[str, Any] | None = None, **options: Any
+        self, robot: Robot, *, form: str | None = None, solver_options: dict[str, Any] | None = None, **options: Any
     ) -> None:
         super().__init__(robot, **options)
+        if form is None:
+            form = "constraint" if robot.n >= 6 else "least_squares"
         if form not in FORMS:
             raise InvalidInput("form", repr(form), " or ".join(FORMS))
+        if form == "constraint" and robot.n < 6:
+            raise InvalidInput(
+                "form", f"constraint for {robot.n} joints", "least_squares: IPOPT takes no more constraints than joints"
+            )
+        if not isinstance(solver_options, dict | None):
+            raise InvalidInput("solver_options", repr(solver_options)[:60], "a dictionary of IPOPT's options")
         self.form = form
         self.solver_options = dict(solver_options or {})
         self._square = self.tolerance.position**2 + self.tolerance.rotation**2

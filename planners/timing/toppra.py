@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PPoly
 from toppra.interpolator import AbstractGeometricPath
 
+from optik.check import check_count
 from optik.errors import NoSolution
-from optik.ik.base import check_count
 from planners.follow import JointPath
 from planners.timing.base import MotionLimits, TimeLaw, refit
 from planners.trajectory import Trajectory

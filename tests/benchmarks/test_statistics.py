@@ -7,19 +7,17 @@ import math
 import numpy as np
 import polars as pl
 import pytest
+from scipy.stats import binomtest
 
 from benchmarks.metrics import METRICS, paired, succeeded, success
 from benchmarks.statistics import binned, quantiles, wilson
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (0, 250), (219, 250), (250, 250), (3, 7)])
-def test_wilson_is_its_formula(k: int, n: int) -> None:
-    z, p = 1.959963984540054, k / n
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    low, high = wilson(k, n)
-    assert low == pytest.approx(max(middle - half, 0.0), abs=1e-12)
-    assert high == pytest.approx(min(middle + half, 1.0), abs=1e-12)
+def test_wilson_is_scipys(k: int, n: int) -> None:
+    for confidence in (0.95, 0.99):
+        expected = binomtest(k, n).proportion_ci(confidence, method="wilson")
+        assert wilson(k, n, confidence) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def test_wilson_of_nothing_is_undefined() -> None:

@@ -1,5 +1,6 @@
 """What every method shares: the judgement that believes none of them, restarts, time, options, and the one call."""
 
+import os
 import pickle
 import subprocess
 import sys
@@ -175,7 +176,9 @@ def test_without_restarts_there_is_one_attempt_from_the_start():
 
 def test_attempts_end_at_the_first_success_and_their_iterations_add_up():
     good = START + 0.1
-    solver = says((START, IKStatus.STALLED, 3), (START, IKStatus.STALLED, 4), (good, IKStatus.SOLVED, 5), max_restarts=9)
+    solver = says(
+        (START, IKStatus.STALLED, 3), (START, IKStatus.STALLED, 4), (good, IKStatus.SOLVED, 5), max_restarts=9
+    )
     result = solver.solve(TARGET, START)
     assert result
     assert (result.restarts, result.iterations) == (2, 12)
@@ -195,14 +198,12 @@ def test_a_failure_after_all_restarts_is_the_best_of_them():
 
 def test_the_best_is_judged_in_units_of_the_tolerance():
     T = oracles.fk(ARM, START)
-    turned = oracles.trans(*T[:3, 3]) @ oracles.rot_z(0.01) @ oracles.trans(*-T[:3, 3]) @ T  # right place, wrong way
-    along = np.linalg.solve(PAPER.jacobian(START), [0.02, 0, 0, 0, 0, 0])
-    away = PAPER.fk(START + along)
-    assert 0.0 < np.linalg.norm(PAPER.errors(START + along, T)[:3]) < 0.03
-    answers = [(START, IKStatus.STALLED, 1), (START + along, IKStatus.STALLED, 1)]
-    coarse_place, coarse_turn = Tolerance(1.0, 1e-6), Tolerance(1e-6, 1.0)
-    assert (says(*answers, tolerance=coarse_place, max_restarts=1).solve(away @ np.eye(4), START).q != START).any()
-    assert (says(*answers[::-1], tolerance=coarse_turn, max_restarts=1).solve(turned, START).q == START).all()
+    beside, turned = oracles.trans(x=0.01) @ T, T @ oracles.rot_z(0.01)
+    a, b = (oracles.damped_least_squares(ARM, goal, START, damping=0.01).q[-1] for goal in (beside, turned))
+    answers = [(a, IKStatus.STALLED, 1), (b, IKStatus.STALLED, 1)]  # 0.01 m off, and 0.01 rad off
+    for order in (answers, answers[::-1]):
+        assert (says(*order, tolerance=Tolerance(1e-3, 1e-5), max_restarts=1).solve(T, START).q == a).all()
+        assert (says(*order, tolerance=Tolerance(1e-5, 1e-3), max_restarts=1).solve(T, START).q == b).all()
 
 
 def test_the_trace_is_that_of_the_attempt_whose_answer_is_given():
@@ -232,9 +233,7 @@ def test_restarts_are_drawn_inside_the_limits_and_all_over_them():
 
 
 def test_restarts_depend_on_the_problem():
-    drawn = [
-        restart_configuration(PAPER, T, q, i) for T in (TARGET, FAR) for q in (START, START + 0.1) for i in (1, 2)
-    ]
+    drawn = [restart_configuration(PAPER, T, q, i) for T in (TARGET, FAR) for q in (START, START + 0.1) for i in (1, 2)]
     assert len({d.tobytes() for d in drawn}) == 8
 
 
@@ -245,7 +244,6 @@ def test_restarts_of_free_joints_stay_within_half_a_turn():
     assert np.abs(drawn).max() > 3.0
 
 
-@pytest.mark.xfail(strict=True, reason="a half-free joint is drawn in ±π, whatever its finite limit")
 @pytest.mark.parametrize("bounds", [(5.0, np.inf), (-np.inf, -5.0)])
 def test_restarts_of_a_half_free_joint_are_inside_its_limits_and_not_all_one(bounds):
     lower, upper = np.full(6, bounds[0]), np.full(6, bounds[1])
@@ -255,7 +253,6 @@ def test_restarts_of_a_half_free_joint_are_inside_its_limits_and_not_all_one(bou
     assert (drawn.std(axis=0) > 0).all()
 
 
-@pytest.mark.xfail(strict=True, reason="-0.0 and 0.0 are the same number and give other bytes to the key")
 def test_minus_zero_is_the_same_problem_as_zero():
     other = TARGET.copy()
     other[3, 0] = -0.0
@@ -281,7 +278,7 @@ def test_a_solve_with_restarts_is_the_same_in_every_process():
             text=True,
             check=True,
             cwd=oracles.REPOSITORY,
-            env={"PYTHONHASHSEED": seed, "PYTHONPATH": str(oracles.REPOSITORY)},
+            env=os.environ | {"PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2")
     }
@@ -313,7 +310,7 @@ def test_the_time_limit_ends_the_restarts_with_its_own_status():
     assert not result
     assert result.iterations == result.restarts + 1 == len(solver.seconds)
     assert solver.seconds == sorted(solver.seconds, reverse=True)
-    assert all(s <= 0.05 for s in solver.seconds)
+    assert all(0.0 < s <= 0.05 for s in solver.seconds)
 
 
 def test_without_a_time_limit_an_attempt_has_all_the_time_there_is():
@@ -377,7 +374,6 @@ def test_an_option_out_of_range_is_refused_by_name(option, value):
         assert caught.value.argument == option
 
 
-@pytest.mark.xfail(strict=True, reason="Python's TypeError or AttributeError escapes, or nothing is raised")
 @pytest.mark.parametrize(
     ("option", "value"), [("time_limit", "1 s"), ("time_limit", True), ("tolerance", 1e-6), ("tolerance", None)]
 )
@@ -386,7 +382,6 @@ def test_an_option_of_another_kind_is_refused_by_name(option, value):
         make_solver(PAPER, "dls", **{option: value})
 
 
-@pytest.mark.xfail(strict=True, reason="Python's TypeError escapes")
 def test_a_tolerance_that_is_a_word_is_refused_by_name():
     with pytest.raises(InvalidInput):
         Tolerance("a millimetre")
@@ -420,13 +415,11 @@ def test_an_unknown_option_is_refused_by_name():
         make_solver(PAPER, "dls", dampping=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="difflib's TypeError escapes")
 def test_a_solver_that_is_no_name_is_refused():
     with pytest.raises(OptikError):
         optik.solve_ik(PAPER, TARGET, START, solver=None)
 
 
-@pytest.mark.xfail(strict=True, reason="solve_ik keeps solvers by options that are equal, and 1 == 1.0 == True")
 @pytest.mark.parametrize("value", [True, 1.0])
 def test_a_bad_option_is_refused_after_its_equal_was_accepted_too(value):
     optik.solve_ik(PAPER, TARGET, START, max_iterations=1)

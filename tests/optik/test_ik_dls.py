@@ -257,7 +257,6 @@ def test_an_option_out_of_range_is_refused_by_name(option, value):
         DLS(PAPER).with_options(**{option: value})
 
 
-@pytest.mark.xfail(strict=True, reason="NumPy's TypeError or ValueError escapes instead of InvalidInput")
 @pytest.mark.parametrize(("option", "value"), [("damping", "x"), ("damping", None), ("step", np.ones(2))])
 def test_an_option_that_is_no_number_is_refused_by_name(option, value):
     with pytest.raises(InvalidInput):

@@ -150,7 +150,6 @@ def test_the_least_squares_form_solves_an_arm_of_four_joints():
     assert np.abs(result.q - q).max() < 1e-4
 
 
-@pytest.mark.xfail(strict=True, reason="IPOPT refuses fewer joints than constraints, and iterations is stale memory")
 def test_the_constraint_form_solves_an_arm_of_four_joints():
     robot = four_joints()
     q = np.array([0.1, 0.2, 0.3, 0.4])
@@ -159,7 +158,6 @@ def test_the_constraint_form_solves_an_arm_of_four_joints():
     assert result
 
 
-@pytest.mark.xfail(strict=True, reason="CasADi warns of an overconstrained problem on the terminal")
 def test_an_arm_of_four_joints_is_quiet_too(capfd):
     robot = four_joints()
     IPOPT(robot).solve(robot.fk(np.zeros(4)), np.full(4, 0.1))
@@ -252,7 +250,6 @@ def test_solver_options_that_ipopt_does_not_know_are_refused_by_name(options):
     assert next(iter(options)) in str(caught.value)
 
 
-@pytest.mark.xfail(strict=True, reason="Python's TypeError escapes instead of InvalidInput")
 def test_solver_options_that_are_no_mapping_are_refused_by_name():
     with pytest.raises(InvalidInput):
         IPOPT(PAPER, solver_options=5)

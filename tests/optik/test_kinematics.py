@@ -201,6 +201,14 @@ def test_path_derivatives_name_the_first_configuration_that_has_lost_rank():
     assert derivatives(robot, q, np.ones((4, 3, 6)))[1] == 2
 
 
+def test_a_lost_rank_is_seen_wherever_the_wrist_is_straight():
+    robot = optik.load("paper6r")
+    q = oracles.configurations(oracles.table("paper6r"), 100, 34)
+    q[:, 4] = 0.0  # axes 4 and 6 in line
+    assert np.linalg.svd(robot.jacobian(q))[1][:, -1].max() < 1e-15
+    assert all(derivatives(robot, x[None], np.ones((1, 3, 6)))[1] == 0 for x in q)
+
+
 def test_path_derivatives_of_a_line_are_the_differences_of_its_joint_path():
     # q(s) solved by Newton along a line and differenced, beside the exact derivatives at its middle
     robot = optik.load("paper6r")

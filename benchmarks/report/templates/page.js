@@ -132,14 +132,14 @@
   }
 
   const boards = [...document.querySelectorAll("figure.board")].map(figure => new BoardView(figure));
-  const drawAll = () => boards.filter(board => !board.drawn).forEach(board => board.draw());
-  const seen = new IntersectionObserver(entries => {
-    for (const entry of entries) {
-      const board = boards.find(candidate => candidate.figure === entry.target);
-      if (entry.isIntersecting && !board.drawn) board.draw();
-    }
-  }, { rootMargin: "800px" });
-  boards.forEach(board => seen.observe(board.figure));
-  addEventListener("beforeprint", drawAll);
+  // One after another, from the top, so that the page answers in between.
+  const next = () => {
+    const board = boards.find(candidate => !candidate.drawn);
+    if (!board) return;
+    board.draw();
+    setTimeout(next);
+  };
+  next();
+  addEventListener("beforeprint", () => boards.filter(board => !board.drawn).forEach(board => board.draw()));
   dark.addEventListener("change", () => boards.filter(board => board.drawn).forEach(board => board.draw()));
 })();

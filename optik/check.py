@@ -1,0 +1,64 @@
+"""Checks of what people pass: arrays, numbers and counts, refused by name before anything is computed from them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import InvalidInput
+
+Array = NDArray[np.float64]
+
+
+def real_array(value: Any, argument: str, expected: str) -> Array:
+    """Return a C-contiguous float64 array of what came.
+
+    Raises
+    ------
+    InvalidInput
+        Words, complex numbers, ragged lists, objects.
+    """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
+        return value
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InvalidInput(argument, repr(value)[:60], expected) from None
+    if array.dtype.kind not in "iuf":
+        raise InvalidInput(argument, repr(value)[:60], expected)
+    return np.asarray(array, dtype=np.float64, order="C")
+
+
+def check_number(
+    value: Any, argument: str, expected: str, *, above: float | None = None, least: float | None = None
+) -> float:
+    """Return a finite number, above or at least so much.
+
+    Raises
+    ------
+    InvalidInput
+        Another kind of thing, NaN, infinity, or out of range.
+    """
+    good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if (
+        not good
+        or not np.isfinite(value)
+        or (above is not None and value <= above)
+        or (least is not None and value < least)
+    ):
+        raise InvalidInput(argument, repr(value)[:60], expected)
+    return float(value)
+
+
+def check_count(value: Any, argument: str, least: int) -> None:
+    """Refuse what is no whole number of at least so many.
+
+    Raises
+    ------
+    InvalidInput
+        Another kind of thing (True and 2.0 among them), or too few.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InvalidInput(argument, repr(value)[:60], f"a whole number ≥ {least}")

@@ -1,0 +1,75 @@
+"""What people pass: numbers, counts and arrays, refused by name."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from optik.check import check_count, check_number, real_array
+from optik.errors import InvalidInput
+
+
+@given(arrays(st.sampled_from(["f8", "f4", "i4", "u1", ">f8"]), array_shapes(min_dims=0, max_dims=4)))
+def test_an_array_of_numbers_is_itself_as_float64_in_c_order(value):
+    for form in (value, value.tolist(), np.asfortranarray(value), value.T):
+        got = real_array(form, "x", "numbers")
+        assert got.dtype == np.float64
+        assert got.flags.c_contiguous
+        assert got.shape == np.shape(form)
+        np.testing.assert_array_equal(got, np.array(form, dtype=float))
+
+
+BAD_ARRAYS = {
+    "a word": "abc",
+    "words": ["1", "2"],
+    "bytes": b"12",
+    "complex": [1j, 2.0],
+    "complex without imaginary parts": np.ones(3, dtype=complex),
+    "ragged": [[1], [1, 2]],
+    "None": None,
+    "Nones": [None, 1.0],
+    "a dict": {"a": 1},
+    "a set": {1.0},
+    "truths": [True, False],
+    "dates": np.array(["2020-01-01"], dtype="datetime64[D]"),
+    "objects": np.array([1.0, "a"], dtype=object),
+}
+
+
+@pytest.mark.parametrize("value", BAD_ARRAYS.values(), ids=BAD_ARRAYS.keys())
+def test_what_is_no_array_of_real_numbers_is_refused_by_name(value):
+    with pytest.raises(InvalidInput, match=r"^lengths: expected three numbers; got ") as caught:
+        real_array(value, "lengths", "three numbers")
+    assert caught.value.argument == "lengths"
+
+
+@pytest.mark.parametrize("value", [1, 1.5, np.float32(2.5), np.int8(3), np.float64(4.0)])
+def test_a_number_is_itself(value):
+    got = check_number(value, "x", "a number")
+    assert type(got) is float
+    assert got == value
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, True, "1", None, 1j, [1.0], np.ones(1), np.ones(2)])
+def test_what_is_no_finite_number_is_refused_by_name(value):
+    with pytest.raises(InvalidInput, match=r"^x: expected a number; got "):
+        check_number(value, "x", "a number")
+
+
+def test_bounds_are_kept_to_the_last_digit():
+    assert check_number(0.0, "x", "≥ 0", least=0.0) == 0.0
+    assert check_number(5e-324, "x", "above 0", above=0.0) > 0.0
+    for bounds, value in (({"least": 0.0}, -5e-324), ({"above": 0.0}, 0.0), ({"above": 0.0}, -1)):
+        with pytest.raises(InvalidInput):
+            check_number(value, "x", "more", **bounds)
+
+
+def test_a_count_is_a_whole_number_of_at_least_so_many():
+    for value in (0, 3, np.int64(3), np.uint8(3), 10**30):
+        check_count(value, "k", 0)
+    for value in (-1, True, False, 3.0, np.float64(3), "3", None, [3], np.nan):
+        with pytest.raises(InvalidInput, match=r"^k: expected a whole number ≥ 0; got "):
+            check_count(value, "k", 0)
+    with pytest.raises(InvalidInput):
+        check_count(1, "k", 2)
