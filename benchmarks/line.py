@@ -21,7 +21,7 @@ from planners.plan import Plan, plan
 
 Array = NDArray[np.float64]
 
-INSTANTS = 751
+INSTANTS = 1501
 """Instants of a motion that are kept for plots."""
 FRAMES = 61
 """Pictures of the moving arm."""
