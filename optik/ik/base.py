@@ -87,7 +87,7 @@ class IKResult(NamedTuple):
         At q, by our own forward kinematics [m, rad].
     trace : (k + 1, 6) array or None
         On request, the error twist (p_t − p, log(R_t Rᵀ)) before the first and after each of the k iterations of the
-        last attempt, base frame.
+        attempt that found q, base frame.
     message : str
         The method's own word on how it ended.
     """

@@ -298,18 +298,17 @@ def brute_extrema(trajectory: Trajectory, order: int, points: int = 200_000) -> 
     return best[0], -best[1], when[0], when[1]
 
 
-def random_trajectory(rng: np.random.Generator, pieces: int = 3, n: int = 2, jumps: bool = True) -> Trajectory:
-    """Random pieces; without jumps, every joint is continuous to the second derivative."""
+def random_trajectory(rng: np.random.Generator, pieces: int = 3, n: int = 2, smooth: int = 0) -> Trajectory:
+    """Random pieces that meet in so many orders: 0 for none, 2 for position and velocity, 3 for acceleration too."""
     x = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 1.0, pieces))])
     c = rng.normal(size=(6, pieces, n)) * np.array([3.0, 2.0, 1.0, 1.0, 1.0, 1.0])[:, None, None]
-    if not jumps:
-        for k in range(1, pieces):
-            h = x[k] - x[k - 1]
-            for j in range(n):
-                left = c[::-1, k - 1, j]
-                for order in range(3):
-                    scale = (1.0, 1.0, 2.0)[order]
-                    c[5 - order, k, j] = polynomial.polyval(h, polynomial.polyder(left, order)) / scale
+    for k in range(1, pieces):
+        h = x[k] - x[k - 1]
+        for j in range(n):
+            left = c[::-1, k - 1, j]
+            for order in range(smooth):
+                scale = (1.0, 1.0, 2.0)[order]
+                c[5 - order, k, j] = polynomial.polyval(h, polynomial.polyder(left, order)) / scale
     return Trajectory(PPoly(c, x))
 
 
