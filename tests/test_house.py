@@ -81,13 +81,7 @@ def test_there_is_something_to_read():
     assert {p.relative_to(REPOSITORY).parts[0] for p in MODULES} == set(PARTS)
 
 
-def with_known_bugs(path):
-    known = {"benchmarks/__init__.py": "its docstring is a full stop"}
-    marks = pytest.mark.xfail(strict=True, reason=known[relative(path)]) if relative(path) in known else ()
-    return pytest.param(path, marks=marks, id=relative(path))
-
-
-@pytest.mark.parametrize("path", map(with_known_bugs, MODULES))
+@pytest.mark.parametrize("path", MODULES, ids=relative)
 def test_every_file_says_its_job_in_its_first_line(path):
     docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
     assert docstring

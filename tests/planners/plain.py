@@ -42,22 +42,33 @@ def shift(x: float, z: float) -> Array:
     return T
 
 
-# (α_{i−1} in degrees, a_{i−1}, d_i): the paper's Table 1, corrected
+# modified tables, (α_{i−1} in degrees, a_{i−1}, d_i): the paper's Table 1, corrected; and an arm whose third joint slides
 PAPER6R = [(90, 0, 0), (-90, 0, 0), (0, 0.472, 0), (-90, 0.055, 0.470), (90, 0, 0), (-90, 0, 0.261)]
-# (a_i, α_i in degrees, d_i)
+SLIDING = [(0, 0, 0.4), (-90, 0, 0.15), (90, 0, 0), (0, 0, 0), (-90, 0, 0), (90, 0, 0.2)]
+# standard table, (a_i, α_i in degrees, d_i)
 UR5E = [(0, 90, 0.1625), (-0.425, 0, 0), (-0.3922, 0, 0), (0, 90, 0.1333), (0, -90, 0.0997), (0, 0, 0.0996)]
+
+
+@cache
+def chain(arm: str) -> tuple[tuple[Array, ...], Array, tuple[bool, ...]]:
+    """What stands before each joint, what stands after the last, and which joints slide."""
+    if arm == "ur5e":
+        links = [shift(a, 0.0) @ rot_x(np.deg2rad(alpha)) for a, alpha, _ in UR5E]
+        heights = [shift(0.0, d) for _, _, d in UR5E]
+        before = tuple(b @ h for b, h in zip([np.eye(4), *links[:-1]], heights, strict=True))
+        return before, links[-1], (False,) * 6
+    table = {"paper6r": PAPER6R, "sliding": SLIDING}[arm]
+    before = tuple(rot_x(np.deg2rad(alpha)) @ shift(a, 0.0) @ shift(0.0, d) for alpha, a, d in table)
+    return before, np.eye(4), tuple(arm == "sliding" and i == 2 for i in range(6))
 
 
 def fk(q: Array, arm: str = "paper6r") -> Array:
     """Tool pose, link by link."""
+    before, after, slides = chain(arm)
     T = np.eye(4)
-    if arm == "paper6r":
-        for (alpha, a, d), angle in zip(PAPER6R, q, strict=True):
-            T = T @ rot_x(np.deg2rad(alpha)) @ shift(a, 0.0) @ rot_z(angle) @ shift(0.0, d)
-    else:
-        for (a, alpha, d), angle in zip(UR5E, q, strict=True):
-            T = T @ rot_z(angle) @ shift(0.0, d) @ shift(a, 0.0) @ rot_x(np.deg2rad(alpha))
-    return T
+    for link, x, slide in zip(before, q, slides, strict=True):
+        T = T @ link @ (shift(0.0, x) if slide else rot_z(x))
+    return T @ after
 
 
 def twist_to(T: Array, target: Array) -> Array:
@@ -130,16 +141,20 @@ def _constant(T: Array) -> Array:
     return out
 
 
-def fk_series(q: Array) -> Array:
-    """Tool pose of the paper's arm as a power series (TERMS, 4, 4) of q as power series (TERMS, 6)."""
+def fk_series(q: Array, arm: str) -> Array:
+    """Tool pose as a power series (TERMS, 4, 4) of q as power series (TERMS, 6)."""
+    before, after, slides = chain(arm)
     T = _constant(np.eye(4))
-    for i, (alpha, a, d) in enumerate(PAPER6R):
-        c, s = _cos_sin(q[:, i])
-        turn = _constant(np.diag([0.0, 0.0, 1.0, 1.0]))
-        turn[:, 0, 0] = turn[:, 1, 1] = c
-        turn[:, 1, 0], turn[:, 0, 1] = s, -s
-        T = _times(_times(_times(T, _constant(rot_x(np.deg2rad(alpha)) @ shift(a, 0.0))), turn), _constant(shift(0, d)))
-    return T
+    for i, link in enumerate(before):
+        motion = _constant(np.eye(4))
+        if slides[i]:
+            motion[:, 2, 3] = q[:, i]
+        else:
+            c, s = _cos_sin(q[:, i])
+            motion[:, 0, 0] = motion[:, 1, 1] = c
+            motion[:, 1, 0], motion[:, 0, 1] = s, -s
+        T = _times(_times(T, _constant(link)), motion)
+    return _times(T, _constant(after))
 
 
 def pose_series(start: Array, goal: Array, s: float, end: float) -> Array:
@@ -157,16 +172,16 @@ def pose_series(start: Array, goal: Array, s: float, end: float) -> Array:
     return out
 
 
-def derivatives_along(start: Array, goal: Array, s: float, end: float, guess: Array) -> Array:
+def derivatives_along(start: Array, goal: Array, s: float, end: float, guess: Array, arm: str = "paper6r") -> Array:
     """q, q', q'', q''' (4, 6) of the configuration that follows the line, by Newton on power series; no differences."""
     target = pose_series(start, goal, s, end)
     at = np.eye(4)
     at[:3] = target[0][:3]
     q = np.zeros((TERMS, 6))
-    q[0] = newton(at, guess)
-    J = jacobian(q[0])
+    q[0] = newton(at, guess, arm)
+    J = jacobian(q[0], arm)
     for _ in range(12):
-        T = fk_series(q)
+        T = fk_series(q, arm)
         transposed = np.swapaxes(T, 1, 2).copy()
         R = _times(target[:, :3, :3], transposed[:, :3, :3])
         e = np.empty((TERMS, 6))
@@ -328,3 +343,34 @@ def s_curve(end: float, jerk: float, ramp: float, hold: float = 0.0) -> PPoly:
         s, v, a = s + v * h + a * h * h / 2 + j * h**3 / 6, v + a * h + j * h * h / 2, a + j * h
         t.append(t[-1] + h)
     return PPoly(np.array(rows).T * (end / s), np.array(t))
+
+
+# ---------------------------------------------------------------- the best of uniform bounds
+
+
+def double_s(length: float, v: Array, a: Array, j: Array) -> Array:
+    """Duration from rest to rest under bounds on speed, acceleration and jerk (Biagiotti and Melchiorri, §3.4)."""
+    ramp = np.where(v * j >= a * a, v / a + a / j, 2.0 * np.sqrt(v / j))
+    cruising = length / v + ramp
+    with np.errstate(invalid="ignore"):
+        peak = 0.5 * a * (np.sqrt((a / j) ** 2 + 4.0 * length / a) - a / j)
+        trapezoid = 2.0 * (peak / a + a / j)
+    wedge = 4.0 * np.cbrt(length / (2.0 * j))
+    short = np.where(peak >= a * a / j, trapezoid, wedge)
+    return np.asarray(np.where(length >= v * ramp, cruising, short))
+
+
+def best_uniform(joint_path: JointPath, velocity: float, acceleration: float, jerk: float) -> float:
+    """Duration of the best motion whose bounds on ṡ, s̈, s⃛ are the same all along the path: a fine grid, no wit."""
+    s = np.linspace(0.0, joint_path.end, 151)
+    q1, q2, q3 = (np.abs(joint_path(s, order)).reshape(-1, 1) for order in (1, 2, 3))
+    best = np.inf
+    shares = np.geomspace(1e-3, 1.0, 200)
+    fastest = min(velocity / q1.max(), np.sqrt(acceleration / q2.max()), np.cbrt(jerk / q3.max()))
+    for v in fastest * np.geomspace(1e-3, 1.0, 150):
+        a = shares * ((acceleration - q2 * v * v) / q1).min()
+        j = ((jerk - 3.0 * q2 * v * a - q3 * v**3) / q1).min(axis=0)
+        good = (a > 0.0) & (j > 0.0)
+        if good.any():
+            best = min(best, float(double_s(joint_path.end, np.full(good.sum(), v), a[good], j[good]).min()))
+    return best

@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.ik import IKSolver, Tolerance, make_solver
 from optik.ik.base import Attempt, IKStatus
 from optik.ik.dls import DLS
-from optik.robot import JointLimits, load
+from optik.robot import DHRow, JointLimits, load
 from planners import Followed, FollowStatus, JointPath, Line, follow
 from tests.planners import plain
 from tests.planners.plain import MOVE, START, default_joint_path, default_line, paper6r, random_joint_paths
@@ -198,6 +198,25 @@ def test_an_arm_of_another_convention_is_followed_as_well() -> None:
     for s, at in zip(joint_path.knots[::10], joint_path.q[::10], strict=True):
         wanted = plain.line_pose(line.start, line.goal, s / line.end)
         assert max(plain.distance(plain.fk(at, "ur5e"), wanted)) <= 1e-12
+
+
+def test_an_arm_with_a_joint_that_slides_is_followed_with_exact_derivatives() -> None:
+    rows = [DHRow(a=a, alpha=np.deg2rad(alpha), d=d, prismatic=i == 2) for i, (alpha, a, d) in enumerate(plain.SLIDING)]
+    robot = Robot.from_mdh(rows, JointLimits(np.full(6, -3.0), np.full(6, 3.0)), name="sliding")
+    q = np.array([0.3, -0.8, 0.5, 0.4, 0.9, -0.2])
+    start = robot.fk(q)
+    np.testing.assert_allclose(start, plain.fk(q, "sliding"), rtol=0.0, atol=1e-14)
+    line = Line(start, plain.moved(start, np.array([0.1, 0.08, -0.06]), np.array([0.2, -0.1, 0.3])))
+    joint_path = follow(make_solver(robot, "dls"), line, q).joint_path
+    assert joint_path is not None
+    assert np.ptp(joint_path.q[:, 2]) > 0.02, "the sliding joint takes part"
+    for i in (0, 60, 150):
+        s = joint_path.knots[i]
+        exact = plain.derivatives_along(line.start, line.goal, s, line.end, joint_path.q[i], "sliding")
+        np.testing.assert_allclose(joint_path.q[i], exact[0], rtol=0.0, atol=1e-12)
+        for order in (1, 2, 3):
+            size = np.abs(exact[order]).max()
+            np.testing.assert_allclose(joint_path.derivatives[i, order - 1], exact[order], rtol=0.0, atol=1e-10 * size)
 
 
 def test_a_start_within_a_reading_of_the_path_is_put_on_it() -> None:

@@ -152,6 +152,24 @@ def test_a_short_line_takes_the_time_of_the_closed_form(length: float) -> None:
     assert trajectory.duration == pytest.approx((32.0 * length * steepest / 100.0) ** (1 / 3), rel=0.02 * length / 1e-2)
 
 
+@lines
+@limit_sets
+def test_no_uniform_bounds_on_s_are_much_faster(joint_path: JointPath, limits: MotionLimits) -> None:
+    trajectory = make_law("ruckig").run(joint_path, limits)
+    assert trajectory.duration <= 1.01 * plain.best_uniform(
+        joint_path, limits.velocity, limits.acceleration, limits.jerk
+    )
+
+
+def test_where_jerk_alone_limits_the_time_goes_with_its_cube_root() -> None:
+    for joint_path in (default_joint_path(), random_joint_paths(1)[0]):
+        durations = [
+            make_law("ruckig").run(joint_path, MotionLimits(1e3, 1e3, j)).duration * np.cbrt(j)
+            for j in (1e-3, 1e-1, 10.0, 1e3)
+        ]
+        np.testing.assert_allclose(durations, durations[0], rtol=0.01)
+
+
 @pytest.mark.parametrize("length", [1e-5, 1e-6])
 def test_a_very_short_line_has_a_motion_too(length: float) -> None:
     line = default_line()
