@@ -103,12 +103,28 @@ class RunFolder:
     # ------------------------------------------------------------ reading
 
     def read(self, name: str) -> pl.DataFrame | None:
-        """One Parquet part, None where it is not there."""
-        return pl.read_parquet(self.path / name) if self.has(name) else None
+        """One Parquet part, None where it is not there.
+
+        Raises
+        ------
+        InvalidInput
+            The part is damaged.
+        """
+        if not self.has(name):
+            return None
+        try:
+            return pl.read_parquet(self.path / name)
+        except (pl.exceptions.PolarsError, OSError):
+            raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
     def read_json(self, name: str) -> Any:
         """Plain data, None where it is not there."""
-        return json.loads((self.path / name).read_text(encoding="utf-8")) if self.has(name) else None
+        if not self.has(name):
+            return None
+        try:
+            return json.loads((self.path / name).read_text(encoding="utf-8"))
+        except ValueError:
+            raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
     def rows(self, block: str) -> pl.DataFrame | None:
         """All IK rows of a block, joined with its problems and sorted; None where nothing was run.
@@ -119,7 +135,7 @@ class RunFolder:
         problems = self.read(f"problems/{slug(block)}.parquet")
         if not parts or problems is None:
             return None
-        rows = pl.concat([pl.read_parquet(p) for p in parts])
+        rows = pl.concat([part for p in parts if (part := self.read(f"ik/{p.name}")) is not None])
         joined = rows.join(problems.drop("target", "start"), on="problem")
         solved = (pl.col("status") == "solved").any().over("problem")
         return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 ROTATION_TOLERANCE = 1e-6
 """Largest departure from RᵀR = I that still counts as a rotation (measured poses come with 1e-7 of noise)."""
 
+FARTHEST = 1e6
+"""Positions beyond this [m] are no place for an arm, and their squares lose the millimetres."""
+
 
 # ---------------------------------------------------------------- compiled, on plain arrays
 
@@ -88,12 +91,12 @@ def pose_error(T: Array, target: Array, out: Array) -> None:
 
 @compiled
 def is_pose(T: Array) -> bool:
-    """Whether T (4, 4) is a pose: finite, last row (0, 0, 0, 1), a rotation within `ROTATION_TOLERANCE`."""
+    """Whether T (4, 4) is a pose: position within `FARTHEST`, last row (0, 0, 0, 1), a rotation within `ROTATION_TOLERANCE`."""
     for j in range(4):
         if not abs(T[3, j] - (1.0 if j == 3 else 0.0)) <= 1e-9:
             return False
     for i in range(3):
-        if not abs(T[i, 3]) < np.inf:
+        if not abs(T[i, 3]) <= 1e6:
             return False
         for j in range(i + 1):
             dot = T[0, i] * T[0, j] + T[1, i] * T[1, j] + T[2, i] * T[2, j]
@@ -218,6 +221,8 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
         raise InvalidInput(argument, f"shape {T.shape}{hint}", "a pose of shape (4, 4)")
     if not np.isfinite(T).all():
         raise InvalidInput(argument, "NaN or infinity in it", "a pose of finite numbers")
+    if np.abs(T[:3, 3]).max() > FARTHEST:
+        raise InvalidInput(argument, f"a position {np.abs(T[:3, 3]).max():.3g} m away", "a position within 1e6 m")
     if np.abs(T[:3, :3]).max() > 2.0:
         raise InvalidInput(argument, f"{np.abs(T[:3, :3]).max():.3g} in its 3×3 part", "a rotation (entries within ±1)")
     if np.abs(T[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 JUMP = 1e-5
 """A derivative jumps where its one-sided values differ by more than this part of its greatest value: above rounding."""
 
+PERIODS = 1_000_000
+"""Most periods of a controller that are all looked at."""
+
 
 class Extreme(NamedTuple):
     """Exact worst absolute value of each joint (n,), over its limit (n,), and when [s] (n,)."""
@@ -262,8 +265,12 @@ def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
     if not (np.isfinite(rate) and rate > 0.0):
         raise InvalidInput("rate", rate, "samples per second, above 0")
     periods = max(int(trajectory.end * rate + 1e-9), 1)
-    t = np.minimum(np.arange(periods + 1) / rate, trajectory.end)
-    difference: Array = np.abs(np.diff(trajectory(t, 2), axis=0)).max(axis=0) * rate
+    first = np.arange(min(periods, PERIODS))
+    if periods > PERIODS:  # a motion of days: those around the knots, where accelerations change fastest, and a sample
+        around = np.floor(trajectory.knots[:, None] * rate) + np.arange(-1, 2)
+        first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])
+    begin, end = (np.minimum(np.floor(i) / rate, trajectory.end) for i in (first, first + 1))
+    difference: Array = np.abs(trajectory(end, 2) - trajectory(begin, 2)).max(axis=0) * rate
     return difference
 
 

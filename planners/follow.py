@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,10 @@ POLISH_MOVES = 0.02
 
 AT_LIMIT = 1e-3
 """How near a joint stands to its limit to be named as what stops a path [rad or m]."""
+
+
+APART = 2e-4
+"""Least distance of spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3 in the third derivative."""
 
 
 class FollowStatus(StrEnum):
@@ -84,6 +88,9 @@ class JointPath(Curve):
         What it follows; s has its unit.
     knots : (k,) array
         The samples in s.
+    nodes : (m,) array
+        The knots that the spline passes through: those at least `APART` from each other, so that rounding in q does not
+        show in q'''.
     q : (k, n) array
         Configurations there.
     derivatives : (k, 3, n) array
@@ -99,7 +106,9 @@ class JointPath(Curve):
     def __init__(self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord) -> None:
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
         self.singular_values = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
-        spline = through(knots, q, derivatives[:, 0], derivatives[:, 1])
+        chosen = _apart(knots)
+        self.nodes = knots[chosen]
+        spline = through(self.nodes, q[chosen], derivatives[chosen, 0], derivatives[chosen, 1])
         self._orders = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
 
     @property
@@ -113,8 +122,8 @@ class JointPath(Curve):
 
     @cached_property
     def deviation(self) -> tuple[float, float]:
-        """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two knots."""
-        worst = _between(self, np.arange(1, 8) / 8.0)
+        """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
+        worst = _between(self.robot, self.path, self._orders[0], np.arange(1, 8) / 8.0)
         return float(worst[:, 0].max()), float(worst[:, 1].max())
 
 
@@ -231,11 +240,9 @@ def _checked(
     derivatives = np.empty((good, 3, robot.n))
     twists = np.stack([path.twist(knots[:good], order) for order in (1, 2, 3)], axis=1)
     kinematics.path_derivatives(robot.fixed, robot.prismatic, robot.tool, q[:good], twists, derivatives)
-    joint_path = JointPath(robot, path, knots[:good], q[:good], derivatives, _cut(record, good))
-    off = np.r_[0.0, _between(joint_path, np.array([0.5])).max(axis=1)]
+    spline = through(knots[:good], q[:good], derivatives[:, 0], derivatives[:, 1])
+    off = np.r_[0.0, _between(robot, path, spline, np.array([0.5])).max(axis=1)]
     kept, stop = _before_first(off > PATH_TOLERANCE, lambda i: _off(knots[i], off[i]), stop)
-    if kept == good:
-        return Followed(joint_path, stop)
     if kept < 2:
         return Followed(None, stop)
     return Followed(JointPath(robot, path, knots[:kept], q[:kept], derivatives[:kept], _cut(record, kept)), stop)
@@ -249,17 +256,25 @@ def _before_first(wrong: Bools, why: Callable[[int], Stop], stop: Stop | None) -
     return i, why(i)
 
 
+def _apart(knots: Array) -> NDArray[np.int64]:
+    """Indices of knots that stand apart; the ends always."""
+    chosen = [0]
+    for i in range(1, len(knots) - 1):
+        if knots[i] - knots[chosen[-1]] >= APART and knots[-1] - knots[i] >= APART:
+            chosen.append(i)
+    return np.array([*chosen, len(knots) - 1])
+
+
 def _cut(record: IKRecord, k: int) -> IKRecord:
     return IKRecord(record.position_error[:k], record.rotation_error[:k], record.iterations[:k])
 
 
-def _between(joint_path: JointPath, fractions: Array) -> Array:
-    """Worst distance [m] and angle [rad] to the path in each interval between knots, (k − 1, 2)."""
-    x = joint_path.knots
-    s = x[:-1, None] + np.diff(x)[:, None] * fractions
-    e = se3.error(joint_path.robot.fk(joint_path(s.ravel())), joint_path.path.pose(s.ravel()))
+def _between(robot: Robot, path: Path, spline: Any, fractions: Array) -> Array:
+    """Worst distance [m] and angle [rad] to the path at the same s in each interval of a spline, (k − 1, 2)."""
+    s = (spline.x[:-1, None] + np.diff(spline.x)[:, None] * fractions).ravel()
+    e = se3.error(robot.fk(spline(s)), path.pose(s))
     norms = np.stack([np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)], axis=1)
-    worst: Array = norms.reshape(*s.shape, 2).max(axis=1)
+    worst: Array = norms.reshape(-1, fractions.size, 2).max(axis=1)
     return worst
 
 

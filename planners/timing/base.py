@@ -97,7 +97,7 @@ class TimeLaw(ABC):
 
 def derivatives_at(joint_path: JointPath, per_interval: int = 2) -> tuple[Array, Array, Array]:
     """|q'|, |q''|, |q'''| (k, n) on a dense grid in s: the coefficients of a law's limits."""
-    x = joint_path.knots
+    x = joint_path.nodes
     s = np.append((x[:-1, None] + np.diff(x)[:, None] * (np.arange(per_interval) / per_interval)).ravel(), x[-1])
     q1, q2, q3 = (np.abs(joint_path(s, order)) for order in (1, 2, 3))
     return q1, q2, q3
@@ -141,12 +141,13 @@ def refit(joint_path: JointPath, law: Any, jerk_scale: ArrayLike = 1.0) -> Traje
 
 
 def _first_knots(joint_path: JointPath, law: Any) -> Array:
-    """Switches of the law, and the times at which the path's knots are passed, where those stand well apart."""
+    """Switches of the law, and the times at which the path's nodes are passed, where those stand well apart."""
     switches = law.x
-    lo, hi = np.zeros(joint_path.knots.size), np.full(joint_path.knots.size, switches[-1])
+    nodes = joint_path.nodes
+    lo, hi = np.zeros(nodes.size), np.full(nodes.size, switches[-1])
     for _ in range(60):  # s(t) increases: bisect all knots together
         t = 0.5 * (lo + hi)
-        below = law(t) < joint_path.knots
+        below = law(t) < nodes
         lo, hi = np.where(below, t, lo), np.where(below, hi, t)
     passed = t[1:-1]
     apart = 2e-3 if switches[-1] > 0.1 else 2e-2 * switches[-1]

@@ -44,17 +44,17 @@ class RuckigLaw(TimeLaw):
         if bounds is None:
             raise NoSolution("no motion along s keeps the joint limits", advice="higher limits, or another path")
         trajectory = refit(joint_path, _profile(joint_path.end, *bounds), bound["jerk"])
-        return trajectory.slowed(slow_down(trajectory, bound))
+        margin = 1e-12
+        while (factor := slow_down(trajectory, bound)) > 1.0:  # again where rounding in the slowed one still exceeds
+            trajectory = trajectory.slowed(factor * (1.0 + margin))
+            margin *= 10.0
+        return trajectory
 
 
-def slow_down(trajectory: Trajectory, bound: dict[str, Array], orders: tuple[str, ...] = DERIVATIVES) -> float:
+def slow_down(trajectory: Trajectory, bound: dict[str, Array]) -> float:
     """Least factor ≥ 1 by which a motion must be slowed so that its exact extrema keep the limits."""
-    factor = 1.0
-    for order, field in enumerate(DERIVATIVES, start=1):
-        if field in orders:
-            ratio = float((trajectory.extrema(order).worst / bound[field]).max())
-            factor = max(factor, ratio ** (1.0 / order))
-    return factor * (1.0 + 1e-12) if factor > 1.0 else 1.0
+    ratios = ((trajectory.extrema(i).worst / bound[field]).max() for i, field in enumerate(DERIVATIVES, start=1))
+    return max(1.0, *(float(ratio) ** (1.0 / order) for order, ratio in enumerate(ratios, start=1)))
 
 
 def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, float, float] | None:
@@ -94,14 +94,20 @@ def _solved(length: float, v: float, a: float, j: float) -> Any:
     problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
     problem.current_position, problem.target_position = [0.0], [length]
     problem.max_velocity, problem.max_acceleration, problem.max_jerk = [v], [a], [j]
-    result = ruckig.Ruckig(1).calculate(problem, answer)
+    try:
+        result = ruckig.Ruckig(1).calculate(problem, answer)
+    except ruckig.RuckigError:  # numbers too far apart for its roots
+        result = ruckig.Result.Error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise NoSolution(f"Ruckig found no motion along s ({result})")
     return answer
 
 
 def _duration(length: float, v: float, a: float, j: float) -> float:
-    return float(_solved(length, v, a, j).duration)
+    try:
+        return float(_solved(length, v, a, j).duration)
+    except NoSolution:
+        return float("inf")
 
 
 def _profile(length: float, v: float, a: float, j: float) -> Any:

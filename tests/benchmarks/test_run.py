@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -178,6 +179,18 @@ def test_a_smaller_choice_of_problems_is_part_of_a_larger_one() -> None:
 def test_slugs_spell_greek_and_keep_labels_apart() -> None:
     assert slug("dls λ=0.01") == "dls-lambda-0.01"
     assert slug("α=0.25") != slug("α=0.5")
+
+
+def test_a_damaged_part_is_named(small_run: RunFolder, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(small_run.path, copy)
+    part = next((copy / "ik").iterdir())
+    part.write_bytes(part.read_bytes()[:100])
+    with pytest.raises(InvalidInput, match="damaged"):
+        RunFolder(copy).rows("workspace" if part.name.startswith("workspace") else "misprint")
+    (copy / "line" / "plans.json").write_text("[")
+    with pytest.raises(InvalidInput, match="damaged"):
+        RunFolder(copy).read_json("line/plans.json")
 
 
 def test_a_folder_that_is_no_run_is_said(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """IPOPT's formulation: what it solves, what it counts, what it says, and that it says nothing aloud."""
 
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -181,6 +183,17 @@ def test_the_trace_has_the_start_and_one_row_an_iteration_and_ends_at_the_answer
 
 
 @each_form
+def test_row_k_of_the_trace_is_the_error_of_the_run_stopped_at_k(form):
+    solver, arm = IPOPT(PAPER, form=form), oracles.table("paper6r")
+    target, start = PAPER.fk(START), np.clip(START + 0.4, PAPER.limits.lower, PAPER.limits.upper)
+    whole = solver.solve(target, start, trace=True)
+    assert whole.iterations >= 4
+    for k in range(1, whole.iterations):
+        q = solver.with_options(max_iterations=k).solve(target, start).q
+        assert np.abs(whole.trace[k] - oracles.error(oracles.fk(arm, q), target)).max() < 1e-7
+
+
+@each_form
 def test_a_trace_changes_nothing_else_and_is_kept_only_on_request(form):
     solver = IPOPT(PAPER, form=form)
     for target, start in zip(*problems("paper6r", 5, 57), strict=True):
@@ -221,6 +234,22 @@ def test_building_and_solving_say_nothing_aloud(form, capfd):
         IPOPT(PAPER, form=form, solver_options={"no_such_option": 1})
     captured = capfd.readouterr()
     assert captured.out + captured.err == ""
+
+
+FIRST = """
+import optik
+robot = optik.load("paper6r")
+optik.solve_ik(robot, robot.fk([0.1] * 6), [0.2] * 6, solver="ipopt", form={!r})
+"""
+
+
+@each_form
+def test_the_first_solve_of_a_process_says_nothing_aloud(form):
+    # IPOPT greets once a process, so only a fresh one can tell
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST.format(form)], capture_output=True, check=True, cwd=oracles.REPOSITORY
+    )
+    assert done.stdout + done.stderr == b""
 
 
 # ---------------------------------------------------------------- options

@@ -251,6 +251,13 @@ def test_every_pose_passes_the_check_unchanged(T):
     assert (se3.check_pose(np.asfortranarray(T), "T") == T).all()
 
 
+def test_a_position_is_within_a_thousand_kilometres():
+    for x in (1e6, -1e6):
+        se3.check_pose(oracles.trans(y=x), "T")
+        with pytest.raises(InvalidInput, match=r"^T: .*1e6 m"):
+            se3.check_pose(oracles.trans(y=1.001 * x), "T")
+
+
 @pytest.mark.parametrize("rotvec", AXES[:20])
 def test_noise_of_a_measured_pose_passes_and_a_thousandth_does_not(rotvec):
     rng = np.random.default_rng(2)

@@ -459,15 +459,27 @@ def test_a_jump_to_another_branch_is_caught(other: Any, joint: str) -> None:
     assert followed.stop.joint == joint
 
 
-def test_a_small_jump_is_caught_because_the_tool_leaves_the_path_between_samples() -> None:
+@pytest.mark.parametrize("length", [0.04, 0.001])
+def test_a_small_jump_is_caught_because_the_tool_leaves_the_path_between_samples(length: float) -> None:
     q = np.array([0.3, -0.4, STRETCHED + 0.06, 0.4, 0.8, 0.2])
-    start = ROBOT.fk(q)
-    inward = -wrist(q) / np.linalg.norm(wrist(q))
-    line = Line(start, plain.moved(start, 5e-5 * inward + 1e-3 * np.cross(inward, [0.0, 0.0, 1.0])))
+    start, w = ROBOT.fk(q), wrist(q)
+    aside = np.cross(w, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(w, [0.0, 0.0, 1.0]))
+    angle = 2.0 * np.arcsin(
+        0.5 * length / np.linalg.norm(w)
+    )  # a chord: the elbow is as bent at its end as at its start
+    line = Line(start, plain.moved(start, (np.cos(angle) - 1.0) * w + np.sin(angle) * np.linalg.norm(w) * aside))
+    assert line.end == pytest.approx(length)
     assert follow(make_solver(ROBOT, "dls"), line, q)
     followed = follow(flip(ROBOT, line, other_elbow), line, q)
-    check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
-    jump = np.abs(other_elbow(line(0.5 * line.end), q) - q).max()
+    assert followed.stop is not None
+    assert followed.joint_path is not None
+    if length > 0.03:
+        check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
+    else:  # samples nearer to each other than the spline's nodes: what lies around the jump is left out with it
+        assert followed.stop.status is FollowStatus.BRANCH_JUMP
+        assert 0.0 <= 76 / 150 * line.end - followed.stop.s <= 2.1e-4
+        check_good(followed.joint_path, line.start, line.goal)
+    jump = np.abs(other_elbow(line(0.5 * line.end), followed.joint_path.q[-1]) - followed.joint_path.q[-1]).max()
     assert 0.05 < jump < 0.25, "small enough for the step, so it was caught by the midpoint"
 
 

@@ -14,7 +14,8 @@ from scipy.interpolate import PPoly
 
 import planners.timing.ruckig as ruckig_law
 from optik.errors import InvalidInput
-from planners import JointPath, MotionLimits, Trajectory, certify, make_law
+from optik.ik import make_solver
+from planners import JointPath, MotionLimits, Trajectory, certify, follow, make_law
 from planners.timing.base import refit
 from planners.timing.toppra import constant_acceleration
 from tests.planners import plain
@@ -185,12 +186,30 @@ def test_a_jerk_limit_far_below_the_others_has_a_motion_too(limits: tuple[float,
     assert trajectory.extrema(3).worst.max() <= limits[2]
 
 
+def test_a_jerk_limit_far_above_the_others_is_kept_exactly_too() -> None:
+    for path, limits in (
+        (default_joint_path(), (2.0, 1e-2, 1e4)),
+        *((path, (1.0, 1e-3, 1e3)) for path in random_joint_paths(3)),
+    ):
+        trajectory = make_law("ruckig").run(path, MotionLimits(*limits))
+        for order, limit in enumerate(limits, start=1):
+            assert trajectory.extrema(order).worst.max() <= limit
+
+
 def test_infinite_limits_are_free_or_refused() -> None:
     try:
         trajectory = make_law("ruckig").run(default_joint_path(), MotionLimits(2.0, np.inf, np.inf))
     except InvalidInput:
         return
     assert trajectory.extrema(1).worst.max() <= 2.0
+
+
+def test_samples_close_together_do_not_slow_the_motion() -> None:
+    line = default_line()
+    dense = follow(make_solver(paper6r(), "dls"), line, plain.START, samples=20_001).joint_path
+    assert dense is not None
+    durations = [make_law("ruckig").run(path, LIMITS).duration for path in (default_joint_path(), dense)]
+    assert durations[1] == pytest.approx(durations[0], rel=5e-3)
 
 
 # ---------------------------------------------------------------- toppra
