@@ -53,8 +53,11 @@ class RuckigLaw(TimeLaw):
 
 def slow_down(trajectory: Trajectory, bound: dict[str, Array]) -> float:
     """Least factor ≥ 1 by which a motion must be slowed so that its exact extrema keep the limits."""
-    ratios = ((trajectory.extrema(i).worst / bound[field]).max() for i, field in enumerate(DERIVATIVES, start=1))
-    return max(1.0, *(float(ratio) ** (1.0 / order) for order, ratio in enumerate(ratios, start=1)))
+    factor = 1.0
+    for order, field in enumerate(DERIVATIVES, start=1):
+        ratio = float((trajectory.extrema(order).worst / bound[field]).max())
+        factor = max(factor, ratio ** (1.0 / order))
+    return factor
 
 
 def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, float, float] | None:
