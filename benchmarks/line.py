@@ -15,7 +15,7 @@ from benchmarks.suite import LineTask
 from optik import se3
 from optik.ik import make_solver
 from optik.robot import load
-from planners.certificate import plain
+from planners.certificate import plain, steps
 from planners.paths.line import Line
 from planners.plan import Plan, plan
 
@@ -85,7 +85,7 @@ def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
         }
         t = planned.trajectory
         out["jumps"] = {
-            name: plain(np.abs(t.jumps(order)).max(axis=0, initial=0.0))
+            name: plain(np.abs(steps(t, order)).max(axis=0))
             for order, name in enumerate(("position", "velocity", "acceleration", "jerk"))
         }
     return out

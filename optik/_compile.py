@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
@@ -11,6 +14,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """Compile a plain function over arrays on first use; the type checker keeps its signature."""
+    """Compile a plain function over arrays on first use; the type checker keeps its signature.
+
+    Numba looks only at a function's own file to see whether its cached code is stale, but the code of whatever it calls
+    is compiled into it. So the cache is keyed by the sources of the whole package, through the function's name.
+    """
+    function.__qualname__ += f"_{_sources(Path(function.__code__.co_filename).parent)}"
     result: F = numba.njit(cache=True, error_model="numpy")(function)
     return result
+
+
+@cache
+def _sources(folder: Path) -> str:
+    """Fingerprint of optik's sources, and of those in the function's folder."""
+    digest = hashlib.sha256()
+    for root in sorted({Path(__file__).parent, folder}):
+        for file in sorted(root.rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik import se3
-from optik.check import check_count
+from optik.check import check_count, check_number
 from optik.errors import InvalidInput
 from optik.robot import LIMIT_TOLERANCE, Robot
 from planners.paths.base import Path
@@ -242,14 +242,14 @@ def _extreme(trajectory: Trajectory, order: int, bound: Array) -> Extreme:
 def _jumps(trajectory: Trajectory, order: int) -> NDArray[np.bool_]:
     """Where (m + 1, n) a derivative steps by more than rounding."""
     scale = trajectory.extrema(order).worst.max()
-    return np.asarray(np.abs(_steps(trajectory, order)) > JUMP * max(scale, 1e-12))
+    return np.asarray(np.abs(steps(trajectory, order)) > JUMP * max(scale, 1e-12))
 
 
 def _infinite_at_jumps(
     trajectory: Trajectory, order: int, extreme: Extreme, jumps: NDArray[np.bool_], bound: Array
 ) -> Extreme:
     """Extreme of the derivative of what jumps: infinite, at the largest jump of each joint."""
-    size = np.where(jumps, np.abs(_steps(trajectory, order)), 0.0)
+    size = np.where(jumps, np.abs(steps(trajectory, order)), 0.0)
     jumping = jumps.any(axis=0)
     when = trajectory.knots[size.argmax(axis=0)]
     infinite = np.where(np.isfinite(bound), np.inf, np.nan)
@@ -262,8 +262,7 @@ def _infinite_at_jumps(
 
 def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
     """Largest difference of accelerations over whole periods of a controller, over the period."""
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise InvalidInput("rate", rate, "samples per second, above 0")
+    check_number(rate, "rate", "samples per second, above 0", above=0.0)
     periods = max(int(trajectory.end * rate + 1e-9), 1)
     first = np.arange(min(periods, PERIODS))
     if periods > PERIODS:  # a motion of days: those around the knots, where accelerations change fastest, and a sample
@@ -288,8 +287,8 @@ def _rest(trajectory: Trajectory) -> tuple[bool, bool]:
     return bool((np.abs(first[0]) <= slow).all()), bool((np.abs(last[-1]) <= slow).all())
 
 
-def _steps(trajectory: Trajectory, order: int) -> Array:
-    """Steps (m + 1, n) of a derivative at all knots; an end at rest counts as standstill before or after it."""
+def steps(trajectory: Trajectory, order: int) -> Array:
+    """How far (m + 1, n) a derivative steps at all knots; an end at rest counts as standstill before or after it."""
     first, last = trajectory.ends(order)
     start, end = _rest(trajectory) if order else (False, False)  # standstill is somewhere: q does not jump to it
     before = first[:1] if start else np.zeros_like(first[:1])

@@ -48,6 +48,10 @@ APART = 2e-4
 """Least distance of spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3 in the third derivative."""
 
 
+MOST_SAMPLES = 100_000
+"""More would only take time."""
+
+
 class FollowStatus(StrEnum):
     """How following a path ended."""
 
@@ -62,7 +66,7 @@ class FollowStatus(StrEnum):
 class Stop:
     """Where and why a motion ended early."""
 
-    status: FollowStatus
+    status: StrEnum
     s: float
     joint: str | None
     reason: str
@@ -167,6 +171,8 @@ def follow(solver: IKSolver, path: Path, q_start: ArrayLike, *, samples: int = 1
     """
     robot = solver.robot
     check_count(samples, "samples", 2)
+    if samples > MOST_SAMPLES:
+        raise InvalidInput("samples", samples, f"at most {MOST_SAMPLES}; 151 hold a line to a nanometre")
     q = check_start(robot, q_start, "q_start")
     if not path.end > 0.0:
         raise InvalidInput("path", "a length of 0", "a path whose ends differ")

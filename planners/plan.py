@@ -218,7 +218,7 @@ def _timed(robot: Robot, path: Path, limits: MotionLimits, ik: str, law: TimeLaw
     try:
         trajectory = law.run(joints, limits)
     except NoSolution as error:
-        stop = Stop(FollowStatus.SOLVED, error.s or 0.0, error.joint, error.reason, error.advice)
+        stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
         return Plan(robot, path, limits, PlanStatus.TIMING_INFEASIBLE, ik, law.name, joints, stop, None, None)
     proof = certify(robot, path, trajectory, limits, law=law.name, keeps=law.keeps)
     return Plan(robot, path, limits, PlanStatus.SOLVED, ik, law.name, joints, None, trajectory, proof)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.curve import Curve
 
@@ -92,8 +93,7 @@ class Trajectory(Curve):
         InvalidInput
             A rate [1/s] that is not above 0.
         """
-        if not (np.isfinite(rate) and rate > 0.0):
-            raise InvalidInput("rate", rate, "samples per second, above 0")
+        check_number(rate, "rate", "samples per second, above 0", above=0.0)
         t = np.arange(0.0, self.end, 1.0 / rate)
         t = np.append(t[t < self.end - 1e-9], self.end)
         return t, self(t)
@@ -148,8 +148,7 @@ class Trajectory(Curve):
         InvalidInput
             A factor that is not above 0.
         """
-        if not (np.isfinite(factor) and factor > 0.0):
-            raise InvalidInput("factor", factor, "a number above 0")
+        check_number(factor, "factor", "a number above 0", above=0.0)
         p = self._orders[0]
         powers = np.arange(p.c.shape[0])[::-1][:, None, None]
         return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True))

@@ -35,15 +35,16 @@ def smooth_joints(folder: RunFolder) -> Finding:
     smooth = all(jumps[k] <= BARELY for k in ("position", "velocity")) and certificate["continuous"] >= 2
     worst = {f: _worst(certificate, f) for f in ("velocity", "acceleration", "jerk")}
     figures = (
+        ("step in position at knots", f"{jumps['position']:.1g} rad"),
         ("step in velocity at knots", f"{jumps['velocity']:.1g} rad/s"),
         ("step in acceleration at knots", f"{jumps['acceleration']:.1g} rad/s²"),
-        ("step in jerk at knots", f"{jumps['jerk']:.0f} rad/s³"),
+        ("step in jerk at knots, the start from standstill included", f"{jumps['jerk']:.0f} rad/s³"),
         *((f"worst {f} over its limit", words) for f, (_, words) in worst.items()),
     )
     text = (
-        f"Position, velocity and acceleration are continuous, so nothing jumps that a drive feels as an impact. But rest at "
-        f"the ends and full speed one sample later cost {worst['acceleration'][0]:.1f} times the acceleration limit and "
-        f"{worst['jerk'][0]:.0f} times the jerk limit, in the first and last 0.02 s, and the jerk steps at every sample."
+        f"Position, velocity and acceleration are continuous to rounding. But rest at the ends and full speed one sample "
+        f"later cost {worst['acceleration'][0]:.1f} times the acceleration limit and {worst['jerk'][0]:.0f} times the jerk "
+        f"limit, and the jerk steps at the knots by up to {jumps['jerk']:.0f} rad/s³."
     )
     if not smooth:
         return Finding("f", claim, FAILS, "The motion steps at its knots.", rule, figures)

@@ -23,6 +23,8 @@ def damping_trade(folder: RunFolder) -> Finding:
     table = _at_the_end(rows, "group").sort("method_index")
     order = rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
     near, far = (table.filter(pl.col("group") == g) for g in (order[0], order[-1]))
+    if far["iterations"].null_count():
+        return Finding("d", claim, UNTESTED, "Far from singularities some λ solves nothing.", rule)
     faster = far["iterations"][0] < far["iterations"][-1]
     calmer = near["peak"][-1] < near["peak"][0] and near["rises"][-1] < near["rises"][0]
     small, large = table["method"][0], table["method"][-1]
@@ -64,7 +66,7 @@ def start_and_step(folder: RunFolder) -> Finding:
     text = (
         f"Start: {100 * one['solved'][0]:.0f} % solved from {one['spread'][0]:g} rad away, "
         f"{100 * one['solved'][-1]:.0f} % from {one['spread'][-1]:g} rad (step 1). Step, from {nearest['spread'][0]:g} rad: "
-        f"{words}. A step of 2 mirrors the error instead of removing it; a step of 0.1 needs more iterations than there are."
+        f"{words}.{_why(nearest)}"
     )
     figures = tuple(
         (
@@ -75,6 +77,16 @@ def start_and_step(folder: RunFolder) -> Finding:
     )
     holds = by_start >= 0.2 and by_step >= 0.2
     return Finding("e", claim, HOLDS if holds else FAILS, text, rule, figures)
+
+
+def _why(nearest: pl.DataFrame) -> str:
+    """What the extreme steps do, where the run has them and they solve next to nothing."""
+    few = {m for m, share in nearest.select("method", "solved").iter_rows() if share < 0.1}
+    reasons = {
+        "α=2": " A step of 2 mirrors the error instead of removing it.",
+        "α=0.1": " A step of 0.1 takes a tenth of the error away each time: too slow for the budget, not divergent.",
+    }
+    return "".join(text for method, text in reasons.items() if method in few)
 
 
 def _at_the_end(rows: pl.DataFrame, by: str) -> pl.DataFrame:

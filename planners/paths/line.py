@@ -38,7 +38,8 @@ class Line(Path):
         self.goal = se3.check_pose(goal, "goal").copy()
         e = se3.error(self.start, self.goal)
         chord, angle = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
-        self.turns_only = chord <= NO_MOTION
+        # a chord of rounding beside a real turn is no length to count in
+        self.turns_only = chord <= NO_MOTION or (chord <= 1e-6 and angle > chord)
         self.unit = "rad" if self.turns_only else "m"
         length = angle if self.turns_only else chord
         self._end = length if length > NO_MOTION else 0.0

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.follow import JointPath
 from planners.hermite import through
@@ -39,11 +40,10 @@ class Quintic(TimeLaw):
     keeps: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, *, duration: float = 3.0, step: float = 0.02) -> None:
-        if not (np.isfinite(duration) and duration > 0.0):
-            raise InvalidInput("duration", duration, "seconds above 0")
-        if not (np.isfinite(step) and 0.0 < step <= 0.5 * duration):
-            raise InvalidInput("step", step, "seconds above 0, at most half the duration")
-        self.duration = float(duration)
+        self.duration = check_number(duration, "duration", "seconds above 0", above=0.0)
+        wanted = "seconds above 0, at most half the duration"
+        if check_number(step, "step", wanted, above=0.0) > 0.5 * self.duration:
+            raise InvalidInput("step", step, wanted)
         self.segments = round(duration / step)
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:

@@ -16,14 +16,17 @@ from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+SHORTEST = 5e-4
+"""Time [s] in which the acceleration may rise to its bound: faster gains nothing, and its pieces drown in rounding."""
+
 
 class RuckigLaw(TimeLaw):
     """One triple of bounds on ṡ, s̈, s⃛ for the whole path, chosen so that the joints keep their limits everywhere.
 
     With |q̇| ≤ |q'| V, |q̈| ≤ |q'| A + |q''| V² and |q⃛| ≤ |q'| J + 3 |q''| V A + |q'''| V³, every (V, A) leaves a
-    largest J; the (V, A, J) of the shortest motion is searched. What the search's grid and the refit still exceed is
-    removed by a uniform slow-down. Ruckig (Berscheid and Kröger, RSS 2021) is used on the scalar s only: its joint
-    waypoints would leave the path, and are sent to a cloud service.
+    largest J; the (V, A, J) of the shortest motion is searched. The bounds are safe, so they leave room: the motion is
+    then scaled in time, uniformly, until its exact extrema just keep the limits. Ruckig (Berscheid and Kröger, RSS 2021)
+    is used on the scalar s only: its joint waypoints would leave the path, and are sent to a cloud service.
     """
 
     name: ClassVar[str] = "ruckig"
@@ -44,19 +47,21 @@ class RuckigLaw(TimeLaw):
         if bounds is None:
             raise NoSolution("no motion along s keeps the joint limits", advice="higher limits, or another path")
         trajectory = refit(joint_path, _profile(joint_path.end, *bounds), bound["jerk"])
+        trajectory = trajectory.slowed(fitting(trajectory, bound))
         margin = 1e-12
-        while (factor := slow_down(trajectory, bound)) > 1.0:  # again where rounding in the slowed one still exceeds
+        while (factor := fitting(trajectory, bound)) > 1.0:  # rounding in the scaled motion may still exceed
             trajectory = trajectory.slowed(factor * (1.0 + margin))
             margin *= 10.0
         return trajectory
 
 
-def slow_down(trajectory: Trajectory, bound: dict[str, Array]) -> float:
-    """Least factor ≥ 1 by which a motion must be slowed so that its exact extrema keep the limits."""
-    factor = 1.0
+def fitting(trajectory: Trajectory, bound: dict[str, Array]) -> float:
+    """Least factor by which a motion can be stretched in time so that its exact extrema keep the limits."""
+    factor = 0.0
     for order, field in enumerate(DERIVATIVES, start=1):
         ratio = float((trajectory.extrema(order).worst / bound[field]).max())
-        factor = max(factor, ratio ** (1.0 / order))
+        # a root may round down to 1 what is above it
+        factor = max(factor, ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0)
     return factor
 
 
@@ -78,7 +83,7 @@ def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, floa
                 most = min(float(np.nanmin(room_a / q1)), float(np.nanmin(room_j / (3.0 * q2 * v))))
                 for share in np.geomspace(*a_range, 14):
                     a = share * most
-                    j = float(np.nanmin((room_j - 3.0 * q2 * v * a) / q1))
+                    j = min(float(np.nanmin((room_j - 3.0 * q2 * v * a) / q1)), a / SHORTEST)
                     if a > 0.0 and j > 0.0 and (duration := _duration(length, v, a, j)) < best[0]:
                         best, at = (duration, v, a, j), (v / fastest, share)
             if not np.isfinite(best[0]):

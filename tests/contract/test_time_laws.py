@@ -21,7 +21,7 @@ LINES = range(5)
 SETS = {"fast": (2.0, 10.0, 100.0), "slow": (1.0, 2.0, 20.0)}
 
 PROMISE = {"toppra": 1.0 + 1e-4}
-"""Largest ratio of what a law promises. TOPP-RA sets limits at grid points only, in single precision: shown, not mended."""
+"""Largest ratio of what a law promises. TOPP-RA sets its limits at grid points only: shown, not mended."""
 ON_PATH = {"quintic": 2e-5}
 """Largest distance to the path [m]; the paper's law leaves it between its samples."""
 

@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import numpy as np
-import pytest
 
 from optik._compile import compiled
 from tests.oracles import REPOSITORY
@@ -41,9 +40,6 @@ def test_a_changed_function_is_compiled_anew(tmp_path):
     assert outer_of_one(tmp_path) == 9.0
 
 
-@pytest.mark.xfail(
-    strict=True, reason="Numba's cache looks at the caller's file only: dls keeps an older kinematics.py"
-)
 def test_a_changed_function_is_compiled_anew_into_its_callers_in_other_files(tmp_path):
     write(tmp_path / "inner.py", INNER.format("2.0"), 1_700_000_000)
     write(tmp_path / "outer.py", OUTER, 1_700_000_000)
