@@ -46,9 +46,6 @@ def main() -> None:
     except OptikError as error:
         err_console.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
-    except KeyboardInterrupt:
-        err_console.print("stopped; run the same command again to continue", style="yellow")
-        sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
@@ -176,13 +173,18 @@ def plan_line(
     out: Annotated[Path | None, typer.Option(help="Write the plan as JSON.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Move the tool along a straight line, time it, and say what the motion keeps."""
+    """Move the tool along a straight line, time it, and say what the motion keeps.
+
+    Exit status 0 where there is a motion; whether its certificate holds is printed, and "holds" in the JSON.
+    """
     import planners
     from optik import se3
 
     arm = optik.load(robot)
     q = configuration(arm, start_deg)
     start = arm.fk(q)
+    if np.linalg.norm(turn_deg) > 180.0:
+        raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
     goal = se3.pose(se3.exp_so3(np.deg2rad(turn_deg)) @ start[:3, :3], start[:3, 3] + move)
     own = planners.MotionLimits.of(arm)
     limits = planners.MotionLimits(
@@ -190,19 +192,23 @@ def plan_line(
         own.acceleration if acceleration is None else acceleration,
         own.jerk if jerk is None else jerk,
     )
-    planned = planners.plan(arm, planners.Line(start, goal), q, ik=ik, timing=timing, limits=limits, samples=samples)
+    law = planners.make_law(timing)
+    for field in law.keeps:
+        if getattr(limits, field) is None:
+            raise InvalidInput(
+                f"--{field}", f"nothing, and {arm.name} has no limit of its own", f"a limit, for {timing}"
+            )
+    planned = planners.plan(arm, planners.Line(start, goal), q, ik=ik, timing=law, limits=limits, samples=samples)
+    if planned and out is not None:
+        planned.save(out)
     if as_json:
         print_json(planned.to_dict())
+        raise typer.Exit(0 if planned else 1)
     if not planned:
-        if as_json:
-            raise typer.Exit(1)
         planned.trajectory  # noqa: B018  (raises NoSolution with the reason)
+    print_certificate(planned)
     if out is not None:
-        planned.save(out)
-    if not as_json:
-        print_certificate(planned)
-        if out is not None:
-            out_console.print(f"written to {out}", highlight=False)
+        out_console.print(f"written to {out}", highlight=False)
 
 
 def print_certificate(planned: Any) -> None:
@@ -325,13 +331,18 @@ def run_with_progress(suite: str, out: Path, workers: int) -> Any:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err_console, transient=True) as bar:
         task = bar.add_task("compiling", total=None)
-        return run_suite(
-            asked,
-            out,
-            workers=workers,
-            command=command,
-            progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
-        )
+        try:
+            return run_suite(
+                asked,
+                out,
+                workers=workers,
+                command=command,
+                progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
+            )
+        except KeyboardInterrupt:
+            bar.stop()
+            err_console.print("stopped; run the same command again to continue", style="yellow")
+            raise typer.Exit(130) from None
 
 
 # ---------------------------------------------------------------- shared

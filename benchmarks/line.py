@@ -13,11 +13,13 @@ from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.suite import LineTask
 from optik import se3
+from optik.errors import InvalidInput
 from optik.ik import make_solver
-from optik.robot import load
+from optik.robot import Robot, load
 from planners.certificate import plain, steps
 from planners.paths.line import Line
-from planners.plan import Plan, plan
+from planners.plan import Plan, make_law, plan
+from planners.timing.base import MotionLimits
 
 Array = NDArray[np.float64]
 
@@ -29,14 +31,28 @@ REPEATS = 3
 """Plans timed; the median is kept, so the one that compiles does not count."""
 
 
-def run_line(task: LineTask, folder: RunFolder) -> None:
-    """Plan the line by every method and law; write what reports show, ``plans.json`` last, to mark the end."""
+def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
+    """Robot, start and path of the task.
+
+    Raises
+    ------
+    InvalidInput
+        A start outside the limits, no motion, or a limit that a law needs and the robot does not have.
+    """
     robot = load(task.robot)
     q = start_of(robot, task.start_deg)
     start = robot.fk(q)
-    goal = start.copy()
-    goal[:3, 3] += task.move_m
-    path = Line(start, goal)
+    path = Line(start, se3.pose(start[:3, :3], start[:3, 3] + task.move_m))
+    if not path.end:
+        raise InvalidInput("the line: move_m", task.move_m, "a motion")
+    for law in task.laws:
+        make_law(law).need(MotionLimits.of(robot), robot)
+    return robot, q, path
+
+
+def run_line(task: LineTask, folder: RunFolder) -> None:
+    """Plan the line by every method and law; write what reports show, ``plans.json`` last, to mark the end."""
+    robot, q, path = check_line(task)
     plans: dict[tuple[str, str], Plan] = {}
     summaries: list[dict[str, Any]] = []
     seconds: list[float] = []

@@ -14,6 +14,7 @@ from optik.errors import InvalidInput, OutputError
 from optik.files import write_whole
 
 FORMAT = "optik-run/1"
+KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
 
 
 class RunFolder:
@@ -39,10 +40,7 @@ class RunFolder:
             The folder cannot be written, or holds a run of other settings, or something else.
         """
         try:
-            if self.path.exists() and not self.path.is_dir():
-                raise OutputError(self.path, "is a file; name a folder for the run")
-            if self.path.is_dir() and any(self.path.iterdir()):
-                manifest = self._continued(manifest)
+            manifest = self.checked(manifest)
             for folder in ("problems", "ik", "line"):
                 (self.path / folder).mkdir(parents=True, exist_ok=True)
             self.write_json("run.json", manifest)
@@ -51,6 +49,14 @@ class RunFolder:
             raise
         except OSError as error:
             raise OutputError(self.path, f"cannot be written ({error.strerror})") from None
+
+    def checked(self, manifest: dict[str, Any]) -> dict[str, Any]:
+        """Return the manifest as `create` would, without writing anything."""
+        if self.path.exists() and not self.path.is_dir():
+            raise OutputError(self.path, "is a file; name a folder for the run")
+        if self.path.is_dir() and any(self.path.iterdir()):
+            return self._continued(manifest)
+        return manifest
 
     def _continued(self, manifest: dict[str, Any]) -> dict[str, Any]:
         if not (self.path / "run.json").is_file():
@@ -75,7 +81,7 @@ class RunFolder:
             data = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             raise InvalidInput("run", str(self.path), "a folder written by optik bench run") from None
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
+        if not isinstance(data, dict) or data.get("format") != FORMAT or not set(data) >= KEYS:
             raise InvalidInput("run", f"{self.path} of another format", f"a run of format {FORMAT}")
         return data
 
@@ -133,8 +139,10 @@ class RunFolder:
         """
         parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
         problems = self.read(f"problems/{slug(block)}.parquet")
-        if not parts or problems is None:
+        if not parts:
             return None
+        if problems is None:
+            raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
         rows = pl.concat([part for p in parts if (part := self.read(f"ik/{p.name}")) is not None])
         joined = rows.join(problems.drop("target", "start"), on="problem")
         solved = (pl.col("status") == "solved").any().over("problem")

@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.line import run_line
+from benchmarks.line import check_line, run_line
 from benchmarks.problems.base import ProblemSet
 from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, RunFolder, slug
@@ -99,9 +99,18 @@ def run_suite(
         "continued": [],
         "complete": False,
     }
-    manifest = folder.create(manifest)
+    folder.checked(manifest)
     tell(0, 1, "problem sets")
-    work = [w for block in suite.blocks for w in _parts(folder, block, suite.seed) if not folder.has(w.file)]
+    sets = [problem_set(block, suite.seed) for block in suite.blocks]
+    if suite.line is not None:
+        check_line(suite.line)
+    manifest = folder.create(manifest)
+    work = [
+        part
+        for block, (robot, problems) in zip(suite.blocks, sets, strict=True)
+        for part in _parts(folder, block, robot, problems)
+        if not folder.has(part.file)
+    ]
     total = len(work) + (suite.line is not None)
     for done, (part, frame) in enumerate(_solved(work, workers, executor, tell, total), start=1):
         folder.write(part.file, frame)
@@ -134,8 +143,7 @@ def problem_set(block: Block, seed: int) -> tuple[Robot, ProblemSet]:
     return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
-def _parts(folder: RunFolder, block: Block, seed: int) -> Iterator[Work]:
-    robot, problems = problem_set(block, seed)
+def _parts(folder: RunFolder, block: Block, robot: Robot, problems: ProblemSet) -> Iterator[Work]:
     name = f"problems/{slug(block.id)}.parquet"
     if not folder.has(name):
         folder.write(name, problems.frame(robot))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from optik.check import check_count
+from optik.check import check_count, real_array
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import data_file, names
 
@@ -111,12 +111,12 @@ def _block(data: dict[str, Any]) -> Block:
     )
     _known(data["robot"], "optik.robots", "robot")
     _known(data["set"], SETS, "problem set")
-    budgets = tuple(data.get("budgets", (100,)))
+    budgets = tuple(_list(data.get("budgets", [100]), f"{where}: budgets"))
     for budget in budgets:
         check_count(budget, f"{where}: budgets", 1)
     if list(budgets) != sorted(set(budgets)):
         raise InvalidInput(f"{where}: budgets", budgets, "whole numbers, each larger than the one before")
-    methods = tuple(_method(m, where) for m in data["methods"])
+    methods = tuple(_method(m, where) for m in _list(data["methods"], f"{where}: methods"))
     labels = [m.label for m in methods]
     if len(set(labels)) != len(labels):
         raise InvalidInput(f"{where}: methods", f"labels {labels}", "a label of its own for every method")
@@ -145,15 +145,24 @@ def _line(data: dict[str, Any]) -> LineTask:
     keys = {"robot", "start_deg", "move_m", "ik", "laws", "samples"}
     _keys(data, keys, "the line", need=keys - {"samples"})
     _known(data["robot"], "optik.robots", "robot")
-    for method in data["ik"]:
+    for method in _list(data["ik"], "the line: ik"):
         _known(method, "optik.ik", "IK method")
-    for law in data["laws"]:
+    for law in _list(data["laws"], "the line: laws"):
         _known(law, "planners.timing", "time law")
     check_count(data.get("samples", 151), "the line: samples", 2)
+    move = real_array(data["move_m"], "the line: move_m", "three numbers [m]")
+    if move.shape != (3,):
+        raise InvalidInput("the line: move_m", data["move_m"], "three numbers [m]")
     return LineTask(
         data["robot"], tuple(data["start_deg"]), tuple(data["move_m"]), tuple(data["ik"]), tuple(data["laws"]),
         int(data.get("samples", 151)),
     )  # fmt: skip
+
+
+def _list(value: Any, where: str) -> list[Any]:
+    if not isinstance(value, list) or not value:
+        raise InvalidInput(where, repr(value)[:60], "a list that is not empty")
+    return value
 
 
 def _known(name: Any, folder: str, kind: str) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.ik.dls import DLS
 from optik.robot import Robot
@@ -48,22 +50,26 @@ def graph_paper(
     reference_restarts : int
         Starts after the first that the reference solve may take.
     """
+    check_number(half_size_m, "half_size_m", "metres above 0", above=0.0)
+    check_number(spacing_m, "spacing_m", "metres above 0", above=0.0)
     q0 = start_of(robot, start_deg)
     T0 = robot.fk(q0)
-    ticks = np.arange(-round(half_size_m / spacing_m), round(half_size_m / spacing_m) + 1) * spacing_m
+    steps = round(half_size_m / spacing_m)
+    whole, shifted = np.arange(-steps, steps + 1) * spacing_m, (np.arange(-steps, steps) + 0.5) * spacing_m
     targets, group = [], []
-    for normal in normals:
+    for i, normal in enumerate(normals):
         if normal not in AXES:
             raise InvalidInput("normals", repr(normal), "X, Y or Z")
         across = [axis for axis in AXES if axis != normal]
+        # half a step aside along the normals of earlier sheets, so that no point lies on two of them
+        u_ticks, v_ticks = (shifted if axis in normals[:i] else whole for axis in across)
         for offset in offsets_m:
             name = f"{across[0]}–{across[1]} at {normal.lower()} {1e3 * offset:+.0f} mm"
-            for u in ticks:
-                for v in ticks:
-                    T = T0.copy()
-                    T[[AXES[across[0]], AXES[across[1]], AXES[normal]], 3] += (u, v, offset)
-                    targets.append(T)
-                    group.append(name)
+            for u, v in product(u_ticks, v_ticks):
+                T = T0.copy()
+                T[[AXES[across[0]], AXES[across[1]], AXES[normal]], 3] += (u, v, offset)
+                targets.append(T)
+                group.append(name)
     reference: Any = DLS(robot, max_iterations=40, max_restarts=reference_restarts)
     answers = [reference.solve(T, q0) for T in targets]
     known = np.array([bool(a) for a in answers])

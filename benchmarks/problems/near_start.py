@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values
+from optik.check import check_count
 from optik.robot import Robot
 
 
@@ -34,6 +35,7 @@ def near_start(
     singular_edges : sequence of float
         Edges of strata of the smallest singular value at the solution; none for a plain draw.
     """
+    check_count(count, "count", 1)
     rng = np.random.default_rng((seed, 2))
     if len(singular_edges):
         pool = rng.uniform(robot.limits.lower, robot.limits.upper, (200 * count, robot.n))

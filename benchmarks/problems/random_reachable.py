@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.check import check_count
 from optik.robot import Robot
 
 
@@ -23,6 +24,7 @@ def random_reachable(robot: Robot, seed: int, *, start_deg: ArrayLike, count: in
     count : int
         How many.
     """
+    check_count(count, "count", 1)
     q0 = start_of(robot, start_deg)
     rng = np.random.default_rng((seed, 1))
     q = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))

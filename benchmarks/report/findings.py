@@ -69,8 +69,8 @@ def limitations(run: Run) -> dict[str, Any]:
         ]
     if any(p["law"] == "toppra" for p in run.solved_plans):
         items.append(
-            "TOPP-RA keeps its limits at the points of its grid and computes in single precision: a ratio a few millionths "
-            "above 1 is that. It has no jerk limit by design."
+            "TOPP-RA sets its limits at the points of its grid: between them a ratio may be a few millionths above 1, less on "
+            "a finer grid. It has no jerk limit by design."
         )
     return {"items": items}
 

@@ -35,6 +35,7 @@ def made(error_of_distance: object, iterations_of_distance: object = lambda d: 3
         {
             **columns,
             "position_error": error,
+            "rotation_error": 0.0 * error,
             "distance": d,
             "budget": 5,
             "status": np.where(error < 1e-3, "solved", "max_iterations"),

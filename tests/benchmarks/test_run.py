@@ -6,6 +6,7 @@ import json
 import shutil
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -130,6 +131,40 @@ def test_a_wrong_option_is_refused_before_anything_is_written(tmp_path: Path) ->
     with pytest.raises(InvalidInput, match="dampening"):
         run_suite(small(blocks=wrong["blocks"]), tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"blocks": [SMALL["blocks"][0] | {"options": SMALL["blocks"][0]["options"] | {"spacing_m": 0}}]},
+        {"blocks": [SMALL["blocks"][1] | {"options": {"count": "x"}}]},
+        {"line": SMALL["line"] | {"robot": "puma560", "start_deg": [0, 45, -180, 0, 45, 0]}},
+        {"line": SMALL["line"] | {"move_m": [0.0, 0.0, 0.0]}},
+    ],
+)
+def test_nothing_is_written_where_a_set_or_the_line_cannot_be_made(changes: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput):
+        run_suite(small(**changes), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_no_target_lies_on_two_sheets_of_graph_paper() -> None:
+    _, problems = problem_set(load_suite("paper").blocks[0], 0)
+    assert len(np.unique(problems.targets[:, :3, 3].round(6), axis=0)) == len(problems)
+
+
+def test_ik_rows_without_their_problems_are_said(small_run: RunFolder, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(small_run.path, copy)
+    (copy / "problems" / "workspace.parquet").unlink()
+    with pytest.raises(InvalidInput, match="workspace"):
+        RunFolder(copy).rows("workspace")
+
+
+def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text('{"format": "optik-run/1"}')
+    with pytest.raises(InvalidInput, match="run"):
+        RunFolder(tmp_path).manifest()
 
 
 def test_a_wrong_option_of_a_set_is_named() -> None:
