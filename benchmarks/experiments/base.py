@@ -22,7 +22,7 @@ class Finding:
     summary : str
         What was found, with figures.
     rule : str
-        How it was judged, fixed before the run.
+        How it was judged.
     figures : tuple of (str, str)
         Names and values with units.
     """
