@@ -19,6 +19,8 @@ def write_whole(path: str | os.PathLike[str], write: Callable[[Path], object]) -
         The file cannot be written; nothing is left behind.
     """
     target = Path(path)
+    if not target.name or "\0" in str(target):
+        raise OutputError(target, "is no name that a file can have")
     part = target.parent / f".{uuid.uuid4().hex[:12]}.part"
     try:
         try:
@@ -26,6 +28,5 @@ def write_whole(path: str | os.PathLike[str], write: Callable[[Path], object]) -
             part.replace(target)
         finally:
             part.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise OutputError(target, f"cannot be written ({reason})") from None
+    except OSError as error:
+        raise OutputError(target, f"cannot be written ({error.strerror or error})") from None
