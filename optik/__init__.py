@@ -2,24 +2,28 @@
 
 from optik import errors, ik
 from optik.errors import OptikError
-from optik.ik import IKResult, IKStatus, Tolerance, solve_ik
+from optik.ik import IKBatch, IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
 from optik.robot import DHRow, JointLimits, Robot, load
+from optik.task import Task
 
 __version__ = "0.1.0"
 
 __all__ = [
     "DHRow",
+    "IKBatch",
     "IKResult",
     "IKStatus",
     "JointLimits",
     "OptikError",
     "Robot",
+    "Task",
     "Tolerance",
     "errors",
     "ik",
     "load",
     "robots",
     "solve_ik",
+    "solve_ik_batch",
 ]
 
 

@@ -19,8 +19,23 @@ def compiled(function: F) -> F:
     Numba looks only at a function's own file to see whether its cached code is stale, but the code of whatever it calls
     is compiled into it. So the cache is keyed by the sources of the whole package, through the function's name.
     """
+    return _jit(function, False)
+
+
+def parallel(function: F) -> F:
+    """Compile as `compiled` does, into code that other threads run beside: it lets go of Python's lock."""
+    return _jit(function, True)
+
+
+def _jit(function: F, nogil: bool) -> F:
     function.__qualname__ += f"_{_sources(Path(function.__code__.co_filename).parent)}"
-    result: F = numba.njit(cache=True, error_model="numpy")(function)
+    result: F = numba.njit(cache=True, error_model="numpy", nogil=nogil)(function)
+    return result
+
+
+def inlined(function: F) -> F:
+    """Compile a helper into whatever kernel calls it: it sees the kernel's constants, and is cached with it."""
+    result: F = numba.njit(error_model="numpy", forceinline=True)(function)
     return result
 
 

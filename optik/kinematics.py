@@ -129,21 +129,6 @@ def errors_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
 
 
 @compiled
-def judge(
-    fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, slack: float, q: Array, target: Array
-) -> tuple[float, float, bool]:
-    """Position and rotation error of q (n,) against a target, and whether q stands inside its limits within slack."""
-    frame, T, e = np.empty((q.shape[0], 4, 4)), np.empty((4, 4)), np.empty(6)
-    frames(fixed, prismatic, q, frame)
-    tool_pose(frame, tool, T)
-    pose_error(T, target, e)
-    inside = True
-    for i in range(q.shape[0]):
-        inside = inside and lower[i] - slack <= q[i] <= upper[i] + slack
-    return sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2), inside
-
-
-@compiled
 def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
     """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
 
@@ -179,12 +164,12 @@ def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
 
 @compiled
 def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
-    """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,); A (6, 6) and y (6,) are scratch.
+    """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,), of J (m, n); y (m,) and A, at least (m, m), are scratch.
 
     Returns False where the matrix is singular to working precision (only without damping).
     """
-    n = J.shape[1]
-    for i in range(6):
+    m, n = J.shape
+    for i in range(m):
         y[i] = e[i]
         for j in range(i + 1):
             s = 0.0
@@ -196,7 +181,7 @@ def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Arr
         return False
     for k in range(n):
         s = 0.0
-        for i in range(6):
+        for i in range(m):
             s += J[i, k] * y[i]
         dq[k] = s
     return True

@@ -7,15 +7,29 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from optik.ik.base import IKResult, IKSolver, IKStatus, Tolerance
+from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
 from optik.registry import build_method, load_method, names
 from optik.robot import Robot
 
 if TYPE_CHECKING:
     from optik.ik.dls import DLS
     from optik.ik.ipopt import IPOPT
+    from optik.ik.lm import LM
 
-__all__ = ["DLS", "IPOPT", "IKResult", "IKSolver", "IKStatus", "Tolerance", "make_solver", "solve_ik", "solvers"]
+__all__ = [
+    "DLS",
+    "IPOPT",
+    "LM",
+    "IKBatch",
+    "IKResult",
+    "IKSolver",
+    "IKStatus",
+    "Tolerance",
+    "make_solver",
+    "solve_ik",
+    "solve_ik_batch",
+    "solvers",
+]
 
 
 def solvers() -> tuple[str, ...]:
@@ -23,7 +37,7 @@ def solvers() -> tuple[str, ...]:
     return names("optik.ik")
 
 
-def make_solver(robot: Robot, solver: str = "dls", **options: Any) -> IKSolver:
+def make_solver(robot: Robot, solver: str = "lm", **options: Any) -> IKSolver:
     """Build a method by name for a robot.
 
     Raises
@@ -43,7 +57,7 @@ def _kept(robot: Robot, solver: str, options: tuple[tuple[str, type, Any], ...])
     return make_solver(robot, solver, **{name: value for name, _, value in options})
 
 
-def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "dls", **options: Any) -> IKResult:
+def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "lm", **options: Any) -> IKResult:
     """Find a configuration whose tool pose is the target; the solver is kept per robot and options.
 
     Parameters
@@ -57,7 +71,7 @@ def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "dls"
     solver : str
         A name from `solvers`.
     **options
-        ``trace=True``, and the options of the method.
+        ``trace=True``, ``closest=True``, and the options of the method.
 
     Returns
     -------
@@ -71,14 +85,61 @@ def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "dls"
     UnknownName
         No such method; the nearest names are offered.
     """
-    trace = bool(options.pop("trace", False))
+    trace, closest = bool(options.pop("trace", False)), bool(options.pop("closest", False))
+    return _solver(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
+
+
+def solve_ik_batch(
+    robot: Robot,
+    targets: ArrayLike,
+    starts: ArrayLike,
+    solver: str = "lm",
+    *,
+    threads: int | None = None,
+    **options: Any,
+) -> IKBatch:
+    """Find configurations for many targets; the same answers as of `solve_ik`, field by field.
+
+    With ``lm`` and whole poses, on all cores and many side by side; other methods solve one after the other. Beyond the
+    arrays given and returned it takes a constant amount of memory, where targets and starts are contiguous float64.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    targets : (N, 4, 4) array
+        T_base_tool [m].
+    starts : (N, n) or (n,) array
+        Starts, inside the limits [rad, m].
+    solver : str
+        A name from `solvers`.
+    threads : int, optional
+        At most so many; by default all cores. The answers are the same for any number.
+    **options
+        Those of the method.
+
+    Returns
+    -------
+    IKBatch
+        ``batch.solved`` says which succeeded.
+
+    Raises
+    ------
+    InvalidInput
+        An argument that cannot be meant, named, with the index of the first such problem.
+    UnknownName
+        No such method; the nearest names are offered.
+    """
+    return _solver(robot, solver, options).solve_batch(targets, starts, threads=threads)
+
+
+def _solver(robot: Robot, solver: str, options: dict[str, Any]) -> IKSolver:
     try:
-        method = _kept(robot, solver, tuple((k, type(options[k]), options[k]) for k in sorted(options)))
+        return _kept(robot, solver, tuple((k, type(options[k]), options[k]) for k in sorted(options)))
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
-        method = make_solver(robot, solver, **options)
-    return method.solve(target, q0, trace=trace)
+        return make_solver(robot, solver, **options)
 
 
 def __getattr__(name: str) -> Any:

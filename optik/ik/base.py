@@ -13,11 +13,15 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik.check import check_count, check_number
+from optik._compile import compiled
+from optik.check import check_count, check_number, real_array
 from optik.errors import InvalidInput
-from optik.kinematics import judge
+from optik.ik._chain import draw_configurations
+from optik.ik._nearest import nearest
+from optik.reach import outside_reach, reach_bound
 from optik.robot import LIMIT_TOLERANCE, Robot
-from optik.se3 import check_pose
+from optik.se3 import check_pose, is_pose
+from optik.task import Task, as_task, judge
 
 Array = NDArray[np.float64]
 
@@ -105,6 +109,51 @@ class IKResult(NamedTuple):
         return self.status is IKStatus.SOLVED
 
 
+class IKBatch(NamedTuple):
+    """The answers of a batch of N solves, field by field as in `IKResult`.
+
+    Attributes
+    ----------
+    q : (N, n) array
+        Configurations; where there was no success the best found, inside the limits.
+    status : (N,) array of uint8
+        Index into ``tuple(IKStatus)``; 0 is solved.
+    iterations, restarts : (N,) array of int32
+        As in `IKResult`.
+    position_error, rotation_error : (N,) array
+        At q, by our own forward kinematics [m, rad].
+    """
+
+    q: Array
+    status: NDArray[np.uint8]
+    iterations: NDArray[np.int32]
+    restarts: NDArray[np.int32]
+    position_error: Array
+    rotation_error: Array
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Which of them succeeded, (N,)."""
+        return np.asarray(self.status == 0)
+
+    def result(self, i: int) -> IKResult:
+        """Answer i alone."""
+        return IKResult(
+            self.q[i], STATUSES[self.status[i]], int(self.iterations[i]), int(self.restarts[i]),
+            float(self.position_error[i]), float(self.rotation_error[i]),
+        )  # fmt: skip
+
+    @classmethod
+    def empty(cls, N: int, n: int) -> IKBatch:
+        """Arrays of N answers, to be written into."""
+        count = (np.empty(N, np.int32), np.empty(N, np.int32))
+        return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
+
+
+STATUSES = tuple(IKStatus)
+_CODES = {status: code for code, status in enumerate(STATUSES)}
+
+
 class Attempt(NamedTuple):
     """What a method says of one attempt from one start. It is judged, never believed."""
 
@@ -132,14 +181,20 @@ class IKSolver(ABC):
         Attempts after the first, from starts drawn inside the limits, keyed by the problem.
     time_limit : float, optional
         Wall-clock seconds for one solve, looked at between attempts and, where the method can, within one.
+    task : Task or str
+        What of the target must be met: ``"pose"`` (all of it), ``"position"``, ``"axis_z"`` (position and direction of
+        the tool's z), or a `Task` with any mask.
 
     Raises
     ------
     InvalidInput
-        An option out of range.
+        An option out of range, or a task that the method cannot take.
     """
 
     name: ClassVar[str]
+
+    takes_tasks: ClassVar[bool] = True
+    """Whether the method can leave components of the pose free."""
 
     def __init__(
         self,
@@ -149,6 +204,7 @@ class IKSolver(ABC):
         max_iterations: int = 100,
         max_restarts: int = 0,
         time_limit: float | None = None,
+        task: Task | str = "pose",
     ) -> None:
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", type(robot).__name__, "a Robot (optik.load(name), Robot.from_mdh, ...)")
@@ -163,6 +219,10 @@ class IKSolver(ABC):
         self.max_iterations = max_iterations
         self.max_restarts = max_restarts
         self.time_limit = time_limit
+        self.task = as_task(task)
+        if not (self.takes_tasks or self.task.is_pose):
+            raise InvalidInput("task", str(task), f'"pose", the only one {self.name} can; others: dls, lm, ipopt, sqp')
+        self._reach = reach_bound(robot, self.task)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -172,6 +232,7 @@ class IKSolver(ABC):
             "max_iterations": self.max_iterations,
             "max_restarts": self.max_restarts,
             "time_limit": self.time_limit,
+            "task": self.task,
         }
 
     def with_options(self, **changes: Any) -> Self:
@@ -185,7 +246,7 @@ class IKSolver(ABC):
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
         """Try once from one start; target (4, 4) and start (n,) are checked; at most so many seconds, where it can."""
 
-    def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False) -> IKResult:
+    def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
         """Find a configuration whose tool pose is the target.
 
         Parameters
@@ -196,6 +257,9 @@ class IKSolver(ABC):
             Start, inside the limits.
         trace : bool
             Whether to keep the error of every iteration.
+        closest : bool
+            Where there is no solution, whether to go on to the configuration inside the limits whose pose is nearest to
+            the target: the least sum of squared errors found, a metre counted as a radian. It is no success.
 
         Returns
         -------
@@ -209,14 +273,55 @@ class IKSolver(ABC):
         """
         target = check_pose(target, "target")
         q0 = check_start(self.robot, q0)
+        result = self._solve(target, q0, trace)
+        return self._closest(result, target, q0) if closest and not result else result
+
+    def solve_batch(self, targets: ArrayLike, starts: ArrayLike, *, threads: int | None = None) -> IKBatch:
+        """Solve many targets, one after the other unless the method can do better.
+
+        Parameters
+        ----------
+        targets : (N, 4, 4) array
+            T_base_tool [m].
+        starts : (N, n) or (n,) array
+            Starts, inside the limits.
+        threads : int, optional
+            At most so many; by default all cores. The answers are the same for any number.
+
+        Returns
+        -------
+        IKBatch
+            The same answers as of single calls.
+
+        Raises
+        ------
+        InvalidInput
+            As `solve`, with the index of the first wrong problem.
+        """
+        poses, first = check_batch(self.robot, targets, starts)
+        if threads is not None:
+            check_count(threads, "threads", 1)
+        batch = IKBatch.empty(len(poses), self.robot.n)
+        self._fill(batch, poses, first, threads)
+        return batch
+
+    def _fill(self, batch: IKBatch, targets: Array, starts: Array, threads: int | None) -> None:
+        for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
+            result = self._solve(target, start, False)
+            q, status, *numbers = result[:6]
+            batch.q[i], batch.status[i] = q, _CODES[status]
+            batch.iterations[i], batch.restarts[i], batch.position_error[i], batch.rotation_error[i] = numbers
+
+    def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
+        """Attempts from the start and then from others, each judged, until one succeeds or none is left."""
         end = None if self.time_limit is None else time.perf_counter() + self.time_limit
+        out = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         best, iterations = None, 0
-        for restart in range(self.max_restarts + 1):
+        for restart in range(1 if out >= 0.0 else self.max_restarts + 1):
             left = None if end is None else end - time.perf_counter()
             if restart and left is not None and left <= 0.0 and best is not None:
                 return best._replace(status=IKStatus.TIME_LIMIT)
-            start = q0 if restart == 0 else restart_configuration(self.robot, target, q0, restart)
-            outcome = self.attempt(target, start, trace, left)
+            outcome = self._attempt(restart, target, q0, trace, left)
             iterations += outcome.iterations
             result = self._judge(outcome, target)
             if result and restart == 0:
@@ -227,7 +332,32 @@ class IKSolver(ABC):
             if best:
                 break
         assert best is not None  # the loop runs at least once
-        return best
+        return self._proved(best, target) if out >= 0.0 and not best else best
+
+    def _attempt(self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None) -> Attempt:
+        """Attempt from the given start, then from others."""
+        start = q0 if restart == 0 else restart_configuration(self.robot, target, q0, restart)
+        return self.attempt(target, start, trace, seconds)
+
+    def _proved(self, result: IKResult, target: Array) -> IKResult:
+        """Say that the target is out of reach, and by which bound."""
+        distance = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
+        A, least, most = self._reach[:3] + 0.0, self._reach[6], self._reach[7]
+        side = f"at most {most:.6g}" if distance > most else f"at least {least:.6g}"
+        message = (
+            f"the target asks for {distance:.6g} m between the base's point ({A[0]:.4g}, {A[1]:.4g}, {A[2]:.4g}) and the "
+            f"last joint's axis or the tool; the links between them allow {side} m"
+        )
+        return result._replace(status=IKStatus.UNREACHABLE, message=message)
+
+    def _closest(self, result: IKResult, target: Array, q0: Array) -> IKResult:
+        """Replace the configuration of a failure by that of the nearest pose found, from it, the start and restarts."""
+        starts = [result.q, q0, *(restart_configuration(self.robot, target, q0, r) for r in range(1, 9))]
+        q = nearest(self.robot, self.task, target, np.array(starts))
+        position, rotation, _ = self._measure(q, target)
+        if position <= self.tolerance.position and rotation <= self.tolerance.rotation:
+            return IKResult(q, IKStatus.SOLVED, result.iterations, result.restarts, position, rotation, result.trace)
+        return result._replace(q=q, position_error=position, rotation_error=rotation)
 
     def _judge(self, outcome: Attempt, target: Array) -> IKResult:
         """Measure the outcome with our own forward kinematics and limits, and set the status accordingly."""
@@ -248,7 +378,8 @@ class IKSolver(ABC):
     def _measure(self, q: Array, target: Array) -> tuple[float, float, bool]:
         robot = self.robot
         lower, upper = robot.limits.lower, robot.limits.upper
-        return judge(robot.fixed, robot.prismatic, robot.tool, lower, upper, LIMIT_TOLERANCE, q, target)
+        flags = self.task.flags
+        return judge(robot.fixed, robot.prismatic, robot.tool, lower, upper, flags, LIMIT_TOLERANCE, q, target)
 
 
 def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
@@ -271,14 +402,58 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
     return q
 
 
+def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Array, Array]:
+    """Return targets (N, 4, 4) and starts (N, n), both contiguous, or say which one is wrong.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, something that is no pose, a start that is no configuration inside the limits.
+    """
+    poses = np.ascontiguousarray(real_array(targets, "targets", "poses (N, 4, 4)"))
+    if poses.shape == (0,):
+        poses = poses.reshape(0, 4, 4)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise InvalidInput("targets", f"shape {poses.shape}", "poses of shape (N, 4, 4)")
+    q = real_array(starts, "starts", f"configurations ({len(poses)}, {robot.n}) or ({robot.n},)")
+    if q.shape == (0,):
+        q = q.reshape(0, robot.n)
+    if q.shape not in ((robot.n,), (len(poses), robot.n)):
+        wanted = f"shape ({len(poses)}, {robot.n}) or ({robot.n},) for {robot.name}"
+        raise InvalidInput("starts", f"shape {q.shape}", wanted)
+    wrong = first_wrong(poses, np.atleast_2d(q), robot.limits.lower, robot.limits.upper, LIMIT_TOLERANCE)
+    if wrong[0] >= 0:
+        check_pose(poses[wrong[0]], f"targets[{wrong[0]}]")
+    if wrong[1] >= 0:
+        one = q if q.ndim == 1 else q[wrong[1]]
+        check_start(robot, one, "starts" if q.ndim == 1 else f"starts[{wrong[1]}]")
+    return poses, np.ascontiguousarray(np.broadcast_to(q, (len(poses), robot.n)))
+
+
+@compiled
+def first_wrong(poses: Array, q: Array, lower: Array, upper: Array, slack: float) -> tuple[int, int]:
+    """Index of the first target that is no pose and of the first start outside the limits (NaN is), −1 where none."""
+    bad_pose, bad_start = -1, -1
+    for i in range(poses.shape[0]):
+        if not is_pose(poses[i]):
+            bad_pose = i
+            break
+    for i in range(q.shape[0]):
+        inside = True
+        for j in range(q.shape[1]):
+            # infinite joints are in no limits, open or not
+            inside = inside and lower[j] - slack <= q[i, j] <= upper[j] + slack and abs(q[i, j]) < np.inf
+        if not inside:
+            bad_start = i
+            break
+    return bad_pose, bad_start
+
+
 def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
     """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
     problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
     rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
-    lower, upper = robot.limits.lower, robot.limits.upper
-    # a joint without an end is drawn over one turn from the end it has, or around zero
-    low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * np.pi, -np.pi))
-    return rng.uniform(low, np.where(np.isfinite(upper), upper, low + 2.0 * np.pi))
+    return np.asarray(draw_configurations(robot, rng, 1)[0])
 
 
 def _merit(result: IKResult, tolerance: Tolerance) -> float:

@@ -13,6 +13,7 @@ from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.robot import Robot
 from optik.se3 import pose_error
+from optik.task import keep_rows, task_error, task_rows
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -27,6 +28,7 @@ def iterate(
     tool: Array,
     lower: Array,
     upper: Array,
+    flags: Array,
     target: Array,
     options: Array,
     max_iterations: int,
@@ -43,12 +45,17 @@ def iterate(
     n = q.shape[0]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
+    w = np.empty(3)
+    pose = flags[0] * flags[1] * flags[2] * flags[3] * flags[4] * flags[5] == 1.0
     smallest = np.inf
     k = 0
     while True:
         frames(fixed, prismatic, q, frame)
         tool_pose(frame, tool, T)
-        pose_error(T, target, e)  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
+        if pose:
+            pose_error(T, target, e)  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
+        else:
+            task_error(T, target, flags, e, w)
         if trace.shape[0] > 0:
             copy_vector(e, trace[k])
         p2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
@@ -64,7 +71,11 @@ def iterate(
         if as_printed != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
             e[3], e[4], e[5] = -e[3], -e[4], -e[5]
         jacobian_from(frame, prismatic, T, J)
-        if not damped_step(J, e, damping * damping, A, y, dq):  # eq. 11
+        m = 6
+        if not pose:
+            task_rows(target, flags, w, J)
+            m = keep_rows(flags, J, e)
+        if not damped_step(J[:m], e[:m], damping * damping, A, y[:m], dq):  # eq. 11
             return k, _SINGULAR
         for i in range(n):  # eq. 12 with its α, eq. 13, and the limits
             q[i] = min(max(q[i] + step * dq[i], lower[i]), upper[i])
@@ -122,7 +133,7 @@ class DLS(IKSolver):
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))
         k, code = iterate(
             robot.fixed, robot.prismatic, robot.tool, limits.lower, limits.upper,
-            target, self._numbers, self.max_iterations, q, best, errors,
+            self.task.flags, target, self._numbers, self.max_iterations, q, best, errors,
         )  # fmt: skip
         status, message = _STATUS[code]
         return Attempt(best, status, k, errors[: k + 1].copy() if trace else None, message)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, JointLimits, Robot, kinematics
+from optik.task import POSE, judge
 from tests import oracles
 
 COUNT = 1000
@@ -316,8 +317,8 @@ def test_the_judge_sees_what_errors_sees_and_the_limits(arm, seed):
     robot, rng = built(arm), np.random.default_rng(seed)
     q, target = rng.uniform(-3.3, 3.3, arm.n), oracles.fk(arm, rng.uniform(-3, 3, arm.n))
     lower, upper = robot.limits.lower, robot.limits.upper
-    position, rotation, inside = kinematics.judge(
-        robot.fixed, robot.prismatic, robot.tool, lower, upper, 1e-9, q, target
+    position, rotation, inside = judge(
+        robot.fixed, robot.prismatic, robot.tool, lower, upper, POSE.flags, 1e-9, q, target
     )
     e = oracles.error(oracles.fk(arm, q), target)
     assert abs(position - np.linalg.norm(e[:3])) < 1e-13

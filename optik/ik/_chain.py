@@ -1,0 +1,94 @@
+"""The arm as the kernels take it: every joint a translation, one fixed angle about x, then its own motion about z."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import atan2, cos, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.robot import Robot
+from optik.se3 import inverse
+
+Array = NDArray[np.float64]
+
+# Where things stand in the one flat array that the kernels take: options, reach bound (8), base rotation (9) and position
+# (3), tool rotation (9) and position (3), the joints, the seeds' poses (13, NEAR), the seeds' configurations (SEEDS, n).
+TOLERANCE_P, TOLERANCE_R, GAIN, LEAST_DAMPING, ITERATIONS, FIRST, ATTEMPTS, PATIENCE, PROGRESS = range(9)
+REACH, BASE_R, BASE_P, TOOL_R, TOOL_P, JOINTS = 9, 17, 26, 29, 38, 41
+MOST_JOINTS = 12
+
+PER_JOINT = 10
+"""Numbers of a joint: p (3), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit."""
+
+NEAR, SEEDS = 256, 1024
+"""Seeds whose poses are compared with the target, and seeds in all."""
+
+SEED_POSES = JOINTS + MOST_JOINTS * PER_JOINT
+SEED_Q = SEED_POSES + 13 * NEAR
+
+
+def pack(robot: Robot, reach: Array, options: Array) -> Array:
+    """Put an arm, its reach bound and the options of a solver into one flat array."""
+    seed_poses, seed_q = _seeds(robot)
+    joints = np.zeros((MOST_JOINTS, PER_JOINT))
+    joints[: robot.n] = chain_joints(robot)
+    first, tool = robot.fixed[0], robot.tool
+    parts = (options, reach, first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3], joints, seed_poses, seed_q)
+    return np.concatenate([part.ravel() for part in parts])
+
+
+@lru_cache(maxsize=64)
+def _seeds(robot: Robot) -> tuple[Array, Array]:
+    """Return what the search reads of the seeds' poses (13, NEAR), and the seeds (SEEDS, n), drawn inside the limits.
+
+    The rows are rotation (9) and position (3), weighted as the distance between poses counts them, and half the square
+    of the position: half the squared distance to a target is that minus a scalar product, up to a constant. A radian
+    counts as 0.3 m (measured: anything between 0.15 and 0.5 does as well).
+    """
+    q = draw_configurations(robot, np.random.default_rng(1), SEEDS)
+    T = inverse(robot.fixed[0]) @ robot.fk(q[:NEAR])
+    R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
+    return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q
+
+
+def draw_configurations(robot: Robot, rng: np.random.Generator, count: int) -> Array:
+    """Draw configurations (count, n), uniform inside the limits.
+
+    A joint without an end is drawn over one turn from the end it has, or around zero.
+    """
+    lower, upper = robot.limits.lower, robot.limits.upper
+    low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * np.pi, -np.pi))
+    high = np.where(np.isfinite(upper), upper, low + 2.0 * np.pi)
+    return rng.uniform(low, high, (count, robot.n))
+
+
+def chain_joints(robot: Robot) -> Array:
+    """Return the numbers of an arm's joints, (n, PER_JOINT).
+
+    Frames are turned about their own z, which only shifts a joint's zero, so that joint i is reached from joint i − 1 by
+    the translation p and Rot(x, α), then Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if it slides: any serial arm, in two
+    thirds of the multiplications of a full transform. α and θ are two of the Euler angles z–x–z of the fixed rotation;
+    the third goes to the joint before.
+    """
+    n, limits = robot.n, robot.limits
+    joints = np.zeros((n, PER_JOINT))
+    joints[:, 3] = 1.0  # cos α of the first, whose frame is the base
+    joints[:, 6], joints[:, 7] = robot.prismatic, limits.lower < limits.upper
+    joints[:, 8], joints[:, 9] = limits.lower, limits.upper
+    for i in range(1, n):  # Rot(z, a) Rot(x, α) Rot(z, b): a goes to the zero of the joint before, b to this one's
+        R, p = robot.fixed[i, :3, :3], robot.fixed[i, :3, 3]
+        across = sqrt(R[0, 2] ** 2 + R[1, 2] ** 2)
+        a = atan2(R[0, 2], -R[1, 2]) if across > 1e-12 else 0.0
+        ca, sa = cos(a), sin(a)
+        ct, st = R[2, 2], sa * R[0, 2] - ca * R[1, 2]
+        size = sqrt(ct * ct + st * st)
+        ct, st = ct / size, st / size
+        back = np.array([[ca, sa, 0.0], [-ct * sa, ct * ca, st], [st * sa, -st * ca, ct]])  # Rot(x, −α) Rot(z, −a)
+        rest = back @ R
+        joints[i, 0:3] = ca * p[0] + sa * p[1], ca * p[1] - sa * p[0], p[2]
+        joints[i, 3:5] = ct, st
+        joints[i - 1, 5] += a
+        joints[i, 5] = atan2(rest[1, 0], rest[0, 0])
+    return joints

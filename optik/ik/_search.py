@@ -1,0 +1,368 @@
+"""One lane's way to an answer: attempts from the start and then from the seeds, windings, limits, and giving up.
+
+An attempt runs free of the limits, since the shortest way may lead outside and back. Where it meets the target, whole
+turns bring the joints inside (the winding nearest to the start); where they cannot, the configuration is cut to the
+limits and the attempt goes on with every step cut to them. An attempt that no longer gets on is given up for the next.
+The first starts where the caller says; the next ones at the seeds, configurations inside the limits, whose poses are
+nearest to the target, then at other seeds in a fixed order. Nothing is drawn at run time: the same problem has the same
+answer in any lane, thread and process.
+
+All functions take the arm as `_chain.pack` wrote it and the work array w (ROWS, L) of `_lanes`; l is a lane.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled, inlined, parallel
+from optik._stack import stack
+from optik.ik._chain import (
+    ATTEMPTS,
+    BASE_P,
+    BASE_R,
+    FIRST,
+    ITERATIONS,
+    JOINTS,
+    NEAR,
+    PATIENCE,
+    PER_JOINT,
+    PROGRESS,
+    REACH,
+    SEED_POSES,
+    SEED_Q,
+    SEEDS,
+    TOLERANCE_P,
+    TOLERANCE_R,
+    TOOL_R,
+)  # fmt: skip
+from optik.ik._lanes import (
+    ATTEMPT,
+    BEST,
+    BEST_E,
+    CLAMPED,
+    ENDING,
+    GOAL,
+    HIGH,
+    ITERATION,
+    LEAST,
+    LOW,
+    OUTSIDE,
+    PICKED,
+    PICKS,
+    PROBLEM,
+    ROWS,
+    STALL,
+    TOTAL,
+    E,
+    Q,
+    S,
+    e,
+    errors,
+    face_about,
+    steps,
+)  # fmt: skip
+from optik.reach import outside_reach
+from optik.robot import LIMIT_TOLERANCE as SLACK
+from optik.se3 import is_pose
+
+Array = NDArray[np.float64]
+
+SOLVED, MAX_ITERATIONS, STALLED, OUTSIDE_LIMITS, UNREACHABLE = 0, 1, 2, 4, 5
+"""Answers, by their position in IKStatus."""
+
+STEP, HELD, WRONG = -1, -2, -3
+"""No answer yet: the lane takes a step, or has just been put elsewhere and must be measured first. Wrong arguments."""
+
+IDLE = -1.0
+NEAREST = 16
+"""Seeds that are tried first; the others follow in a fixed order."""
+
+
+class Answers(NamedTuple):
+    """Where answers go: q (N, n), and (N,) each; trace (k, 6) takes the errors of one attempt of one problem."""
+
+    q: Array
+    status: Any
+    iterations: Any
+    restarts: Any
+    position_error: Array
+    rotation_error: Array
+    trace: Array
+
+
+@inlined
+def aim(arm: Array, target: Array, w: Array, l: int) -> None:
+    """Take a target (4, 4): seen from the first joint's frame, its rotation without the tool's."""
+    for i in range(3):
+        v = 0.0
+        for m in range(3):
+            v += arm[BASE_R + 3 * m + i] * (target[m, 3] - arm[BASE_P + m])
+        w[GOAL + 9 + i, l] = v
+        for j in range(3):
+            v = 0.0
+            for m in range(3):
+                u = 0.0
+                for o in range(3):
+                    u += arm[BASE_R + 3 * o + i] * target[o, m]
+                v += u * arm[TOOL_R + 3 * j + m]
+            w[GOAL + 3 * i + j, l] = v
+
+
+@inlined
+def pick_seeds(arm: Array, w: Array, l: int) -> None:
+    """Note the NEAREST seeds whose poses are nearest to the goal, nearest first."""
+    score, kept, size = stack(1, 64), stack(1, 16), 64
+    count = 0
+    for first in range(0, NEAR, size):
+        for m in range(size):
+            score[0, m] = arm[SEED_POSES + 12 * NEAR + first + m]
+        for i in range(12):
+            g = w[GOAL + i, l]
+            row = SEED_POSES + i * NEAR + first
+            for m in range(size):
+                score[0, m] -= g * arm[row + m]
+        for m in range(size):
+            s = score[0, m]
+            if count < NEAREST or s < kept[0, NEAREST - 1]:
+                j = min(count, NEAREST - 1)
+                while j > 0 and kept[0, j - 1] > s:
+                    kept[0, j] = kept[0, j - 1]
+                    w[PICKS + j, l] = w[PICKS + j - 1, l]
+                    j -= 1
+                kept[0, j] = s
+                w[PICKS + j, l] = first + m
+                count += 1
+
+
+@inlined
+def settle(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
+    """Bring a lane inside the limits: by whole turns, to the winding nearest to the start, else to the limit itself.
+
+    Returns whether it stood there already.
+    """
+    same = True
+    for i in range(n):
+        m = JOINTS + i * PER_JOINT
+        low, high, q = arm[m + 8], arm[m + 9], w[Q + i, l]
+        if arm[m + 6] == 0.0:
+            turn = 6.283185307179586
+            turns = np.floor((start[i] - q) / turn + 0.5)
+            x = q + turns * turn
+            if x < low or x > high:  # of the windings on either side of the limits, the nearer; rounding may miss both
+                below = np.floor((high - q) / turn) if x > high else np.ceil((low - q) / turn) - 1.0
+                above = below + 1.0
+                turns = below if low - (q + below * turn) <= q + above * turn - high else above
+            if turns != 0.0:
+                q += turns * turn
+                same = False
+        if q < low or q > high:
+            q = min(max(q, low), high)
+            same = False
+        w[Q + i, l] = q
+    return same
+
+
+@inlined
+def inside(arm: Array, w: Array, n: int, l: int) -> bool:
+    """Whether a lane stands inside the limits."""
+    for i in range(n):
+        m = JOINTS + i * PER_JOINT
+        if not (arm[m + 8] <= w[Q + i, l] <= arm[m + 9]):
+            return False
+    return True
+
+
+@inlined
+def bound(arm: Array, w: Array, n: int, l: int, clamped: float) -> None:
+    """Let a lane's steps end at the limits, or nowhere."""
+    w[CLAMPED, l] = clamped
+    for i in range(n):
+        m = JOINTS + i * PER_JOINT
+        w[LOW + i, l] = arm[m + 8] if clamped != 0.0 else -1e9
+        w[HIGH + i, l] = arm[m + 9] if clamped != 0.0 else 1e9
+
+
+@inlined
+def put(arm: Array, w: Array, n: int, l: int, i: int, q: float) -> None:
+    """Put joint i inside its limits and hold it there for one step, since its error is not known yet."""
+    m = JOINTS + i * PER_JOINT
+    w[Q + i, l] = min(max(q, arm[m + 8]), arm[m + 9])
+    w[LOW + i, l] = w[HIGH + i, l] = w[Q + i, l]
+
+
+@inlined
+def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
+    """Go where the lane's attempt starts: the caller's configuration, the nearest seeds, then the others in turn."""
+    attempt = int(w[ATTEMPT, l])
+    w[ITERATION, l], w[LEAST, l], w[STALL, l], w[CLAMPED, l] = 0.0, np.inf, 0.0, 0.0
+    row = 0
+    if attempt > 0:
+        if w[PICKED, l] == 0.0:
+            pick_seeds(arm, w, l)
+            w[PICKED, l] = 1.0
+        row = int(w[PICKS + attempt - 1, l]) if attempt <= NEAREST else (attempt * 7919) % SEEDS
+    for i in range(n):
+        put(arm, w, n, l, i, start[i] if attempt == 0 else arm[SEED_Q + row * n + i])
+
+
+@inlined
+def load(arm: Array, w: Array, n: int, targets: Array, starts: Array, problem: int, l: int) -> None:
+    """Give a lane a problem."""
+    aim(arm, targets[problem], w, l)
+    for i in range(PROBLEM, ROWS):
+        w[i, l] = 0.0
+    w[PROBLEM, l], w[ATTEMPT, l], w[BEST_E, l] = problem, arm[FIRST], np.inf
+    begin(arm, w, n, starts[problem], l)
+
+
+@inlined
+def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
+    """Judge a lane: SOLVED, why its attempt ends, STEP, or HELD where it has been brought inside its limits."""
+    tolerance_p, tolerance_r = arm[TOLERANCE_P], arm[TOLERANCE_R]
+    if w[S, l] <= tolerance_p * tolerance_p and w[S + 1, l] <= tolerance_r * tolerance_r:
+        if settle(arm, w, n, start, l):
+            return SOLVED
+        w[OUTSIDE, l], w[CLAMPED, l], w[LEAST, l], w[STALL, l] = 1.0, 1.0, np.inf, 0.0
+        for i in range(n):
+            put(arm, w, n, l, i, w[Q + i, l])
+        return HELD
+    if w[E, l] < arm[PROGRESS] * w[LEAST, l]:
+        w[LEAST, l], w[STALL, l] = w[E, l], 0.0
+    else:
+        w[STALL, l] += 1.0
+    if w[ITERATION, l] >= arm[ITERATIONS]:
+        return MAX_ITERATIONS
+    # NaN is no progress either, and never gets better
+    return STALLED if w[STALL, l] >= arm[PATIENCE] or not w[E, l] < np.inf else STEP
+
+
+@inlined
+def give_up(arm: Array, w: Array, n: int, start: Array, l: int, attempts: float) -> bool:
+    """Go to the next attempt; where there is none, back to the best found, to be measured once more."""
+    if w[E, l] < w[BEST_E, l] and inside(arm, w, n, l):
+        w[BEST_E, l] = w[E, l]
+        for i in range(n):
+            w[BEST + i, l] = w[Q + i, l]
+    if w[ATTEMPT, l] + 1.0 < attempts:
+        w[ATTEMPT, l] += 1.0
+        begin(arm, w, n, start, l)
+        return False
+    for i in range(n):
+        q = w[BEST + i, l] if w[BEST_E, l] < np.inf else w[Q + i, l]
+        put(arm, w, n, l, i, q if abs(q) < 1e9 else start[i])
+    return True
+
+
+@inlined
+def advance(arm: Array, w: Array, n: int, target: Array, start: Array, trace: Array, l: int) -> int:
+    """Look at a lane whose error is known: STEP, HELD, or its answer."""
+    face_about(w, l)
+    if w[ENDING, l] != 0.0:
+        return int(w[ENDING, l])
+    bound(arm, w, n, l, w[CLAMPED, l])
+    if trace.shape[0] > 0:
+        for i in range(6):
+            trace[int(w[ITERATION, l]), i] = w[e + i, l]
+    status = look(arm, w, n, start, l)
+    if status == STEP:
+        w[ITERATION, l] += 1.0
+        w[TOTAL, l] += 1.0
+    elif status in (MAX_ITERATIONS, STALLED):
+        proved = outside_reach(arm[REACH : REACH + 8], target, arm[TOLERANCE_P], arm[TOLERANCE_R]) >= 0.0
+        if give_up(arm, w, n, start, l, 0.0 if proved else arm[ATTEMPTS]):
+            w[ENDING, l] = UNREACHABLE if proved else (OUTSIDE_LIMITS if w[OUTSIDE, l] != 0.0 else status)
+        return HELD
+    return status
+
+
+@inlined
+def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
+    """Write a lane's answer."""
+    p = int(w[PROBLEM, l])
+    for i in range(n):
+        answers.q[p, i] = w[Q + i, l]
+    answers.status[p] = status
+    answers.iterations[p], answers.restarts[p] = int(w[TOTAL, l]), int(w[ATTEMPT, l])
+    answers.position_error[p], answers.rotation_error[p] = sqrt(w[S, l]), sqrt(w[S + 1, l])
+
+
+@inlined
+def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts: Array, answers: Answers) -> None:
+    """Solve all problems: every lane takes the next one as soon as its own is answered."""
+    N, L = targets.shape[0], w.shape[1]
+    waiting, busy = 0, 0
+    for l in range(L):  # a lane without a problem runs along with a copy of another's, and is not looked at
+        load(arm, w, n, targets, starts, min(waiting, N - 1), l)
+        if waiting < N:
+            waiting += 1
+            busy += 1
+        else:
+            w[PROBLEM, l] = IDLE
+    while busy > 0:
+        errors(arm, w, g, n)
+        stepping = False
+        for l in range(L):
+            if w[PROBLEM, l] == IDLE:
+                continue
+            p = int(w[PROBLEM, l])
+            status = advance(arm, w, n, targets[p], starts[p], answers.trace, l)
+            if status == STEP:
+                stepping = True
+            elif status != HELD:
+                answer(w, n, answers, l, status)
+                if waiting < N:
+                    load(arm, w, n, targets, starts, waiting, l)
+                    waiting += 1
+                else:
+                    w[PROBLEM, l] = IDLE
+                    busy -= 1
+        if stepping:
+            steps(arm, w, g, J, n)
+
+
+def single(n: int) -> Any:
+    """Return the kernel for one target of an arm of n joints."""
+    n6 = 6 * n
+
+    @compiled
+    def solve_one(arm: Array, target: Array, q0: Array, out: Array) -> tuple[int, int, int, float, float]:
+        """Answer into out (n,); returns (status, iterations, restarts, errors), or a negative status for wrong arguments.
+
+        Where out is longer by 6 (k + 1), the rest takes the errors of the attempt's iterates.
+        """
+        if target.shape[0] != 4 or target.shape[1] != 4 or not is_pose(target):
+            return WRONG, 0, 0, 0.0, 0.0
+        if q0.shape[0] != n:
+            return WRONG, 0, 0, 0.0, 0.0
+        for i in range(n):
+            m = JOINTS + i * PER_JOINT
+            if not (arm[m + 8] - SLACK <= q0[i] <= arm[m + 9] + SLACK and abs(q0[i]) < np.inf):
+                return WRONG, 0, 0, 0.0, 0.0
+        w, g, J, x = stack(132, 1), stack(72, 1), stack(n6, 1), stack(5, 1)
+        trace = out[n:].reshape(((out.shape[0] - n) // 6, 6))
+        answers = Answers(out[:n].reshape((1, n)), x[0], x[1], x[2], x[3], x[4], trace)
+        run(arm, w, g, J, n, target.reshape((1, 4, 4)), q0.reshape((1, n)), answers)
+        return int(x[0, 0]), int(x[1, 0]), int(x[2, 0]), x[3, 0], x[4, 0]
+
+    return solve_one
+
+
+def batch(n: int, L: int) -> Any:
+    """Return the kernel for many targets of an arm of n joints, L side by side."""
+    n6 = 6 * n
+
+    @parallel
+    def solve_many(
+        arm: Array, targets: Array, starts: Array, q: Array, status: Any, iterations: Any, restarts: Any,
+        position_error: Array, rotation_error: Array,
+    ) -> None:  # fmt: skip
+        """Answers to targets (N, 4, 4) from starts (N, n), both checked before, into the arrays of an `IKBatch`."""
+        w, g, J = stack(132, L), stack(72, L), stack(n6, L)
+        answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty((0, 6)))
+        run(arm, w, g, J, n, targets, starts, answers)
+
+    return solve_many

@@ -1,0 +1,217 @@
+"""The default: Gauss–Newton steps damped by the error itself, restarts from the nearest of known poses, compiled whole."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik.check import check_number
+from optik.errors import InvalidInput, RobotModelError
+from optik.ik import _search
+from optik.ik._chain import ATTEMPTS, FIRST, MOST_JOINTS, draw_configurations, pack
+from optik.ik._general import attempt_task
+from optik.ik._prefer import Preference
+from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus, check_start
+from optik.robot import Robot
+from optik.se3 import check_pose
+
+Array = NDArray[np.float64]
+
+LEAST_DAMPING = 1e-12
+"""λ² never falls below it. It must be negligible: 1e-8 leaves 0.2 % of near targets unsolved, 1e-4 leaves 5 %."""
+
+PATIENCE, PROGRESS = 4, 0.7
+"""An attempt is given up after so many iterations in a row that do not bring E below this share of its least."""
+
+LANES = 8
+"""Targets side by side in a batch: two vectors of four numbers hide each other's latency, more fill the cache."""
+
+CHUNK = 4096
+"""Problems that a thread takes at a time."""
+
+_MESSAGE = {
+    IKStatus.MAX_ITERATIONS: "the last attempt ran into its number of iterations",
+    IKStatus.STALLED: "no attempt got further",
+    IKStatus.OUTSIDE_LIMITS: "attempts met the target only with joints outside their limits",
+}
+
+
+class LM(IKSolver):
+    """Levenberg–Marquardt, damped by the error: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · ½|e|², with restarts.
+
+    An attempt runs free of the limits; its answer is brought inside by whole turns, or cut to the limits and taken on
+    from there. Attempts that stall are given up early; the next ones start at those of 256 known configurations whose
+    poses are nearest to the target. The damping is that of Sugihara (2011), without a constant part to speak of. For
+    the whole pose everything runs in one compiled kernel, argument checks and judgement included.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm, of at most 12 joints.
+    gain : float
+        Of the damping, ≥ 0.
+    max_iterations : int
+        Of one attempt.
+    max_restarts : int
+        Attempts after the first.
+    prefer : str or mapping, optional
+        For arms or tasks with free motion, what to come down to once the target is met: ``"posture"`` ½|q − posture|²,
+        ``"limits"`` ½ Σ ((q − middle) / half range)² (Liégeois 1977), ``"manipulability"`` −log √det(J Jᵀ) (Yoshikawa
+        1985), or weights of these by name. A local minimum along the free motion; the target stays met.
+    posture : (n,) array, optional
+        For ``"posture"``; by default the start.
+    **options
+        Those of `IKSolver`.
+
+    Raises
+    ------
+    InvalidInput
+        An option out of range, or more than 12 joints.
+    """
+
+    name: ClassVar[str] = "lm"
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        gain: float = 0.1,
+        max_iterations: int = 50,
+        max_restarts: int = 200,
+        prefer: str | Mapping[str, float] | None = None,
+        posture: ArrayLike | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(robot, max_iterations=max_iterations, max_restarts=max_restarts, **options)
+        if robot.n > MOST_JOINTS:
+            raise InvalidInput("robot", f"{robot.n} joints", f"at most {MOST_JOINTS} for lm; dls takes any number")
+        self.gain = check_number(gain, "gain", "a finite number ≥ 0", least=0.0)
+        self.preference = Preference.of(robot, prefer, posture)
+        tolerance = self.tolerance
+        self._numbers = np.array(
+            [tolerance.position, tolerance.rotation, gain, LEAST_DAMPING, max_iterations, 0, max_restarts + 1, PATIENCE,
+             PROGRESS]
+        )  # fmt: skip
+        self._kernel = _single(robot.n)
+        self._arm = pack(robot, self._reach, self._numbers)
+        self._whole = self.task.is_pose and self.time_limit is None
+        self._fast = self._whole and self.preference is None
+        self._compare_models()
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """All options, as they would be given again."""
+        own = {"gain": self.gain, "prefer": None, "posture": None}
+        return {**super().options, **own, **(self.preference.options if self.preference else {})}
+
+    def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
+        """Find a configuration whose tool pose is the target; see `IKSolver.solve`."""
+        if trace or not self._fast:
+            return super().solve(target, q0, trace=trace, closest=closest)
+        q = np.empty(self.robot.n)
+        try:
+            code, iterations, restarts, position, rotation = self._kernel(self._arm, target, q0, q)
+        except (
+            TypeError
+        ):  # a list, other numbers, gaps, not to be written: nothing wrong yet, but nothing for the kernel
+            code = _search.WRONG
+        if code == _search.SOLVED:
+            # what IKResult(…) does, in two thirds of its time
+            return tuple.__new__(IKResult, (q, IKStatus.SOLVED, iterations, restarts, position, rotation, None, ""))
+        pose, start = check_pose(target, "target"), check_start(self.robot, q0)
+        if code == _search.WRONG:
+            plain = np.array(pose, order="C"), np.array(start, order="C")
+            code, iterations, restarts, position, rotation = self._kernel(self._arm, *plain, q)
+        result = self._said(IKResult(q, STATUSES[code], iterations, restarts, position, rotation), pose)
+        return self._closest(result, pose, start) if closest and not result else result
+
+    def _said(self, result: IKResult, target: Array) -> IKResult:
+        if result.status is IKStatus.UNREACHABLE:
+            return self._proved(result, target)
+        return result._replace(message=_MESSAGE.get(result.status, ""))
+
+    def _fill(self, batch: IKBatch, targets: Array, starts: Array, threads: int | None) -> None:
+        if not self._fast:
+            super()._fill(batch, targets, starts, threads)
+            return
+        kernel = _batch(self.robot.n)
+
+        def part(first: int) -> None:
+            k = slice(first, first + CHUNK)
+            kernel(self._arm, targets[k], starts[k], *(field[k] for field in batch))
+
+        with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
+            for _ in pool.map(part, range(0, len(targets), CHUNK)):
+                pass  # an exception of a part shows itself here
+
+    def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
+        result = super()._solve(target, q0, trace)
+        if self.preference is None or not result:
+            return result
+        q = self.preference.improve(self.task, self.tolerance, target, q0, result.q)
+        position, rotation, _ = self._measure(q, target)
+        return result._replace(q=q, position_error=position, rotation_error=rotation)
+
+    def _attempt(self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None) -> Attempt:
+        if not self.task.is_pose:
+            return super()._attempt(restart, target, q0, trace, seconds)
+        arm, n = self._arm.copy(), self.robot.n
+        arm[FIRST], arm[ATTEMPTS] = restart, restart + 1
+        out = np.empty(n + (6 * (self.max_iterations + 1) if trace else 0))
+        code, iterations, *_ = self._kernel(arm, np.array(target, order="C"), np.array(q0, order="C"), out)
+        status = STATUSES[code]
+        errors = None
+        if trace:  # the kernel's twists are seen from the first joint's frame
+            turn = self.robot.fixed[0, :3, :3]
+            errors = (out[n:].reshape(-1, 2, 3)[: iterations + 1] @ turn.T).reshape(-1, 6)
+        return Attempt(out[:n].copy(), status, iterations, errors, _MESSAGE.get(status, ""))
+
+    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+        """Attempt once from the start; so short that a time limit is only looked at between attempts."""
+        if self.task.is_pose:
+            return self._attempt(0, target, start, trace, seconds)
+        robot, limits = self.robot, self.robot.limits
+        # with motion to spare the limits are kept from the start: a free attempt drifts out of them (measured)
+        q, errors = limits.clip(start), np.empty((self.max_iterations + 1 if trace else 0, 6))
+        iterations, code = attempt_task(
+            robot.fixed, robot.prismatic, robot.tool, limits.lower, limits.upper, self.task.flags, target,
+            self._numbers, self.task.size < robot.n, q, errors,
+        )  # fmt: skip
+        status = STATUSES[code]
+        return Attempt(q, status, iterations, errors[: iterations + 1] if trace else None, _MESSAGE.get(status, ""))
+
+    def _compare_models(self) -> None:
+        """See that the kernel's model of the arm is the arm: its error at some configurations' own poses is none."""
+        for q in draw_configurations(self.robot, np.random.default_rng(0), 4):
+            q = np.where(self.robot.prismatic, np.clip(q, -1e3, 1e3), q)
+            target = self.robot.fk(q)
+            size = 1.0 + np.abs(target[:3, 3]).max() + np.abs(self.robot.fixed[:, :3, 3]).sum()
+            out = np.empty(self.robot.n + 6)
+            self._kernel(np.where(np.arange(self._arm.size) == 4, 0.0, self._arm), target, q, out)
+            if not np.abs(out[self.robot.n :]).max() <= 1e-12 * size:
+                raise RobotModelError(self.robot.name, f"lm reads its chain with an error of {out[self.robot.n :]}")
+
+
+@cache
+def _single(n: int) -> Any:
+    """Return the kernel of single calls, compiled for plain contiguous arrays and for nothing else."""
+    kernel = _search.single(n)
+    vector, matrix = numba.float64[::1], numba.float64[:, ::1]
+    kernel.compile((vector, matrix, vector, vector))
+    kernel.disable_compile()
+    return kernel
+
+
+@cache
+def _batch(n: int) -> Any:
+    return _search.batch(n, LANES)
+
+
+METHOD = LM

@@ -1,0 +1,207 @@
+"""Which part of a target pose must be met: all of it, the position, a direction, or any choice of components."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import atan2, sqrt, tan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+from optik.check import real_array
+from optik.errors import InvalidInput
+from optik.kinematics import frames, tool_pose
+from optik.se3 import log_rotation, pose_error
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FRAMES = ("target", "base")
+_MASKS = {
+    "pose": (1, 1, 1, 1, 1, 1),
+    "position": (1, 1, 1, 0, 0, 0),
+    "rotation": (0, 0, 0, 1, 1, 1),
+    "axis_x": (1, 1, 1, 0, 1, 1),
+    "axis_y": (1, 1, 1, 1, 0, 1),
+    "axis_z": (1, 1, 1, 1, 1, 0),
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """The components of the pose error that count, (x, y, z, rx, ry, rz), along the axes of a frame.
+
+    With one rotation left free, the error of the other two is the angle between the tool's axis and the target's (in
+    the frame ``"base"``: between the base axis as the tool sees it and as the target does). With two left free, it is
+    the component of the rotation vector along the third.
+
+    Parameters
+    ----------
+    mask : six of bool or 0/1
+        Which components must be met; at least one.
+    frame : {"target", "base"}
+        Whose axes they stand along.
+    box : number or six of them
+        How far each component may be off for nothing, ≥ 0 [m, rad]: only what is beyond counts as error, so a pose
+        anywhere in the box is as good as the target. Zero by default.
+
+    Raises
+    ------
+    InvalidInput
+        A mask that is no six flags, or with nothing to meet; another frame; a box with a negative or infinite side.
+    """
+
+    mask: tuple[bool, ...] = (True,) * 6
+    frame: str = "target"
+    box: tuple[float, ...] = (0.0,) * 6
+
+    def __post_init__(self) -> None:
+        given = self.mask
+        flags = tuple(given) if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
+        if len(flags) != 6 or any(isinstance(f, str) or f not in (0, 1) for f in flags) or not any(flags):
+            raise InvalidInput("task", repr(given)[:60], "six flags (x, y, z, rx, ry, rz), at least one of them true")
+        if self.frame not in FRAMES:
+            raise InvalidInput("task.frame", repr(self.frame)[:60], " or ".join(FRAMES))
+        object.__setattr__(self, "mask", tuple(bool(f) for f in flags))
+        sides = real_array(self.box, "task.box", "a number ≥ 0, or six (x, y, z, rx, ry, rz)")
+        if sides.shape not in ((), (6,)) or not (np.isfinite(sides) & (sides >= 0.0)).all():
+            raise InvalidInput("task.box", repr(self.box)[:60], "a finite number ≥ 0, or six (x, y, z, rx, ry, rz)")
+        object.__setattr__(self, "box", tuple(float(side) for side in np.broadcast_to(sides, 6)))
+
+    @property
+    def is_pose(self) -> bool:
+        """Whether all of the pose must be met, exactly."""
+        return all(self.mask) and not any(self.box)
+
+    @property
+    def size(self) -> int:
+        """How many components must be met."""
+        return sum(self.mask)
+
+    @cached_property
+    def flags(self) -> Array:
+        """What compiled code takes: the mask as six numbers, 1 where the frame is the base, and the box; (13,)."""
+        return np.array([*self.mask, self.frame == "base", *self.box], dtype=np.float64)
+
+
+POSE = Task()
+
+
+def as_task(value: object) -> Task:
+    """Return a task from a Task, or from its name: pose, position, rotation, axis_x, axis_y, axis_z.
+
+    ``axis_z`` is the position and the direction of the tool's z axis, free to turn about it (a spindle, a torch).
+
+    Raises
+    ------
+    InvalidInput
+        Neither a task nor a name of one.
+    """
+    if isinstance(value, Task):
+        return value
+    if isinstance(value, str) and value in _MASKS:
+        return Task(_MASKS[value])  # type: ignore[arg-type]
+    raise InvalidInput("task", repr(value)[:60], f"a Task(mask, frame, box), or one of: {', '.join(_MASKS)}")
+
+
+@compiled
+def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> None:
+    """Masked error (6,) of the tool pose T beyond the box, along the axes of the task's frame; w (3,) gets log(D)."""
+    pose_error(T, target, e)
+    p0, p1, p2 = e[0], e[1], e[2]
+    D = np.empty((3, 3))
+    if flags[6] == 0.0:  # D = R_tᵀ R, position along the target's axes
+        for i in range(3):
+            e[i] = target[0, i] * p0 + target[1, i] * p1 + target[2, i] * p2
+            for j in range(3):
+                D[i, j] = target[0, i] * T[0, j] + target[1, i] * T[1, j] + target[2, i] * T[2, j]
+    else:  # D = R R_tᵀ
+        for i in range(3):
+            for j in range(3):
+                D[i, j] = T[i, 0] * target[j, 0] + T[i, 1] * target[j, 1] + T[i, 2] * target[j, 2]
+    log_rotation(D, w)
+    free = 3.0 - flags[3] - flags[4] - flags[5]
+    for i in range(3):
+        e[3 + i] = -w[i]
+    if free == 1.0:
+        k = 0 if flags[3] == 0.0 else (1 if flags[4] == 0.0 else 2)
+        i, j = (k + 1) % 3, (k + 2) % 3
+        # the shortest turn from a = D ê_k to ê_k has the axis a × ê_k, which stands across ê_k
+        s = sqrt(D[i, k] * D[i, k] + D[j, k] * D[j, k])
+        angle = atan2(s, D[k, k])
+        e[3 + k] = 0.0
+        e[3 + i] = D[j, k] * (angle / s) if s > 0.0 else angle
+        e[3 + j] = -D[i, k] * (angle / s) if s > 0.0 else 0.0
+    for i in range(6):
+        side = flags[7 + i]
+        if flags[i] == 0.0 or abs(e[i]) <= side:
+            e[i] = 0.0
+        else:  # what is beyond the box
+            e[i] -= side if e[i] > 0.0 else -side
+
+
+@compiled
+def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
+    """Turn the geometric Jacobian J (6, n) into that of `task_error`, in place: the task's axes, masked rows zero.
+
+    A component inside its box keeps its row, though its error is zero: a step then holds it where it is.
+    """
+    free = 3.0 - flags[3] - flags[4] - flags[5]
+    a = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    # J_l⁻¹(w) = I − ½[w] + c [w]² (Barfoot, State Estimation for Robotics, §7.1.5), where one component counts alone
+    c = 1.0 / 12.0 if a < 1e-3 else (1.0 - 0.5 * a / tan(0.5 * a)) / (a * a)
+    x, y, z = w[0], w[1], w[2]
+    for k in range(J.shape[1]):
+        if flags[6] == 0.0:
+            for b in (0, 3):
+                v0, v1, v2 = J[b, k], J[b + 1, k], J[b + 2, k]
+                for i in range(3):
+                    J[b + i, k] = target[0, i] * v0 + target[1, i] * v1 + target[2, i] * v2
+        if free == 2.0:
+            v0, v1, v2 = J[3, k], J[4, k], J[5, k]
+            c0, c1, c2 = y * v2 - z * v1, z * v0 - x * v2, x * v1 - y * v0
+            J[3, k] = v0 - 0.5 * c0 + c * (y * c2 - z * c1)
+            J[4, k] = v1 - 0.5 * c1 + c * (z * c0 - x * c2)
+            J[5, k] = v2 - 0.5 * c2 + c * (x * c1 - y * c0)
+        for i in range(6):
+            if flags[i] == 0.0:
+                J[i, k] = 0.0
+
+
+@compiled
+def keep_rows(flags: Array, J: Array, e: Array) -> int:
+    """Move the rows of J (6, n) and e (6,) that count to the front; returns how many they are."""
+    m = 0
+    for i in range(6):
+        if flags[i] != 0.0:
+            e[m] = e[i]
+            for k in range(J.shape[1]):
+                J[m, k] = J[i, k]
+            m += 1
+    return m
+
+
+@compiled
+def judge(
+    fixed: Array,
+    prismatic: Bools,
+    tool: Array,
+    lower: Array,
+    upper: Array,
+    flags: Array,
+    slack: float,
+    q: Array,
+    target: Array,
+) -> tuple[float, float, bool]:
+    """Position and rotation error of q (n,) against a target, and whether q stands inside its limits within slack."""
+    frame, T, e, w = np.empty((q.shape[0], 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(3)
+    frames(fixed, prismatic, q, frame)
+    tool_pose(frame, tool, T)
+    task_error(T, target, flags, e, w)
+    inside = True
+    for i in range(q.shape[0]):
+        inside = inside and lower[i] - slack <= q[i] <= upper[i] + slack
+    return sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2), inside
