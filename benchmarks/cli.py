@@ -254,10 +254,11 @@ def bench_list(as_json: AsJson = False) -> None:
             [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
         )
         return
-    table = Table("suite", "what", "blocks", "line")
+    table = Table("suite", "what", "blocks", "timed call by call", "batches", "line")
     for suite in suites:
         line = f"{len(suite.line.ik)} IK methods × {len(suite.line.laws)} laws" if suite.line else "none"
-        table.add_row(suite.name, suite.title, ", ".join(b.id for b in suite.blocks), line)
+        ids = [", ".join(b.id for b in part) or "none" for part in (suite.blocks, suite.speed, suite.batch)]
+        table.add_row(suite.name, suite.title, *ids, line)
     out_console.print(table)
 
 
@@ -268,7 +269,10 @@ def bench_run(
     workers: Workers = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Run a suite into a folder; a run that was stopped is continued."""
+    """Run a suite into a folder; a run that was stopped is continued.
+
+    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers.
+    """
     folder = run_with_progress(suite, out, workers)
     if as_json:
         print_json(folder.manifest())

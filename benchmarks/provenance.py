@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly")
+"""Ours and what it stands on; peers say their versions where they are shown."""
 
 
 def provenance(seed: int, workers: int) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
@@ -15,11 +16,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.batch import run_batch
+from benchmarks.first_use import run_first_use
 from benchmarks.line import check_line, run_line
 from benchmarks.problems.base import ProblemSet
 from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, RunFolder, slug
-from benchmarks.suite import SETS, Block, Method, Suite
+from benchmarks.speed import check_set, run_speed
+from benchmarks.speed_suite import SETS
+from benchmarks.suite import Block, Method, Suite
 from optik.check import check_count
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
 from optik.registry import build_method
@@ -111,16 +116,33 @@ def run_suite(
         for part in _parts(folder, block, robot, problems)
         if not folder.has(part.file)
     ]
-    total = len(work) + (suite.line is not None)
+    apart = len(suite.speed) + len(suite.batch) + (suite.first_use is not None)
+    total = len(work) + (suite.line is not None) + apart
     for done, (part, frame) in enumerate(_solved(work, workers, executor, tell, total), start=1):
         folder.write(part.file, frame)
         tell(done, total, part.method.label)
     if suite.line is not None and not folder.has("line/plans.json"):
         tell(len(work), total, "the line")
         run_line(suite.line, folder)
+    _run_timed(suite, folder, tell, total - apart, total)
     tell(total, total, "done")
     folder.write_json("run.json", manifest | {"complete": True})
     return folder
+
+
+def _run_timed(suite: Suite, folder: RunFolder, tell: Progress, done: int, total: int) -> None:
+    """Everything that is timed by itself: here, one after another, whatever the number of workers."""
+    if suite.first_use is not None:
+        tell(done, total, "first use")
+        run_first_use(suite.first_use, folder)
+        done += 1
+    for block in suite.speed:
+        run_speed(block, suite.seed, folder, partial(tell, done, total))
+        done += 1
+    for batch in suite.batch:
+        tell(done, total, f"{batch.id}: in a process of its own")
+        run_batch(batch, suite.seed, folder)
+        done += 1
 
 
 def _check_methods(suite: Suite) -> None:
@@ -128,7 +150,14 @@ def _check_methods(suite: Suite) -> None:
     for block in suite.blocks:
         robot = load(block.robot)
         for method in block.methods:
-            make_solver(robot, method.solver, **method.options)
+            make_solver(robot, method.solver, **method.options, max_restarts=0)
+    for timed in suite.speed:
+        check_set(timed.robot, timed.set, timed.options)
+        for entry in timed.methods:
+            make_solver(load(timed.robot), entry.solver, **entry.options)
+    for batch in suite.batch:
+        check_set(batch.robot, batch.set, batch.options)
+        make_solver(load(batch.robot), batch.solver, **batch.solver_options)
 
 
 def problem_set(block: Block, seed: int) -> tuple[Robot, ProblemSet]:
@@ -181,7 +210,9 @@ def solve_part(work: Work) -> pl.DataFrame:
     once.
     """
     robot = load(work.robot)
-    solver = make_solver(robot, work.method.solver, **work.method.options, max_iterations=work.budgets[-1])
+    solver = make_solver(
+        robot, work.method.solver, **work.method.options, max_restarts=0, max_iterations=work.budgets[-1]
+    )
     stopped = {b: solver.with_options(max_iterations=b) for b in work.budgets}
     for warm in (solver, *stopped.values()):
         warm.solve(work.targets[0], work.starts[0])

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, optional_count
+from benchmarks.speed_suite import SETS, BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
 from optik.check import check_count, real_array
-from optik.errors import InvalidInput, UnknownName
-from optik.registry import data_file, names
+from optik.errors import InvalidInput
+from optik.registry import data_file
 
 SUITES = "benchmarks.suites"
-SETS = "benchmarks.problems"
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,10 @@ class Method:
 
 @dataclass(frozen=True)
 class Block:
-    """One problem set on one robot, solved by some methods at some iteration budgets."""
+    """One problem set on one robot, solved by some methods at some iteration budgets, one attempt each.
+
+    ``sweep`` says that it varies options instead of comparing methods; by default, that all methods are one solver.
+    """
 
     id: str
     title: str
@@ -38,6 +42,7 @@ class Block:
     options: dict[str, Any]
     budgets: tuple[int, ...]
     methods: tuple[Method, ...]
+    sweep: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,14 +59,25 @@ class LineTask:
 
 @dataclass(frozen=True)
 class Suite:
-    """A comparison: blocks of IK problems, and a line."""
+    """A comparison: blocks of IK problems at budgets, a line, and what speed is asked of."""
 
     name: str
     title: str
     seed: int
     blocks: tuple[Block, ...]
     line: LineTask | None
+    speed: tuple[SpeedBlock, ...]
+    batch: tuple[BatchBlock, ...]
+    first_use: FirstUse | None
     settings: dict[str, Any]
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of all arms, in the order of their first use."""
+        found = [b.robot for b in self.blocks] + [b.robot for b in self.speed] + [b.robot for b in self.batch]
+        found += [self.line.robot] if self.line is not None else []
+        found += [self.first_use.robot] if self.first_use is not None else []
+        return tuple(dict.fromkeys(found))
 
     @property
     def fingerprint(self) -> str:
@@ -89,66 +105,70 @@ def load_suite(name: str) -> Suite:
 
 def suite_of(name: str, data: dict[str, Any]) -> Suite:
     """Check the settings of a suite and return it."""
-    _keys(data, {"title", "seed", "blocks", "line"}, "the suite")
+    check_keys(data, {"title", "seed", "blocks", "line", "speed", "batch", "first_use"}, "the suite")
     blocks = tuple(_block(b) for b in data.get("blocks", []))
-    ids = [b.id for b in blocks]
-    if len(set(ids)) != len(ids):
-        raise InvalidInput("blocks", f"ids {ids}", "an id of its own for every block")
+    speed = all_of(data.get("speed"), "speed", speed_block)
+    batch = all_of(data.get("batch"), "batch", batch_block)
+    ids = [b.id for b in blocks] + [b.id for b in speed] + [b.id for b in batch]
+    check_different(ids, "blocks", "id")
     line = _line(data["line"]) if "line" in data else None
-    if not blocks and line is None:
-        raise InvalidInput(f"suite {name!r}", "neither blocks nor a line", "something to run")
+    first = first_use(data["first_use"]) if "first_use" in data else None
+    if not blocks and not speed and not batch and line is None and first is None:
+        raise InvalidInput(
+            f"suite {name!r}", "neither blocks nor a line, speed, batch or first_use", "something to run"
+        )
     check_count(data.get("seed", 0), "seed", 0)
-    return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), blocks, line, data)
+    title = str(data.get("title", name))
+    return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, data)
 
 
 def _block(data: dict[str, Any]) -> Block:
     where = f"block {data.get('id', '?')!r}"
-    _keys(
+    check_keys(
         data,
-        {"id", "title", "robot", "set", "options", "budgets", "methods"},
+        {"id", "title", "robot", "set", "options", "budgets", "methods", "sweep"},
         where,
         need={"id", "robot", "set", "methods"},
     )
-    _known(data["robot"], "optik.robots", "robot")
-    _known(data["set"], SETS, "problem set")
-    budgets = tuple(_list(data.get("budgets", [100]), f"{where}: budgets"))
+    check_known(data["robot"], "optik.robots", "robot")
+    check_known(data["set"], SETS, "problem set")
+    budgets = tuple(check_list(data.get("budgets", [100]), f"{where}: budgets"))
     for budget in budgets:
         check_count(budget, f"{where}: budgets", 1)
     if list(budgets) != sorted(set(budgets)):
         raise InvalidInput(f"{where}: budgets", budgets, "whole numbers, each larger than the one before")
-    methods = tuple(_method(m, where) for m in _list(data["methods"], f"{where}: methods"))
-    labels = [m.label for m in methods]
-    if len(set(labels)) != len(labels):
-        raise InvalidInput(f"{where}: methods", f"labels {labels}", "a label of its own for every method")
+    methods = tuple(_method(m, where) for m in check_list(data["methods"], f"{where}: methods"))
+    check_different([m.label for m in methods], f"{where}: methods", "label")
+    sweep = data.get("sweep", len(methods) > 1 and len({m.solver for m in methods}) == 1)
+    if not isinstance(sweep, bool):
+        raise InvalidInput(f"{where}: sweep", repr(sweep)[:60], "true or false")
     return Block(
         str(data["id"]), str(data.get("title", data["id"])), data["robot"], data["set"],
-        dict(data.get("options", {})), budgets, methods,
+        dict(data.get("options", {})), budgets, methods, sweep,
     )  # fmt: skip
 
 
 def _method(data: dict[str, Any], where: str) -> Method:
-    _keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    _known(data["solver"], "optik.ik", "IK method")
+    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
+    check_known(data["solver"], "optik.ik", "IK method")
     options = dict(data.get("options", {}))
     for fixed in ("max_iterations", "max_restarts", "time_limit"):
         if fixed in options:
             raise InvalidInput(
                 f"{where}: methods", fixed, "budgets in place of it: one attempt, stopped at each budget"
             )
-    most = data.get("max_problems")
-    if most is not None:
-        check_count(most, f"{where}: max_problems", 1)
+    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
     return Method(str(data.get("label", data["solver"])), data["solver"], options, most)
 
 
 def _line(data: dict[str, Any]) -> LineTask:
     keys = {"robot", "start_deg", "move_m", "ik", "laws", "samples"}
-    _keys(data, keys, "the line", need=keys - {"samples"})
-    _known(data["robot"], "optik.robots", "robot")
-    for method in _list(data["ik"], "the line: ik"):
-        _known(method, "optik.ik", "IK method")
-    for law in _list(data["laws"], "the line: laws"):
-        _known(law, "planners.timing", "time law")
+    check_keys(data, keys, "the line", need=keys - {"samples"})
+    check_known(data["robot"], "optik.robots", "robot")
+    for method in check_list(data["ik"], "the line: ik"):
+        check_known(method, "optik.ik", "IK method")
+    for law in check_list(data["laws"], "the line: laws"):
+        check_known(law, "planners.timing", "time law")
     check_count(data.get("samples", 151), "the line: samples", 2)
     move = real_array(data["move_m"], "the line: move_m", "three numbers [m]")
     if move.shape != (3,):
@@ -157,23 +177,3 @@ def _line(data: dict[str, Any]) -> LineTask:
         data["robot"], tuple(data["start_deg"]), tuple(data["move_m"]), tuple(data["ik"]), tuple(data["laws"]),
         int(data.get("samples", 151)),
     )  # fmt: skip
-
-
-def _list(value: Any, where: str) -> list[Any]:
-    if not isinstance(value, list) or not value:
-        raise InvalidInput(where, repr(value)[:60], "a list that is not empty")
-    return value
-
-
-def _known(name: Any, folder: str, kind: str) -> None:
-    if name not in names(folder):
-        raise UnknownName(kind, str(name), names(folder))
-
-
-def _keys(data: dict[str, Any], known: set[str], where: str, need: set[str] = frozenset()) -> None:  # type: ignore[assignment]
-    if not isinstance(data, dict):
-        raise InvalidInput(where, type(data).__name__, "a table")
-    if unknown := sorted(set(data) - known):
-        raise InvalidInput(where, f"the key {unknown[0]!r}", f"keys out of {', '.join(sorted(known))}")
-    if missing := sorted(need - set(data)):
-        raise InvalidInput(where, f"no {missing[0]!r}", f"the keys {', '.join(sorted(need))}")

@@ -34,7 +34,10 @@ def _jit(function: F, nogil: bool) -> F:
 
 
 def inlined(function: F) -> F:
-    """Compile a helper into whatever kernel calls it: it sees the kernel's constants, and is cached with it."""
+    """Compile a helper into whatever kernel calls it: it sees the kernel's constants, and is cached with it.
+
+    No fast-math here either: LLVM would fuse products and sums differently for one lane and for many.
+    """
     result: F = numba.njit(error_model="numpy", forceinline=True)(function)
     return result
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,12 @@ from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.registry import data_file
 
+if TYPE_CHECKING:
+    from optik.compare import Comparison
+
 Array = NDArray[np.float64]
+
+DEGREE = pi / 180.0
 
 LIMIT_TOLERANCE = 1e-9
 """How far past a position limit a joint may stand and still count as inside [rad or m]: rounding, not room."""
@@ -126,7 +132,7 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
 class Robot:
     """A serial arm of revolute and prismatic joints about or along their z axes.
 
-    Use `from_mdh`, `from_dh` or `optik.load`; a constructor's name states the convention.
+    Use `from_mdh`, `from_dh`, `from_urdf` or `optik.load`; a constructor's name states the convention.
 
     Parameters
     ----------
@@ -171,6 +177,7 @@ class Robot:
                 se3.check_pose(fixed[i], f"joint {i + 1}")
             except InvalidInput as error:
                 raise RobotModelError(self.name, str(error)) from None
+        fixed = _frozen([se3.nearest_pose(T) for T in fixed], "fixed")
         if self.limits.lower.size != n:
             raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
         prismatic = np.array(self.prismatic, dtype=np.bool_)
@@ -185,7 +192,7 @@ class Robot:
             raise RobotModelError(self.name, "gravity is no direction (3,)")
         object.__setattr__(self, "fixed", fixed)
         object.__setattr__(self, "prismatic", prismatic)
-        object.__setattr__(self, "tool", _frozen(se3.check_pose(self.tool, "tool"), "tool"))
+        object.__setattr__(self, "tool", _frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"))
         object.__setattr__(self, "joint_names", joint_names)
         object.__setattr__(self, "gravity", _frozen(gravity / np.linalg.norm(gravity), "gravity"))
 
@@ -235,6 +242,62 @@ class Robot:
         before = [np.eye(4), *(_screw_x(r.alpha, r.a) for r in table)]
         fixed = [b @ _screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
         return _assemble(fixed, before[-1], table, limits, options)
+
+    @staticmethod
+    def from_urdf(
+        source: str | os.PathLike[str],
+        tip: str | None = None,
+        base: str | None = None,
+        *,
+        name: str | None = None,
+        gravity: ArrayLike = (0.0, 0.0, -1.0),
+    ) -> Robot:
+        """Read the chain between two links of a URDF.
+
+        Fixed joints are merged into their neighbours. Limits and velocities are the file's; a velocity that is missing
+        or 0 is not known (infinite, or None where none is known). Efforts, soft limits (<safety_controller>), masses
+        and shapes are not read, nor is any joint off the chain.
+
+        Parameters
+        ----------
+        source : str or path
+            A file, or the XML itself (text that begins with <). xacro must be expanded before.
+        tip, base : str, optional
+            Names of links: the tool, by default the only link without children below the base; and the frame that
+            poses are given in, by default the root.
+        name : str, optional
+            By default the file's.
+        gravity : (3,) array, optional
+            Direction of gravity in the base frame; −z by default.
+
+        Raises
+        ------
+        InvalidInput
+            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
+        RobotModelError
+            No tree of links, no such link, no tip below the base, or a joint on the chain that cannot be one: floating,
+            planar, following another (<mimic>), without an axis, with crossed or missing limits.
+        """
+        from optik.urdf import read_urdf
+
+        return read_urdf(source, tip, base, name=name, gravity=gravity)
+
+    def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
+        """Return the arm as URDF text, from link ``base`` to link ``tool``, and write it to a file where one is named.
+
+        It reads back to the same kinematics (1e-12), position limits and velocities. An effort or velocity of 0 says
+        that it is not known. Acceleration, jerk, gravity and source have no place in URDF.
+
+        Raises
+        ------
+        RobotModelError
+            A prismatic joint without limits, a limit on one side only, or a name that XML cannot hold.
+        OutputError
+            The file cannot be written.
+        """
+        from optik.urdf import write_urdf
+
+        return write_urdf(self, path)
 
     # ------------------------------------------------------------ identity
 
@@ -357,6 +420,35 @@ class Robot:
         T = se3.check_pose(tool, "tool")
         return Robot(self.name, self.fixed, self.prismatic, T, self.limits, self.joint_names, self.gravity, self.source)
 
+    def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
+        """Compare with another model of the same arm, and say what explains the difference.
+
+        The tool poses are compared at 40 configurations that are always the same, inside the limits of both. If they
+        differ, the simplest base, tool, joint zeros and joint directions that make them agree are searched for and
+        verified: other.fk(q) = base @ self.fk(signs * q + offsets) @ tool. A turn of the first joint's zero is also one
+        of the base, and of the last joint's one of the tool; one of the two is named.
+
+        Parameters
+        ----------
+        other : Robot
+            The other model, such as the same arm from a URDF.
+        position, rotation : float
+            Differences up to here [m], [rad] are none.
+
+        Returns
+        -------
+        Comparison
+            True where they agree; `str` says what differs.
+
+        Raises
+        ------
+        InvalidInput
+            No Robot, or a tolerance that is not above 0.
+        """
+        from optik.compare import compare_robots
+
+        return compare_robots(self, other, position=position, rotation=rotation)
+
 
 def load(name: str) -> Robot:
     """Load a robot that comes with optik, by name.
@@ -368,26 +460,49 @@ def load(name: str) -> Robot:
     """
     with data_file("optik.robots", name, "robot").open("rb") as file:
         data = tomllib.load(file)
-    rows = [
-        DHRow(
-            a=r.get("a_mm", 0.0) / 1000.0,
-            alpha=r.get("alpha_deg", 0.0) * pi / 180.0,
-            d=r.get("d_mm", 0.0) / 1000.0,
-            theta=r.get("theta_deg", 0.0) * pi / 180.0,
+    joints = data["joints"]
+    rows = [_row(joint) for joint in joints]
+    ranges = np.array([_range(joint) for joint in joints])
+    dynamic = {
+        k: np.broadcast_to(np.asarray(v, float), (len(rows),)) for k, v in data.get("dynamic_limits", {}).items()
+    }
+    if all("speed_deg" in j or "speed_mm" in j for j in joints):
+        dynamic["velocity"] = np.array(
+            [j["speed_mm"] / 1000.0 if "speed_mm" in j else j["speed_deg"] * DEGREE for j in joints]
         )
-        for r in data["joints"]
-    ]
-    ranges = np.array([r["range_deg"] for r in data["joints"]]) * (pi / 180.0)
-    n = len(rows)
-    dynamic = {k: np.broadcast_to(np.asarray(v, float), (n,)) for k, v in data.get("dynamic_limits", {}).items()}
     build = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}[data["convention"]]
     return build(
         rows,
         JointLimits(ranges[:, 0], ranges[:, 1], **dynamic),
         name=name,
+        base=_placed(data.get("base", {})),
+        tool=_placed(data.get("tool", {})),
         gravity=data.get("gravity", (0.0, 0.0, -1.0)),
         source=data["source"],
     )
+
+
+def _row(joint: Mapping[str, Any]) -> DHRow:
+    return DHRow(
+        a=joint.get("a_mm", 0.0) / 1000.0,
+        alpha=joint.get("alpha_deg", 0.0) * DEGREE,
+        d=joint.get("d_mm", 0.0) / 1000.0,
+        theta=joint.get("theta_deg", 0.0) * DEGREE,
+        prismatic=joint.get("type") == "prismatic",
+    )
+
+
+def _range(joint: Mapping[str, Any]) -> Array:
+    """Position limits (2,) [rad or m], written in degrees, radians or millimetres."""
+    for unit, scale in (("range_deg", DEGREE), ("range_rad", 1.0), ("range_mm", 1e-3)):
+        if unit in joint:
+            return np.array(joint[unit]) * scale
+    raise KeyError("range_deg, range_rad or range_mm")
+
+
+def _placed(pose: Mapping[str, Any]) -> Array:
+    xyz = np.array(pose.get("xyz_mm", (0.0, 0.0, 0.0))) / 1000.0
+    return se3.from_xyz_rpy(xyz, pose.get("rpy_deg", (0.0, 0.0, 0.0)))
 
 
 def _screw_x(angle: float, length: float) -> Array:

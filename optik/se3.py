@@ -161,6 +161,15 @@ def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     return T
 
 
+def nearest_pose(T: Array) -> Array:
+    """Return T (4, 4) with the rotation nearest to its 3×3 part, in the Frobenius norm; T itself where it is one."""
+    R = T[:3, :3]
+    if np.abs(R.T @ R - np.eye(3)).max() <= 1e-14:
+        return T
+    u, _, vt = np.linalg.svd(R)
+    return pose(u @ vt, T[:3, 3])
+
+
 def inverse(T: Array) -> Array:
     """Inverse of poses (..., 4, 4)."""
     out = np.zeros_like(T)

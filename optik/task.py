@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2, sqrt, tan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ class Task:
     box: tuple[float, ...] = (0.0,) * 6
 
     def __post_init__(self) -> None:
-        given = self.mask
+        given: Any = self.mask
         flags = tuple(given) if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
         if len(flags) != 6 or any(isinstance(f, str) or f not in (0, 1) for f in flags) or not any(flags):
             raise InvalidInput("task", repr(given)[:60], "six flags (x, y, z, rx, ry, rz), at least one of them true")

@@ -91,11 +91,21 @@ def table(name: str) -> Arm:
             alpha=j.get("alpha_deg", 0.0) * pi / 180.0,
             d=j.get("d_mm", 0.0) / 1000.0,
             theta=j.get("theta_deg", 0.0) * pi / 180.0,
+            prismatic=j.get("type", "revolute") == "prismatic",
         )
         for j in data["joints"]
     )
-    ranges = np.array([j["range_deg"] for j in data["joints"]]) * pi / 180.0
-    return Arm(data["convention"], rows, lower=ranges[:, 0], upper=ranges[:, 1])
+    unit = {"range_deg": pi / 180.0, "range_rad": 1.0, "range_mm": 0.001}
+    ranges = np.array([next(np.array(j[k]) * unit[k] for k in unit if k in j) for j in data["joints"]])
+    return Arm(data["convention"], rows, _placed(data, "base"), _placed(data, "tool"), ranges[:, 0], ranges[:, 1])
+
+
+def _placed(data: Any, which: str) -> Array:
+    """A base or tool pose of a robot's file, its rotation by SciPy: x, then y, then z, about axes that stand still."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", data.get(which, {}).get("rpy_deg", (0, 0, 0)), degrees=True).as_matrix()
+    T[:3, 3] = np.array(data.get(which, {}).get("xyz_mm", (0, 0, 0))) / 1000.0
+    return T
 
 
 def link(arm: Arm, i: int, q: float) -> Array:
@@ -294,3 +304,51 @@ def random_arm(rng: np.random.Generator, n: int = 6, *, prismatic: bool = False,
 def configurations(arm: Arm, count: int, seed: int) -> Array:
     """Configurations (count, n) uniform inside the limits."""
     return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.n))
+
+
+# ---------------------------------------------------------------- many at once, and parts of a pose
+
+
+def fk_many(arm: Arm, q: Array) -> Array:
+    """Tool poses (N, 4, 4) of configurations (N, n): Craig's and Spong's link matrices written out, NumPy's product."""
+    T = np.broadcast_to(arm.base, (len(q), 4, 4))
+    for i, r in enumerate(arm.rows):
+        theta, d = (r.theta + 0.0 * q[:, i], r.d + q[:, i]) if r.prismatic else (r.theta + q[:, i], r.d + 0.0 * q[:, i])
+        c, s, ca, sa, zero = np.cos(theta), np.sin(theta), cos(r.alpha), sin(r.alpha), 0.0 * theta
+        if arm.convention == "mdh":
+            rows = [
+                [c, -s, zero, zero + r.a],
+                [s * ca, c * ca, zero - sa, -sa * d],
+                [s * sa, c * sa, zero + ca, ca * d],
+            ]
+        else:
+            rows = [[c, -s * ca, s * sa, r.a * c], [s, c * ca, -c * sa, r.a * s], [zero, zero + sa, zero + ca, d]]
+        rows.append([zero, zero, zero, zero + 1.0])
+        T = T @ np.moveaxis(np.array(rows), 2, 0)
+    return T @ arm.tool
+
+
+def off_by(T: Array, targets: Array) -> tuple[Array, Array]:
+    """Distances and angles (N,) between poses (N, 4, 4), SciPy's angle."""
+    turn = Rotation.from_matrix(targets[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)).magnitude()
+    return np.linalg.norm(targets[:, :3, 3] - T[:, :3, 3], axis=1), turn
+
+
+def task_off_by(T: Array, target: Array, mask: Sequence[int], frame: str) -> tuple[float, float]:
+    """How far T is from what a mask asks of the target: length and angle of the components that count.
+
+    A lone free rotation leaves the angle between the tool's axis and the target's (in the base's frame: between the
+    base axis as carried along by R R_tᵀ and itself).
+    """
+    R, R_t = T[:3, :3], target[:3, :3]
+    axes = R_t if frame == "target" else np.eye(3)
+    p = axes.T @ (target[:3, 3] - T[:3, 3])
+    free = [k for k in range(3) if not mask[3 + k]]
+    if len(free) == 1:
+        moved, wanted = (R, R_t) if frame == "target" else (R @ R_t.T, np.eye(3))
+        a, b = moved[:, free[0]], wanted[:, free[0]]
+        angle = float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    else:
+        turn = Rotation.from_matrix(R_t.T @ R if frame == "target" else R @ R_t.T).as_rotvec()
+        angle = float(np.linalg.norm(turn * np.array(mask[3:])))
+    return float(np.linalg.norm(p * np.array(mask[:3]))), angle

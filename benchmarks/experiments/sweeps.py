@@ -20,6 +20,7 @@ def damping_trade(folder: RunFolder) -> Finding:
     rows = folder.rows("damping")
     if rows is None:
         return Finding("d", claim, UNTESTED, "The run has no damping block.", rule)
+    rows = rows.filter(pl.col("solver") == "dls")  # the claim is of a constant λ; what adapts it stands beside
     table = _at_the_end(rows, "group").sort("method_index")
     order = rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
     near, far = (table.filter(pl.col("group") == g) for g in (order[0], order[-1]))

@@ -10,8 +10,10 @@ from benchmarks.report.run import Run
 BADGES = {HOLDS: "good", FAILS: "bad", PARTLY: "partly"}
 
 
-def claims(run: Run) -> dict[str, Any]:
-    """Every claim of the paper and what this run says of it."""
+def claims(run: Run) -> dict[str, Any] | None:
+    """Every claim of the paper and what this run says of it; nothing where it only measures speed."""
+    if not run.suite.blocks and run.suite.line is None:
+        return None
     return {"findings": [(f, badge(f.verdict)) for f in run.findings]}
 
 
@@ -23,8 +25,10 @@ def badge(verdict: str) -> str:
     )
 
 
-def misprints(run: Run) -> dict[str, Any]:
-    """The paper's misprints with what computing them shows."""
+def misprints(run: Run) -> dict[str, Any] | None:
+    """The paper's misprints with what computing them shows; nothing where the run only measures speed."""
+    if not run.suite.blocks and run.suite.line is None:
+        return None
     from benchmarks.experiments.misprints import evidence
 
     return {"misprints": evidence(run.folder)}
@@ -34,20 +38,30 @@ def limitations(run: Run) -> dict[str, Any]:
     """What a reader should know before quoting."""
     provenance = run.manifest["provenance"]
     workers, cores = provenance.get("workers"), provenance.get("cores")
-    robots = sorted({b.robot for b in run.suite.blocks} | ({run.suite.line.robot} if run.suite.line else set()))
+    robots = sorted(run.suite.robots)
     sparse = [b for b in run.blocks if b.paired["problem"].n_unique() < b.problems()[0]]
     items = [
         f"One arm only: {robots[0]}." if len(robots) == 1 else f"Only these arms: {', '.join(robots)}.",
         f"Times were taken with {workers} worker process{'es' if workers != 1 else ''} on {cores} cores of one machine "
         f"({provenance.get('cpu')}) that may have had other work; they include the call from Python. Ratios between methods "
         "say more than microseconds.",
-        "A run that ends by itself before its budget is timed once and counted for every larger budget.",
-        "Every method gets one attempt from the given start: no restarts, which the paper's iteration does not have and "
-        "which are not compared here.",
         "An iteration of one method is not the work of another's: compare iterations within a method, and times between them.",
         "Rates are of these targets and this start; the Wilson intervals say how well the number of targets determines them, "
         "not what other targets would give.",
     ]
+    if run.suite.blocks:
+        items += [
+            "A run that ends by itself before its budget is timed once and counted for every larger budget.",
+            "In blocks with iteration budgets every method gets one attempt from the given start: no restarts, which the "
+            "paper's iteration does not have.",
+        ]
+    if run.suite.speed:
+        items += [
+            "Calls are timed in a loop over different targets, with code and tables in the processor's caches: a call that "
+            "comes alone after other work takes longer. Timing runs with the garbage collector off.",
+            "Closed-form peers look for every branch, ours for one answer near the start; a peer that races threads of its own "
+            "is timed with them. Peers have the settings that served them best on the paper's arm, as their rows say.",
+        ]
     if any(b.block.set == "graph_paper" for b in run.blocks):
         items.append(
             "“No known solution” means that a reference solve with restarts found none, nor any method here. It is no proof "

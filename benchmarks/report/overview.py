@@ -13,26 +13,27 @@ from benchmarks.metrics import LEVELS, level_words, success
 from benchmarks.report.laws import broken_limits
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import BlockRows, Run
+from benchmarks.targets import outcomes
 from optik.errors import UnknownName
 from optik.robot import load
 
 
 def overview(run: Run) -> dict[str, Any]:
     """What was compared, on what, and what came out."""
-    robots = list(
-        dict.fromkeys([b.robot for b in run.suite.blocks] + ([run.suite.line.robot] if run.suite.line else []))
-    )
+    asked = [(b.id, b.title) for b in run.suite.blocks] + [(b.id, b.title) for b in run.suite.speed]
+    begun = {b.block.id for b in run.blocks} | {b.block.id for b in run.speed}
     return {
         "title": run.suite.title,
         "suite": run.suite.name,
         "levels": [level_words(level) for level in LEVELS],
         "complete": bool(run.manifest.get("complete")),
         "created": run.manifest["provenance"].get("created", ""),
-        "robots": [(name, _axes(name)) for name in robots],
+        "robots": [(name, _axes(name)) for name in run.suite.robots],
         "blocks": [_block(b, run) for b in run.blocks],
-        "missing": [b.title for b in run.suite.blocks if b.id not in {x.block.id for x in run.blocks}],
+        "missing": [title for key, title in asked if key not in begun],
+        "timed": bool(run.suite.speed or run.suite.batch),
         "line": _line(run),
-        "findings": [f for f in (*map(_rates, run.comparisons), _durations(run), _verdicts(run)) if f],
+        "findings": [f for f in (*map(_rates, run.comparisons), _durations(run), _verdicts(run), _targets(run)) if f],
     }
 
 
@@ -108,6 +109,8 @@ def _durations(run: Run) -> str:
 
 def _verdicts(run: Run) -> str:
     """How many claims hold."""
+    if not run.suite.blocks and run.suite.line is None:
+        return ""
     verdicts = Counter(PARTLY if f.verdict.startswith(PARTLY) else f.verdict for f in run.findings)
     if not verdicts:
         return ""
@@ -117,3 +120,20 @@ def _verdicts(run: Run) -> str:
     }  # fmt: skip
     parts = [f"{verdicts[v]} {one if verdicts[v] == 1 else many}" for v, (one, many) in words.items() if v in verdicts]
     return f"Of the paper's {sum(verdicts.values())} claims, " + ", ".join(parts) + "."
+
+
+def _targets(run: Run) -> str:
+    """How many targets of speed are held, and which are not."""
+    found = outcomes(run.suite, run.folder)
+    if not found:
+        return ""
+    missed = [o for o in found if o.held is False]
+    words = "; ".join(
+        f"{o.what} {number(o.value)} {o.unit} ({o.where}, asked {o.asked})".replace("  ", " ") for o in missed
+    )
+    held, unknown = sum(o.held is True for o in found), sum(o.held is None for o in found)
+    return (
+        f"Of {len(found)} targets of speed, {held} {'is' if held == 1 else 'are'} held"
+        + (f", {unknown} could not be measured" if unknown else "")
+        + (f". Not held: {words}." if missed else ".")
+    )

@@ -12,6 +12,8 @@ from benchmarks.experiments.base import Finding
 from benchmarks.metrics import paired
 from benchmarks.records import RunFolder
 from benchmarks.report.figures import colour, law_colours
+from benchmarks.speed import speed_facts, speed_rows
+from benchmarks.speed_suite import SpeedBlock
 from benchmarks.suite import Block, Suite, suite_of
 
 
@@ -40,6 +42,22 @@ class Run:
             if rows is not None:
                 out.append(BlockRows(block, rows))
         return out
+
+    @cached_property
+    def speed(self) -> list[SpeedRows]:
+        """Blocks of single calls that have rows."""
+        out = []
+        for block in self.suite.speed:
+            rows = speed_rows(self.folder, block)
+            if rows is not None:
+                out.append(SpeedRows(block, rows, speed_facts(self.folder, block)))
+        return out
+
+    def speed_colour(self, label: str) -> str:
+        """Colour of a method or peer where calls are timed: ours first, then the peers, the same in every block."""
+        ours = dict.fromkeys(m.label for b in self.suite.speed for m in b.methods)
+        peers = dict.fromkeys(p.label for b in self.suite.speed for p in b.peers)
+        return colour(list(ours | peers).index(label))
 
     @cached_property
     def comparisons(self) -> list[BlockRows]:
@@ -80,6 +98,21 @@ class Run:
 
 
 @dataclass(frozen=True)
+class SpeedRows:
+    """A block of single calls, its rows, and the facts on who took part."""
+
+    block: SpeedBlock
+    rows: pl.DataFrame
+    facts: dict[str, Any]
+
+    @cached_property
+    def entries(self) -> dict[str, dict[str, Any]]:
+        """Facts on every method and peer by label, in the suite's order."""
+        known = self.facts["entries"]
+        return {label: known[label] for label in self.block.labels if label in known}
+
+
+@dataclass(frozen=True)
 class BlockRows:
     """A block and its rows."""
 
@@ -89,7 +122,7 @@ class BlockRows:
     @property
     def sweep(self) -> bool:
         """Whether it varies the options of one method instead of comparing methods."""
-        return len({m.solver for m in self.block.methods}) == 1 and len(self.block.methods) > 1
+        return self.block.sweep
 
     @cached_property
     def methods(self) -> list[str]:

@@ -8,11 +8,13 @@ from typing import Any
 
 from benchmarks.report.accuracy import accuracy
 from benchmarks.report.arm import moving_arm
+from benchmarks.report.damping import damping
 from benchmarks.report.findings import claims, limitations, misprints, provenance
 from benchmarks.report.laws import laws
 from benchmarks.report.methods import methods
 from benchmarks.report.motion import motion
 from benchmarks.report.run import Run
+from benchmarks.report.speed import speed
 from benchmarks.report.workspace import maps
 
 
@@ -37,8 +39,10 @@ class Section:
 
 
 SECTIONS = (
+    Section("Speed of one call", "speed", speed, "speed.html.j2"),
     Section("Methods", "methods", methods, "methods.html.j2"),
     Section("Error against distance and budget", "error", accuracy, "accuracy.html.j2"),
+    Section("Which damping, where", "damping", damping, "damping.html.j2"),
     Section("Workspace maps", "maps", maps, "maps.html.j2"),
     Section("The line in space", "line", moving_arm, "arm.html.j2"),
     Section("Joint and tool motion", "motion", motion, "motion.html.j2"),

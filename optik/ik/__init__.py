@@ -12,14 +12,18 @@ from optik.registry import build_method, load_method, names
 from optik.robot import Robot
 
 if TYPE_CHECKING:
+    from optik.ik.closed_form import ClosedForm
     from optik.ik.dls import DLS
     from optik.ik.ipopt import IPOPT
     from optik.ik.lm import LM
+    from optik.ik.sqp import SQP
 
 __all__ = [
     "DLS",
     "IPOPT",
     "LM",
+    "SQP",
+    "ClosedForm",
     "IKBatch",
     "IKResult",
     "IKSolver",

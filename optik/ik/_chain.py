@@ -16,24 +16,23 @@ Array = NDArray[np.float64]
 # Where things stand in the one flat array that the kernels take: options, reach bound (8), base rotation (9) and position
 # (3), tool rotation (9) and position (3), the joints, the seeds' poses (13, NEAR), the seeds' configurations (SEEDS, n).
 TOLERANCE_P, TOLERANCE_R, GAIN, LEAST_DAMPING, ITERATIONS, FIRST, ATTEMPTS, PATIENCE, PROGRESS = range(9)
-REACH, BASE_R, BASE_P, TOOL_R, TOOL_P, JOINTS = 9, 17, 26, 29, 38, 41
+REACH, BASE_R, BASE_P, TOOL_R, TOOL_P = 9, 17, 26, 29, 38
 MOST_JOINTS = 12
-
-PER_JOINT = 10
-"""Numbers of a joint: p (3), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit."""
+# Of all joints each: p (three of them), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit.
+PX, PY, PZ, COS_A, SIN_A, ZERO, SLIDES, MOVES, LOWER, UPPER = range(41, 161, MOST_JOINTS)
 
 NEAR, SEEDS = 256, 1024
 """Seeds whose poses are compared with the target, and seeds in all."""
 
-SEED_POSES = JOINTS + MOST_JOINTS * PER_JOINT
+SEED_POSES = 161
 SEED_Q = SEED_POSES + 13 * NEAR
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:
     """Put an arm, its reach bound and the options of a solver into one flat array."""
     seed_poses, seed_q = _seeds(robot)
-    joints = np.zeros((MOST_JOINTS, PER_JOINT))
-    joints[: robot.n] = chain_joints(robot)
+    joints = np.zeros((10, MOST_JOINTS))
+    joints[:, : robot.n] = chain_joints(robot).T
     first, tool = robot.fixed[0], robot.tool
     parts = (options, reach, first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3], joints, seed_poses, seed_q)
     return np.concatenate([part.ravel() for part in parts])
@@ -65,7 +64,7 @@ def draw_configurations(robot: Robot, rng: np.random.Generator, count: int) -> A
 
 
 def chain_joints(robot: Robot) -> Array:
-    """Return the numbers of an arm's joints, (n, PER_JOINT).
+    """Return the numbers of an arm's joints, (n, 10).
 
     Frames are turned about their own z, which only shifts a joint's zero, so that joint i is reached from joint i − 1 by
     the translation p and Rot(x, α), then Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if it slides: any serial arm, in two
@@ -73,7 +72,7 @@ def chain_joints(robot: Robot) -> Array:
     the third goes to the joint before.
     """
     n, limits = robot.n, robot.limits
-    joints = np.zeros((n, PER_JOINT))
+    joints = np.zeros((n, 10))
     joints[:, 3] = 1.0  # cos α of the first, whose frame is the base
     joints[:, 6], joints[:, 7] = robot.prismatic, limits.lower < limits.upper
     joints[:, 8], joints[:, 9] = limits.lower, limits.upper

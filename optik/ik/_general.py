@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
+from optik.ik._winding import inside_winding
 from optik.kinematics import damped_step, frames, jacobian_from, tool_pose
 from optik.task import task_error, task_rows
 
@@ -21,17 +22,9 @@ def settle(prismatic: Bools, lower: Array, upper: Array, start: Array, q: Array)
 
     Returns whether it stood there already.
     """
-    same, turn = True, 2.0 * np.pi
+    same = True
     for i in range(q.shape[0]):
-        x = q[i]
-        if not prismatic[i]:
-            turns = np.floor((start[i] - x) / turn + 0.5)
-            y = x + turns * turn
-            if y < lower[i] or y > upper[i]:  # of the windings on either side, the nearer; rounding may miss both
-                below = np.floor((upper[i] - x) / turn) if y > upper[i] else np.ceil((lower[i] - x) / turn) - 1.0
-                above = below + 1.0
-                turns = below if lower[i] - (x + below * turn) <= x + above * turn - upper[i] else above
-            x += turns * turn
+        x = q[i] if prismatic[i] else inside_winding(q[i], start[i], lower[i], upper[i])
         x = min(max(x, lower[i]), upper[i])
         same = same and x == q[i]
         q[i] = x

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import inlined
-from optik.ik._chain import GAIN, JOINTS, LEAST_DAMPING, PER_JOINT, TOOL_P
+from optik.ik._chain import COS_A, GAIN, LEAST_DAMPING, MOVES, PX, PY, PZ, SIN_A, SLIDES, TOOL_P, ZERO
 from optik.se3 import log_rotation
 
 Array = NDArray[np.float64]
@@ -24,12 +24,19 @@ Array = NDArray[np.float64]
 Q, LOW, HIGH, BEST, SIN, COS = 0, 12, 24, 36, 48, 60
 R, P, GOAL, e, E, S = 72, 81, 84, 96, 102, 103
 PICKS = 105
-PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST, STALL, CLAMPED, OUTSIDE, BEST_E, ENDING, PICKED = range(121, 132)
-ROWS = 132
+(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST, STALL, CLAMPED, OUTSIDE, BEST_E, ENDING, PICKED, MOVED, LOOK) = range(
+    121, 134
+)
+NEXT = 134
+ROWS = 146
 
 # Rows of the geometry g (GEOMETRY, L): joint origins, joint axes. The Jacobian J (6 n, L) is kept by columns.
 O, Z = 0, 36
 GEOMETRY = 72
+
+
+ABOUT = 9.8695
+"""Square of an angle just short of half a turn."""
 
 
 @inlined
@@ -76,10 +83,10 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
     """Forward kinematics of every lane: joint origins and axes, the error twist and its squares."""
     L = w.shape[1]
     for i in range(n):  # all sines first: one joint's do not wait for another's
-        zero, turns = arm[JOINTS + i * PER_JOINT + 5], 1.0 - arm[JOINTS + i * PER_JOINT + 6]
+        zero, turns = arm[ZERO + i], 1.0 - arm[SLIDES + i]
         for l in range(L):
             w[SIN + i, l], w[COS + i, l] = sine_cosine(zero + turns * w[Q + i, l])
-    slides = arm[JOINTS + 6]
+    slides = arm[SLIDES]
     for l in range(L):
         s, c = w[SIN, l], w[COS, l]
         w[R, l], w[R + 1, l], w[R + 2, l] = c, -s, 0.0
@@ -89,8 +96,8 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
         g[O, l], g[O + 1, l], g[O + 2, l] = 0.0, 0.0, w[P + 2, l]
         g[Z, l], g[Z + 1, l], g[Z + 2, l] = 0.0, 0.0, 1.0
     for i in range(1, n):
-        m = JOINTS + i * PER_JOINT
-        px, py, pz, ca, sa, slides = arm[m], arm[m + 1], arm[m + 2], arm[m + 3], arm[m + 4], arm[m + 6]
+        px, py, pz, ca, sa = arm[PX + i], arm[PY + i], arm[PZ + i], arm[COS_A + i], arm[SIN_A + i]
+        slides = arm[SLIDES + i]
         for l in range(L):
             s, c, d = w[SIN + i, l], w[COS + i, l], slides * w[Q + i, l]
             for r in range(3):
@@ -139,7 +146,7 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
 @inlined
 def face_about(w: Array, l: int) -> None:
     """Where the rotation error of lane l is all but half a turn, its sine has lost the axis: take it from the matrix."""
-    if w[S + 1, l] < 9.8695:
+    if w[S + 1, l] < ABOUT:
         return
     D, axis = np.empty((3, 3)), np.empty(3)
     for i in range(3):
@@ -158,7 +165,7 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
     L = w.shape[1]
     gain, least = arm[GAIN], arm[LEAST_DAMPING]
     for i in range(n):
-        slides, moves = arm[JOINTS + i * PER_JOINT + 6], arm[JOINTS + i * PER_JOINT + 7]
+        slides, moves = arm[SLIDES + i], arm[MOVES + i]
         turns = (1.0 - slides) * moves
         slides = slides * moves
         for l in range(L):

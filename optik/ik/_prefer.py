@@ -53,8 +53,9 @@ class Preference:
         )
         if posture is not None and weights[0] == 0.0:
             raise InvalidInput("posture", "a posture", 'prefer="posture" beside it')
-        q = None if posture is None else robot.configuration(posture, "posture")
-        return cls(robot, weights, q, {"prefer": prefer, "posture": posture}) if weights.any() else None
+        q = None if posture is None else robot.configuration(posture, "posture").copy()
+        kept = dict(prefer) if isinstance(prefer, Mapping) else prefer
+        return cls(robot, weights, q, {"prefer": kept, "posture": q}) if weights.any() else None
 
     def improve(self, task: Task, tolerance: Any, target: Array, start: Array, q: Array) -> Array:
         """Return the configuration (n,) at the end of the way down from q, which meets the task."""
@@ -139,6 +140,17 @@ def log_manipulability(prismatic: Bools, J: Array, flags: Array, weight: float, 
 
 
 @compiled
+def along_task(target: Array, flags: Array, J: Array, K: Array) -> None:
+    """Write the geometric Jacobian J (6, n) into K, seen along the axes of the task's frame."""
+    for k in range(J.shape[1]):
+        for b in (0, 3):
+            for i in range(3):
+                K[b + i, k] = J[b + i, k]
+                if flags[6] == 0.0:
+                    K[b + i, k] = target[0, i] * J[b, k] + target[1, i] * J[b + 1, k] + target[2, i] * J[b + 2, k]
+
+
+@compiled
 def free_direction(J: Array, g: Array, lower: Array, upper: Array, q: Array, A: Array, y: Array, d: Array) -> float:
     """Steepest way down that keeps the task to first order, into d (n,): −g less its part across the null space of J.
 
@@ -211,7 +223,9 @@ def descend(
     if not correct(fixed, prismatic, tool, lower, upper, flags, target, tolerances, trial, frame, T, J):
         return
     copy_vector(trial, q)
-    value = cost(prismatic, lower, upper, weights, posture, q, J, flags, g)
+    K = np.empty((6, n))
+    along_task(target, flags, J, K)
+    value = cost(prismatic, lower, upper, weights, posture, q, K, flags, g)
     step = 1.0
     for _ in range(200):
         task_error(T, target, flags, e, w)
@@ -225,7 +239,8 @@ def descend(
             for k in range(n):
                 trial[k] = min(max(q[k] + reach * d[k], lower[k]), upper[k])
             if correct(fixed, prismatic, tool, lower, upper, flags, target, tolerances, trial, frame, T, J):
-                tried = cost(prismatic, lower, upper, weights, posture, trial, J, flags, g)
+                along_task(target, flags, J, K)
+                tried = cost(prismatic, lower, upper, weights, posture, trial, K, flags, g)
                 better = tried < value - 1e-4 * reach * size * size
             if not better:
                 step = 0.5 * reach

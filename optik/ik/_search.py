@@ -26,20 +26,22 @@ from optik.ik._chain import (
     BASE_R,
     FIRST,
     ITERATIONS,
-    JOINTS,
+    LOWER,
     NEAR,
     PATIENCE,
-    PER_JOINT,
     PROGRESS,
     REACH,
     SEED_POSES,
     SEED_Q,
     SEEDS,
+    SLIDES,
     TOLERANCE_P,
     TOLERANCE_R,
     TOOL_R,
+    UPPER,
 )  # fmt: skip
 from optik.ik._lanes import (
+    ABOUT,
     ATTEMPT,
     BEST,
     BEST_E,
@@ -49,7 +51,10 @@ from optik.ik._lanes import (
     HIGH,
     ITERATION,
     LEAST,
+    LOOK,
     LOW,
+    MOVED,
+    NEXT,
     OUTSIDE,
     PICKED,
     PICKS,
@@ -65,6 +70,7 @@ from optik.ik._lanes import (
     face_about,
     steps,
 )  # fmt: skip
+from optik.ik._winding import inside_winding
 from optik.reach import outside_reach
 from optik.robot import LIMIT_TOLERANCE as SLACK
 from optik.se3 import is_pose
@@ -102,14 +108,13 @@ def aim(arm: Array, target: Array, w: Array, l: int) -> None:
         for m in range(3):
             v += arm[BASE_R + 3 * m + i] * (target[m, 3] - arm[BASE_P + m])
         w[GOAL + 9 + i, l] = v
+        b0, b1, b2 = arm[BASE_R + i], arm[BASE_R + 3 + i], arm[BASE_R + 6 + i]
+        r0 = b0 * target[0, 0] + b1 * target[1, 0] + b2 * target[2, 0]
+        r1 = b0 * target[0, 1] + b1 * target[1, 1] + b2 * target[2, 1]
+        r2 = b0 * target[0, 2] + b1 * target[1, 2] + b2 * target[2, 2]
         for j in range(3):
-            v = 0.0
-            for m in range(3):
-                u = 0.0
-                for o in range(3):
-                    u += arm[BASE_R + 3 * o + i] * target[o, m]
-                v += u * arm[TOOL_R + 3 * j + m]
-            w[GOAL + 3 * i + j, l] = v
+            m = TOOL_R + 3 * j
+            w[GOAL + 3 * i + j, l] = r0 * arm[m] + r1 * arm[m + 1] + r2 * arm[m + 2]
 
 
 @inlined
@@ -146,52 +151,39 @@ def settle(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
     """
     same = True
     for i in range(n):
-        m = JOINTS + i * PER_JOINT
-        low, high, q = arm[m + 8], arm[m + 9], w[Q + i, l]
-        if arm[m + 6] == 0.0:
-            turn = 6.283185307179586
-            turns = np.floor((start[i] - q) / turn + 0.5)
-            x = q + turns * turn
-            if x < low or x > high:  # of the windings on either side of the limits, the nearer; rounding may miss both
-                below = np.floor((high - q) / turn) if x > high else np.ceil((low - q) / turn) - 1.0
-                above = below + 1.0
-                turns = below if low - (q + below * turn) <= q + above * turn - high else above
-            if turns != 0.0:
-                q += turns * turn
-                same = False
-        if q < low or q > high:
-            q = min(max(q, low), high)
-            same = False
-        w[Q + i, l] = q
+        low, high, q = arm[LOWER + i], arm[UPPER + i], w[Q + i, l]
+        x = q if arm[SLIDES + i] != 0.0 else inside_winding(q, start[i], low, high)
+        x = min(max(x, low), high)
+        same = same and x == q
+        w[Q + i, l] = x
     return same
 
 
 @inlined
 def inside(arm: Array, w: Array, n: int, l: int) -> bool:
     """Whether a lane stands inside the limits."""
-    for i in range(n):
-        m = JOINTS + i * PER_JOINT
-        if not (arm[m + 8] <= w[Q + i, l] <= arm[m + 9]):
+    for i in range(n):  # noqa: SIM110  (a generator does not compile)
+        if not (arm[LOWER + i] <= w[Q + i, l] <= arm[UPPER + i]):
             return False
     return True
 
 
 @inlined
-def bound(arm: Array, w: Array, n: int, l: int, clamped: float) -> None:
-    """Let a lane's steps end at the limits, or nowhere."""
-    w[CLAMPED, l] = clamped
+def move(arm: Array, w: Array, n: int, l: int) -> None:
+    """Put a lane where it was sent; its steps from there end at the limits if it is to keep them, else nowhere."""
+    clamped = w[CLAMPED, l] != 0.0
+    w[MOVED, l] = 0.0
     for i in range(n):
-        m = JOINTS + i * PER_JOINT
-        w[LOW + i, l] = arm[m + 8] if clamped != 0.0 else -1e9
-        w[HIGH + i, l] = arm[m + 9] if clamped != 0.0 else 1e9
+        w[Q + i, l] = w[NEXT + i, l]
+        w[LOW + i, l] = arm[LOWER + i] if clamped else -1e9
+        w[HIGH + i, l] = arm[UPPER + i] if clamped else 1e9
 
 
 @inlined
-def put(arm: Array, w: Array, n: int, l: int, i: int, q: float) -> None:
-    """Put joint i inside its limits and hold it there for one step, since its error is not known yet."""
-    m = JOINTS + i * PER_JOINT
-    w[Q + i, l] = min(max(q, arm[m + 8]), arm[m + 9])
-    w[LOW + i, l] = w[HIGH + i, l] = w[Q + i, l]
+def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
+    """Have joint i put elsewhere, inside its limits, once the other lanes have taken their step."""
+    w[NEXT + i, l] = min(max(q, arm[LOWER + i]), arm[UPPER + i])
+    w[MOVED, l] = 1.0
 
 
 @inlined
@@ -206,7 +198,9 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
             w[PICKED, l] = 1.0
         row = int(w[PICKS + attempt - 1, l]) if attempt <= NEAREST else (attempt * 7919) % SEEDS
     for i in range(n):
-        put(arm, w, n, l, i, start[i] if attempt == 0 else arm[SEED_Q + row * n + i])
+        put(arm, w, l, i, start[i] if attempt == 0 else arm[SEED_Q + row * n + i])
+        if attempt == 0:
+            w[BEST + i, l] = w[NEXT + i, l]
 
 
 @inlined
@@ -220,6 +214,30 @@ def load(arm: Array, w: Array, n: int, targets: Array, starts: Array, problem: i
 
 
 @inlined
+def tick(arm: Array, w: Array) -> None:
+    """Keep count of every lane's progress, and note which ones want a look; the others are ready for a step."""
+    tolerance_p, tolerance_r = arm[TOLERANCE_P] * arm[TOLERANCE_P], arm[TOLERANCE_R] * arm[TOLERANCE_R]
+    progress, patience, most = arm[PROGRESS], arm[PATIENCE], arm[ITERATIONS]
+    for l in range(w.shape[1]):
+        cost = w[E, l]
+        least = w[LEAST, l]
+        better = cost < progress * least
+        stall = 0.0 if better else w[STALL, l] + 1.0
+        w[LEAST, l], w[STALL, l] = cost if better else least, stall
+        met = (w[S, l] <= tolerance_p) & (w[S + 1, l] <= tolerance_r)
+        # NaN is no progress either, and never gets better
+        over = (w[ITERATION, l] >= most) | (stall >= patience) | (not cost < np.inf)
+        look = met | over | (w[ENDING, l] != 0.0) | (w[S + 1, l] >= ABOUT)
+        w[LOOK, l] = 1.0 if look else 0.0
+        step = 0.0 if look else 1.0
+        # the start is inside the limits, and already kept as the best: only its error is new
+        at_start = (w[ITERATION, l] == 0.0) & (w[ATTEMPT, l] == 0.0) & (w[CLAMPED, l] == 0.0) & (cost < np.inf)
+        w[BEST_E, l] = cost if at_start else w[BEST_E, l]
+        w[ITERATION, l] += step
+        w[TOTAL, l] += step
+
+
+@inlined
 def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
     """Judge a lane: SOLVED, why its attempt ends, STEP, or HELD where it has been brought inside its limits."""
     tolerance_p, tolerance_r = arm[TOLERANCE_P], arm[TOLERANCE_R]
@@ -228,15 +246,10 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
             return SOLVED
         w[OUTSIDE, l], w[CLAMPED, l], w[LEAST, l], w[STALL, l] = 1.0, 1.0, np.inf, 0.0
         for i in range(n):
-            put(arm, w, n, l, i, w[Q + i, l])
+            put(arm, w, l, i, w[Q + i, l])
         return HELD
-    if w[E, l] < arm[PROGRESS] * w[LEAST, l]:
-        w[LEAST, l], w[STALL, l] = w[E, l], 0.0
-    else:
-        w[STALL, l] += 1.0
     if w[ITERATION, l] >= arm[ITERATIONS]:
         return MAX_ITERATIONS
-    # NaN is no progress either, and never gets better
     return STALLED if w[STALL, l] >= arm[PATIENCE] or not w[E, l] < np.inf else STEP
 
 
@@ -253,20 +266,16 @@ def give_up(arm: Array, w: Array, n: int, start: Array, l: int, attempts: float)
         return False
     for i in range(n):
         q = w[BEST + i, l] if w[BEST_E, l] < np.inf else w[Q + i, l]
-        put(arm, w, n, l, i, q if abs(q) < 1e9 else start[i])
+        put(arm, w, l, i, q if abs(q) < 1e9 else start[i])
     return True
 
 
 @inlined
-def advance(arm: Array, w: Array, n: int, target: Array, start: Array, trace: Array, l: int) -> int:
-    """Look at a lane whose error is known: STEP, HELD, or its answer."""
+def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -> int:
+    """Move a lane on that wants a look: STEP, HELD, or its answer."""
     face_about(w, l)
     if w[ENDING, l] != 0.0:
         return int(w[ENDING, l])
-    bound(arm, w, n, l, w[CLAMPED, l])
-    if trace.shape[0] > 0:
-        for i in range(6):
-            trace[int(w[ITERATION, l]), i] = w[e + i, l]
     status = look(arm, w, n, start, l)
     if status == STEP:
         w[ITERATION, l] += 1.0
@@ -291,6 +300,15 @@ def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
 
 
 @inlined
+def note(w: Array, trace: Array) -> None:
+    """Keep the error of the first lane in the trace of its attempt."""
+    face_about(w, 0)
+    if w[ENDING, 0] == 0.0:
+        for i in range(6):
+            trace[int(w[ITERATION, 0]), i] = w[e + i, 0]
+
+
+@inlined
 def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts: Array, answers: Answers) -> None:
     """Solve all problems: every lane takes the next one as soon as its own is answered."""
     N, L = targets.shape[0], w.shape[1]
@@ -302,14 +320,19 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
             busy += 1
         else:
             w[PROBLEM, l] = IDLE
+        move(arm, w, n, l)
     while busy > 0:
         errors(arm, w, g, n)
+        if answers.trace.shape[0] > 0:
+            note(w, answers.trace)
+        tick(arm, w)
         stepping = False
         for l in range(L):
-            if w[PROBLEM, l] == IDLE:
+            if w[LOOK, l] == 0.0 or w[PROBLEM, l] == IDLE:
+                stepping = stepping or w[PROBLEM, l] != IDLE
                 continue
             p = int(w[PROBLEM, l])
-            status = advance(arm, w, n, targets[p], starts[p], answers.trace, l)
+            status = advance(arm, w, n, targets[p], starts[p], l)
             if status == STEP:
                 stepping = True
             elif status != HELD:
@@ -322,6 +345,9 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
                     busy -= 1
         if stepping:
             steps(arm, w, g, J, n)
+        for l in range(L):
+            if w[MOVED, l] != 0.0:
+                move(arm, w, n, l)
 
 
 def single(n: int) -> Any:
@@ -339,10 +365,9 @@ def single(n: int) -> Any:
         if q0.shape[0] != n:
             return WRONG, 0, 0, 0.0, 0.0
         for i in range(n):
-            m = JOINTS + i * PER_JOINT
-            if not (arm[m + 8] - SLACK <= q0[i] <= arm[m + 9] + SLACK and abs(q0[i]) < np.inf):
+            if not (arm[LOWER + i] - SLACK <= q0[i] <= arm[UPPER + i] + SLACK and abs(q0[i]) < np.inf):
                 return WRONG, 0, 0, 0.0, 0.0
-        w, g, J, x = stack(132, 1), stack(72, 1), stack(n6, 1), stack(5, 1)
+        w, g, J, x = stack(146, 1), stack(72, 1), stack(n6, 1), stack(5, 1)
         trace = out[n:].reshape(((out.shape[0] - n) // 6, 6))
         answers = Answers(out[:n].reshape((1, n)), x[0], x[1], x[2], x[3], x[4], trace)
         run(arm, w, g, J, n, target.reshape((1, 4, 4)), q0.reshape((1, n)), answers)
@@ -361,7 +386,7 @@ def batch(n: int, L: int) -> Any:
         position_error: Array, rotation_error: Array,
     ) -> None:  # fmt: skip
         """Answers to targets (N, 4, 4) from starts (N, n), both checked before, into the arrays of an `IKBatch`."""
-        w, g, J = stack(132, L), stack(72, L), stack(n6, L)
+        w, g, J = stack(146, L), stack(72, L), stack(n6, L)
         answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty((0, 6)))
         run(arm, w, g, J, n, targets, starts, answers)
 

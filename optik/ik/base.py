@@ -427,7 +427,12 @@ def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Ar
     if wrong[1] >= 0:
         one = q if q.ndim == 1 else q[wrong[1]]
         check_start(robot, one, "starts" if q.ndim == 1 else f"starts[{wrong[1]}]")
-    return poses, np.ascontiguousarray(np.broadcast_to(q, (len(poses), robot.n)))
+    return _own(poses), _own(np.broadcast_to(q, (len(poses), robot.n)))
+
+
+def _own(array: Array) -> Array:
+    """Return the array itself where compiled code can take it, else a copy."""
+    return array if array.flags.c_contiguous and array.flags.writeable else np.array(array, order="C")
 
 
 @compiled

@@ -18,7 +18,8 @@ from tests.benchmarks.conftest import SMALL
 def test_every_suite_that_comes_along_loads(name: str) -> None:
     suite = load_suite(name)
     assert suite.name == name
-    assert suite.blocks or suite.line
+    assert suite.blocks or suite.line or suite.speed
+    assert suite.robots
 
 
 def test_a_suite_is_read_from_a_file(tmp_path: Path) -> None:
@@ -37,8 +38,8 @@ def test_the_fingerprint_depends_on_the_settings_alone() -> None:
     assert suite_of("a", SMALL | {"seed": 8}).fingerprint != suite_of("a", SMALL).fingerprint
 
 
-def _changed(path: list[Any], value: Any) -> dict[str, Any]:
-    data = copy.deepcopy(SMALL)
+def _changed(path: list[Any], value: Any, settings: dict[str, Any] = SMALL) -> dict[str, Any]:
+    data = copy.deepcopy(settings)
     at: Any = data
     for key in path[:-1]:
         at = at[key]
@@ -66,11 +67,71 @@ def _changed(path: list[Any], value: Any) -> dict[str, Any]:
         (["line", "laws"], ["quintics"], UnknownName, "quintic"),
         (["line", "samples"], 1, InvalidInput, "samples"),
         (["seed"], -1, InvalidInput, "seed"),
+        (["blocks", 0, "sweep"], "yes", InvalidInput, "sweep"),
     ],
 )
 def test_a_wrong_setting_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
     with pytest.raises(error, match=word):
         suite_of("small", _changed(path, value))
+
+
+SPEED: dict[str, Any] = {
+    "speed": [
+        {
+            "id": "warm",
+            "robot": "paper6r",
+            "set": "near_start",
+            "methods": [{"solver": "dls"}],
+            "peers": [{"peer": "plain_casadi"}],
+            "targets": [{"measure": "median_ratio", "to": "plain casadi", "at_most": 0.5}],
+        }
+    ],
+    "batch": [
+        {
+            "id": "many", "robot": "paper6r", "set": "near_start", "solver": "dls",
+            "targets": [{"measure": "extra_memory_mb", "at_most": 200}],
+        }
+    ],
+    "first_use": {"robot": "paper6r", "solver": "dls", "targets": [{"measure": "import_s", "at_most": 0.3}]},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "error", "word"),
+    [
+        (["speed"], 1, InvalidInput, "speed"),
+        (["speed", 0], 1, InvalidInput, "speed block"),
+        (["speed", 0, "budgets"], [1], InvalidInput, "budgets"),
+        (["speed", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (["speed", 0, "rounds"], 0, InvalidInput, "rounds"),
+        (["speed", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
+        (["speed", 0, "methods", 0, "max_problems"], 0, InvalidInput, "max_problems"),
+        (["speed", 0, "peers", 0, "peer"], "eiak", UnknownName, "did you mean eaik"),
+        (["speed", 0, "peers", 0, "label"], "dls", InvalidInput, "label"),
+        (["speed", 0, "targets", 0, "measure"], "speed", InvalidInput, "median_us"),
+        (["speed", 0, "targets", 0, "to"], "EAIK", InvalidInput, "a label of the block"),
+        (["speed", 0, "targets", 0, "at_least"], 0.1, InvalidInput, "either at_most or at_least"),
+        (["speed", 0, "targets", 0, "at_most"], "half", InvalidInput, "at_most"),
+        (["speed", 0, "targets", 0, "goal"], 1, InvalidInput, "goal"),
+        (["speed", 0, "targets", 0, "measure"], "mean_us", InvalidInput, "only there"),
+        (["batch", 0, "threads"], [0], InvalidInput, "threads"),
+        (["batch", 0, "repeats"], 0, InvalidInput, "repeats"),
+        (["batch", 0, "solver"], "dlss", UnknownName, "dls"),
+        (["batch", 0, "id"], "warm", InvalidInput, "id"),
+        (["batch", 0, "targets", 0, "measure"], "median_us", InvalidInput, "million_per_second"),
+        (["first_use", "solver"], "dlss", UnknownName, "dls"),
+        (["first_use", "robots"], 1, InvalidInput, "robots"),
+    ],
+)
+def test_a_wrong_setting_of_speed_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
+    with pytest.raises(error, match=word):
+        suite_of("speed", _changed(path, value, SPEED))
+
+
+def test_labels_of_peers_are_their_names_and_targets_ask_of_the_first_method() -> None:
+    suite = suite_of("speed", copy.deepcopy(SPEED))
+    assert suite.speed[0].labels == ("dls", "plain casadi")
+    assert suite.speed[0].targets[0].method == suite.speed[0].reference == "dls"
 
 
 def test_an_empty_suite_is_refused() -> None:

@@ -228,7 +228,7 @@ def test_every_robot_that_comes_with_optik_is_solved(method, name):
     rng = np.random.default_rng(78)
     solved = 0
     for q in oracles.configurations(arm, 20, 79):
-        target, start = oracles.fk(arm, q), np.clip(q + rng.normal(0, 0.05, 6), arm.lower, arm.upper)
+        target, start = oracles.fk(arm, q), np.clip(q + rng.normal(0, 0.05, arm.n), arm.lower, arm.upper)
         result = solver.solve(target, start)
         solved += bool(result)
         if result:

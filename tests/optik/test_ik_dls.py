@@ -1,6 +1,7 @@
 """The paper's iteration against a plain one with SciPy's logarithm and a matrix inverse."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def test_every_iterate_of_a_run_that_hits_its_limits_is_the_plain_iterations(nam
         middle = rng.uniform(arm.lower, arm.upper)
         lower, upper = np.maximum(arm.lower, middle - 0.1), np.minimum(arm.upper, middle + 0.1)
         narrow = Robot(name, robot.fixed, robot.prismatic, robot.tool, JointLimits(lower, upper))
-        plain_arm = oracles.Arm(arm.convention, arm.rows, lower=lower, upper=upper)
+        plain_arm = replace(arm, lower=lower, upper=upper)
         target = oracles.fk(arm, middle + rng.uniform(-0.3, 0.3, arm.n))
         plain = oracles.damped_least_squares(plain_arm, target, middle, damping=0.1, iterations=15)
         trace = DLS(narrow, damping=0.1, max_iterations=15).solve(target, middle, trace=True).trace

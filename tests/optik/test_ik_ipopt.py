@@ -14,7 +14,6 @@ from tests import oracles
 
 pytest.importorskip("casadi")
 from optik.ik import IPOPT
-from optik.ik._casadi import quaternion, residual, target_parameters, tool
 
 PAPER = optik.load("paper6r")
 FORMS = ("constraint", "least_squares")
@@ -41,7 +40,7 @@ def honest(result, arm, target):
     assert result.status in IKStatus
 
 
-# ---------------------------------------------------------------- the symbolic model
+# ---------------------------------------------------------------- problems
 
 
 def four_joints():
@@ -49,43 +48,6 @@ def four_joints():
     rows = [DHRow(a=0.2, alpha=0.3 * i, d=0.1, theta=0.2 * i, prismatic=i == 2) for i in range(4)]
     base, end = oracles.pose((0.4, -0.2, 0.9), (0.1, 0.2, 0.3)), oracles.pose((3.0, 0.4, 0.2), (0.0, 0.1, 0.2))
     return Robot.from_mdh(rows, JointLimits([-2.0] * 4, [2.0] * 4), base=base, tool=end, name="four")
-
-
-@pytest.mark.parametrize("robot", [*map(optik.load, optik.robots()), four_joints()], ids=lambda r: r.name)
-def test_the_symbolic_tool_is_the_numeric_one(robot):
-    import casadi as ca
-
-    q = ca.SX.sym("q", robot.n)
-    model = ca.Function("model", [q], list(tool(robot, q)))
-    for x in np.random.default_rng(51).uniform(-3, 3, (50, robot.n)):
-        p, h = (np.asarray(v, dtype=float).ravel() for v in model(x))
-        T = robot.fk(x)
-        assert np.abs(p - T[:3, 3]).max() < 1e-13
-        R = oracles.Rotation.from_quat(h[[1, 2, 3, 0]]).as_matrix()
-        assert np.abs(R - T[:3, :3]).max() < 1e-13
-        assert abs(np.linalg.norm(h) - 1.0) < 1e-14
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 0.1, 2.0, np.pi - 1e-9, np.pi])
-def test_quaternions_are_scipys_up_to_their_sign(angle):
-    for axis in np.vstack([np.eye(3), np.random.default_rng(52).normal(size=(20, 3))]):
-        R = oracles.pose(angle * axis / np.linalg.norm(axis), (0, 0, 0))[:3, :3]
-        ours, theirs = quaternion(R), oracles.Rotation.from_matrix(R).as_quat()[[3, 0, 1, 2]]
-        assert min(np.abs(ours - theirs).max(), np.abs(ours + theirs).max()) < 1e-14
-
-
-def test_the_residual_vanishes_at_the_target_only_and_is_the_error_to_third_order():
-    import casadi as ca
-
-    q, t = ca.SX.sym("q", 6), ca.SX.sym("t", 7)
-    function = ca.Function("residual", [q, t], [residual(PAPER, q, t)])
-    T = PAPER.fk(START)
-    assert np.abs(np.asarray(function(START, target_parameters(T)))).max() < 1e-14
-    for axis in np.eye(3):
-        half = T @ oracles.pose(np.pi * axis, (0, 0, 0))  # a half turn is the farthest, not another zero
-        assert np.linalg.norm(np.asarray(function(START, target_parameters(half)))[3:]) > 1.9
-        small = T @ oracles.pose(1e-3 * axis, (0, 0, 0))
-        assert abs(np.linalg.norm(np.asarray(function(START, target_parameters(small)))[3:]) - 1e-3) < 1e-9
 
 
 # ---------------------------------------------------------------- solving
@@ -112,18 +74,19 @@ def test_failures_are_honest_and_carry_ipopts_own_word(form):
         result = solver.solve(target, rng.uniform(arm.lower, arm.upper))
         honest(result, arm, target)
         assert result.status is not IKStatus.REJECTED
-        assert result.message.startswith("IPOPT: ")
-        assert len(result.message) > len("IPOPT: ")
+        if result.status is not IKStatus.UNREACHABLE:  # which is proved before IPOPT is asked
+            assert result.message.startswith("IPOPT: ")
+            assert len(result.message) > len("IPOPT: ")
         statuses.add(result.status)
     assert IKStatus.STALLED in statuses
 
 
-def test_a_target_out_of_reach_is_called_infeasible_by_ipopt():
-    far = oracles.trans(x=5.0) @ PAPER.fk(START)
-    result = IPOPT(PAPER).solve(far, START)
+def test_a_pose_that_no_configuration_has_is_called_infeasible_by_ipopt():
+    turned = PAPER.fk(START) @ oracles.pose((0.0, 2.5, 0.0), (0.0, 0.0, 0.0))  # within reach, but not from that side
+    result = IPOPT(PAPER).solve(turned, START)
     assert result.status is IKStatus.STALLED
     assert result.message == "IPOPT: Infeasible_Problem_Detected"
-    least = IPOPT(PAPER, form="least_squares").solve(far, START)
+    least = IPOPT(PAPER, form="least_squares").solve(turned, START)
     assert least.status is IKStatus.STALLED  # a minimum, but the pose is not met there
     assert least.message == "IPOPT: Solve_Succeeded"
 
@@ -218,9 +181,10 @@ def test_no_more_iterations_than_allowed(form, most):
 
 @each_form
 def test_a_time_limit_that_is_over_at_once_is_the_status(form):
-    result = IPOPT(PAPER, form=form, time_limit=1e-9).solve(oracles.trans(x=5.0) @ PAPER.fk(START), START)
+    result = IPOPT(PAPER, form=form, time_limit=1e-9, max_restarts=5).solve(PAPER.fk(START), np.zeros(6))
+    assert result.restarts == 0
     assert result.status is IKStatus.TIME_LIMIT
-    assert result.message == "IPOPT: Maximum_WallTime_Exceeded"
+    assert result.message == "IPOPT: User_Requested_Stop"
 
 
 @each_form
@@ -253,6 +217,13 @@ def test_the_first_solve_of_a_process_says_nothing_aloud(form):
 
 
 # ---------------------------------------------------------------- options
+
+
+def test_a_time_limit_that_does_not_bind_changes_nothing():
+    for target, start in zip(*problems("paper6r", 5, 60), strict=True):
+        free, timed = (IPOPT(PAPER, time_limit=limit, max_restarts=2).solve(target, start) for limit in (None, 60.0))
+        assert (free.q == timed.q).all()
+        assert free[1:6] == timed[1:6]
 
 
 def test_a_looser_tolerance_needs_no_more_iterations():

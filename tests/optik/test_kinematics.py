@@ -13,6 +13,8 @@ from tests import oracles
 COUNT = 1000
 BUILD = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
 each_robot = pytest.mark.parametrize("name", optik.robots())
+six = [name for name in optik.robots() if optik.load(name).n == 6]
+six_or_more = [name for name in optik.robots() if optik.load(name).n >= 6]
 random_arms = st.builds(
     lambda seed, n, prismatic, convention: oracles.random_arm(
         np.random.default_rng(seed), n, prismatic=prismatic, convention=convention
@@ -57,14 +59,20 @@ def size(e):
 # ---------------------------------------------------------------- other libraries
 
 
+def are_pinocchios(robot, arm, q):
+    """Compare with Pinocchio's model of the rows; the base turns its Jacobian, and a tool would move its point."""
+    theirs = oracles.Pinocchio(arm)
+    assert np.abs(robot.fk(q) - arm.base @ [theirs.fk(x) for x in q] @ arm.tool).max() < 1e-12
+    bare = robot.with_tool(robot.tool @ np.linalg.inv(arm.tool))
+    turned = np.kron(np.eye(2), arm.base[:3, :3])
+    assert np.abs(bare.jacobian(q) - turned @ [theirs.jacobian(x) for x in q]).max() < 1e-12
+
+
 @each_robot
 def test_forward_kinematics_and_jacobian_are_pinocchios(name):
     pytest.importorskip("pinocchio")
-    arm, robot = oracles.table(name), optik.load(name)
-    theirs = oracles.Pinocchio(arm)
-    q = oracles.configurations(arm, COUNT, 11)
-    assert np.abs(robot.fk(q) - np.array([theirs.fk(x) for x in q])).max() < 1e-12
-    assert np.abs(robot.jacobian(q) - np.array([theirs.jacobian(x) for x in q])).max() < 1e-12
+    arm = oracles.table(name)
+    are_pinocchios(optik.load(name), arm, oracles.configurations(arm, COUNT, 11))
 
 
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
@@ -74,12 +82,7 @@ def test_arms_with_a_sliding_joint_are_pinocchios(convention, n):
     rng = np.random.default_rng(n)
     for _ in range(5):
         arm = oracles.random_arm(rng, n, prismatic=True, convention=convention)
-        theirs, q = oracles.Pinocchio(arm), rng.uniform(-3, 3, (20, n))
-        ours = built(arm)
-        assert np.abs(ours.fk(q) - arm.base @ [theirs.fk(x) for x in q] @ arm.tool).max() < 1e-12
-        bare = ours.with_tool(ours.tool @ np.linalg.inv(arm.tool))
-        turned = np.kron(np.eye(2), arm.base[:3, :3])
-        assert np.abs(bare.jacobian(q) - turned @ [theirs.jacobian(x) for x in q]).max() < 1e-12
+        are_pinocchios(built(arm), arm, rng.uniform(-3, 3, (20, n)))
 
 
 def test_the_puma_is_ssiks():
@@ -171,7 +174,7 @@ def regular(name, count, seed):
     return q[np.linalg.svd(robot.jacobian(q))[1][:, -1] > 0.05][:count]
 
 
-@each_robot
+@pytest.mark.parametrize("name", six_or_more)
 def test_path_derivatives_follow_the_twists_they_are_given(name):
     robot, q = optik.load(name), regular(name, 100, 23)
     twists = np.random.default_rng(24).uniform(-1, 1, (len(q), 3, 6))
@@ -183,7 +186,7 @@ def test_path_derivatives_follow_the_twists_they_are_given(name):
     assert (np.abs(made - twists).max(axis=(1, 2)) < 1e-12 * np.maximum(1.0, scale**3)).all()
 
 
-@each_robot
+@pytest.mark.parametrize("name", six)
 def test_path_derivatives_undo_tool_motion(name):
     robot, q = optik.load(name), regular(name, 100, 25)
     dq = np.random.default_rng(26).uniform(-1, 1, (len(q), 3, robot.n))
@@ -234,7 +237,7 @@ def test_path_derivatives_of_a_line_are_the_differences_of_its_joint_path():
 # ---------------------------------------------------------------- polishing
 
 
-@each_robot
+@pytest.mark.parametrize("name", six_or_more)
 def test_polish_reaches_rounding_from_a_solvers_tolerance(name):
     robot, q = optik.load(name), regular(name, 200, 28)
     targets = robot.fk(q)
@@ -243,7 +246,7 @@ def test_polish_reaches_rounding_from_a_solvers_tolerance(name):
     better = polished(robot, near, targets)
     errors = [oracles.error(T, goal) for T, goal in zip(robot.fk(better), targets, strict=True)]
     assert size(np.array(errors)).max() < 1e-12
-    assert np.abs(better - q).max() < 1e-11
+    assert robot.n > 6 or np.abs(better - q).max() < 1e-11
 
 
 @each_robot

@@ -1,0 +1,167 @@
+"""Hard targets in equal shares: at wrist and elbow singularities, on joint limits, both at once, and at joint zeros."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.check import check_count, check_number
+from optik.errors import InvalidInput
+from optik.robot import Robot
+
+Array = NDArray[np.float64]
+
+WRIST, ELBOW = 4, 2
+"""The joints of a six-joint arm that bend its wrist and its elbow."""
+GRID, HALVINGS, ROUNDS, STEPS = 61, 60, 40, 30
+
+
+def hard(
+    robot: Robot, seed: int, *, count: int = 1000, spread: float = 0.1, start_deg: ArrayLike | None = None
+) -> ProblemSet:
+    """Targets that are reached where Jacobians lose rank, at the ends of the joints, or at the zeros of a table.
+
+    Six-joint arms: with all other joints drawn, joint 5 (wrist) or joint 3 (elbow) is put where det J changes its sign,
+    which needs no spherical wrist. Arms with more joints have no such joint: there all joints move to a J of lower rank,
+    and the two strata are one kind, not all of the last on a limit.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm, of six joints or more.
+    seed : int
+        Of the draw.
+    count : int
+        How many, in five equal shares (the last takes the rest).
+    spread : float
+        Standard deviation of start − solution on every joint [rad], clamped to the limits.
+    start_deg : (n,) array, optional
+        One start for all in place of that [degrees].
+
+    Raises
+    ------
+    InvalidInput
+        Fewer than six joints or five targets; a start outside the limits.
+    """
+    check_count(count, "count", 5)
+    check_number(spread, "spread", "radians above 0", above=0.0)
+    if robot.n < 6:
+        raise InvalidInput("robot", f"{robot.name} with {robot.n} joints", "an arm of six joints or more")
+    rng = np.random.default_rng((seed, 4))
+    share = count // 5
+    strata = {
+        "wrist singular": singular(robot, rng, share, WRIST, on_limits=False),
+        "elbow singular": singular(robot, rng, share, ELBOW, on_limits=False),
+        "on the limits": put_on_limits(robot, rng, draw(robot, rng, share)),
+        "wrist singular, on the limits": singular(robot, rng, share, WRIST, on_limits=True),
+        "joint zeros": put_at_zero(robot, rng, draw(robot, rng, count - 4 * share)),
+    }
+    q = np.concatenate(list(strata.values()))
+    order = rng.permutation(len(q))  # so that any part of the set has all strata
+    group = np.repeat(list(strata), [len(part) for part in strata.values()])[order]
+    q = q[order]
+    if start_deg is None:
+        starts = robot.limits.clip(q + spread * rng.normal(size=q.shape))
+    else:
+        starts = np.tile(start_of(robot, start_deg), (count, 1))
+    sigma = smallest_singular_values(robot, q)
+    far = np.full(count, spread if start_deg is None else np.nan)
+    return ProblemSet(robot.fk(q), starts, group, np.ones(count, dtype=bool), sigma, far)
+
+
+def draw(robot: Robot, rng: np.random.Generator, count: int) -> Array:
+    """Configurations (count, n) uniform inside the limits."""
+    return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+
+
+def put_on_limits(robot: Robot, rng: np.random.Generator, q: Array, but: int | None = None) -> Array:
+    """Put each joint with probability ½, and at least one, on one of its limits; never the joint `but`."""
+    chosen = _some(rng, q.shape, but)
+    ends = np.where(rng.random(q.shape) < 0.5, robot.limits.lower, robot.limits.upper)
+    return np.where(chosen, ends, q)
+
+
+def put_at_zero(robot: Robot, rng: np.random.Generator, q: Array) -> Array:
+    """Put each joint with probability ½, and at least one, at zero, all of them in the first; clipped to the limits."""
+    chosen = _some(rng, q.shape, None)
+    chosen[0] = True
+    return robot.limits.clip(np.where(chosen, 0.0, q))
+
+
+def _some(rng: np.random.Generator, shape: tuple[int, ...], but: int | None) -> NDArray[np.bool_]:
+    chosen = rng.random(shape) < 0.5
+    joints = np.array([j for j in range(shape[1]) if j != but])
+    chosen[np.arange(shape[0]), rng.choice(joints, shape[0])] = True
+    if but is not None:
+        chosen[:, but] = False
+    return chosen
+
+
+def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, on_limits: bool) -> Array:
+    """Configurations (count, n) inside the limits whose Jacobian has lost rank, to rounding.
+
+    Raises
+    ------
+    InvalidInput
+        The arm has none that this search finds.
+    """
+    found: list[Array] = []
+    for _ in range(ROUNDS):
+        q = draw(robot, rng, 2 * count)
+        if on_limits:
+            q = put_on_limits(robot, rng, q, but=joint)
+        q = _by_one_joint(robot, rng, q, joint) if robot.n == 6 else _by_all_joints(robot, rng, q)
+        good = robot.limits.contains(q) & (smallest_singular_values(robot, q) < 1e-9)
+        found.append(robot.limits.clip(q[good]))
+        if sum(map(len, found)) >= count:
+            return np.concatenate(found)[:count]
+    raise InvalidInput("robot", robot.name, "an arm with singular configurations inside its limits")
+
+
+def _by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -> Array:
+    """Move one joint to where det J changes sign, any of the places; configurations without one are left out."""
+
+    def sign(values: Array) -> NDArray[np.bool_]:
+        at = q.copy()
+        at[:, joint] = values
+        positive: NDArray[np.bool_] = np.linalg.det(robot.jacobian(at)) > 0.0
+        return positive
+
+    ticks = np.linspace(robot.limits.lower[joint], robot.limits.upper[joint], GRID)
+    signs = np.stack([sign(np.full(len(q), tick)) for tick in ticks], axis=1)
+    changes = signs[:, 1:] != signs[:, :-1]
+    first = (changes * rng.uniform(0.5, 1.0, changes.shape)).argmax(axis=1)
+    low, high, before = ticks[first], ticks[first + 1], signs[np.arange(len(q)), first]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        same = sign(middle) == before
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    moved = q.copy()
+    moved[:, joint] = 0.5 * (low + high)
+    found: Array = moved[changes.any(axis=1)]
+    return found
+
+
+def _by_all_joints(robot: Robot, rng: np.random.Generator, q: Array) -> Array:
+    """Gauss–Newton steps of least length on Jᵀu = 0, uᵀu = 1, in q and u together, kept inside the limits."""
+    u = np.linalg.svd(robot.jacobian(q))[0][:, :, -1]
+    for _ in range(STEPS):
+        J = robot.jacobian(q)
+        value = np.concatenate([np.einsum("kij,ki->kj", J, u), (np.sum(u * u, axis=1) - 1.0)[:, None]], axis=1)
+        slope = np.zeros((len(q), robot.n + 1, robot.n + 6))
+        for j in range(robot.n):
+            step = np.zeros(robot.n)
+            step[j] = 1e-6
+            change = (robot.jacobian(q + step) - robot.jacobian(q - step)) / 2e-6
+            slope[:, :-1, j] = np.einsum("kij,ki->kj", change, u)
+        slope[:, :-1, robot.n :] = np.swapaxes(J, 1, 2)
+        slope[:, -1, robot.n :] = 2.0 * u
+        square = slope @ np.swapaxes(slope, 1, 2) + 1e-14 * np.eye(robot.n + 1)
+        move = np.einsum("kji,kj->ki", slope, np.linalg.solve(square, value[..., None])[..., 0])
+        move *= np.minimum(1.0, 0.5 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-12))
+        q, u = robot.limits.clip(q - move[:, : robot.n]), u - move[:, robot.n :]
+    return q
+
+
+METHOD = hard

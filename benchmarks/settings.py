@@ -1,0 +1,56 @@
+"""Settings that people wrote: tables, lists, names and numbers, each checked and named where it is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from optik.check import check_count
+from optik.errors import InvalidInput, UnknownName
+from optik.registry import names
+
+Item = TypeVar("Item")
+
+
+def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = None) -> None:
+    """Refuse what is no table, has a key that nobody reads, or lacks one that is needed."""
+    if not isinstance(data, dict):
+        raise InvalidInput(where, type(data).__name__, "a table")
+    if unknown := sorted(set(data) - known):
+        raise InvalidInput(where, f"the key {unknown[0]!r}", f"keys out of {', '.join(sorted(known))}")
+    if missing := sorted((need or set()) - set(data)):
+        raise InvalidInput(where, f"no {missing[0]!r}", f"the keys {', '.join(sorted(need or set()))}")
+
+
+def check_list(value: Any, where: str) -> list[Any]:
+    """Return a list that is not empty."""
+    if not isinstance(value, list) or not value:
+        raise InvalidInput(where, repr(value)[:60], "a list that is not empty")
+    return value
+
+
+def check_known(name: Any, folder: str, kind: str) -> None:
+    """Refuse a name that is no file of a folder."""
+    if name not in names(folder):
+        raise UnknownName(kind, str(name), names(folder))
+
+
+def check_different(values: list[str], where: str, what: str) -> None:
+    """Refuse the same word twice."""
+    if len(set(values)) != len(values):
+        raise InvalidInput(
+            where, f"{what}s {values}", f"{'an' if what[0] in 'aeiou' else 'a'} {what} of its own for each"
+        )
+
+
+def all_of(data: Any, where: str, read: Callable[[Any], Item]) -> tuple[Item, ...]:
+    """Read every table of a list; none where there is no such list."""
+    return tuple(read(item) for item in check_list(data, where)) if data is not None else ()
+
+
+def optional_count(value: Any, where: str) -> int | None:
+    """Return a whole number of at least 1, or None where none is given."""
+    if value is None:
+        return None
+    check_count(value, where, 1)
+    return int(value)

@@ -1,0 +1,340 @@
+"""All branches by closed forms (EAIK, ssik), each one rechecked; where neither can, a numerical enumeration says so."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik.errors import InvalidInput
+from optik.ik import _branches
+from optik.ik._backends import Refused, choose
+from optik.ik._chain import draw_configurations
+from optik.ik.base import Attempt, IKSolver, IKStatus, check_start
+from optik.reach import outside_reach
+from optik.robot import Robot
+from optik.se3 import check_pose, exp_so3, pose
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BACKENDS = ("auto", "ssik", "eaik", "enumeration")
+ENUMERATION = "enumeration (numerical, may be incomplete)"
+
+STARTS = 1024
+"""Starts of an enumeration at most."""
+
+PATIENCE = 60
+"""An enumeration ends when so many starts in a row found nothing new. A branch that a share p of the starts leads to is
+then missed with probability (1 − p)^60: 5 % for p = 0.05, 0.2 % for p = 0.1."""
+
+SAMPLES = 32
+"""Roots that are enough of infinitely many."""
+
+FULL = 8
+"""Roots that a 6R arm with a closed form has at most. Where there are fewer, some may be lost, not just complex: the
+search goes beside the target too, and to where the start leads. (EAIK lost a stretched UR5e's straight wrist so.)"""
+
+NUDGE = 1e-3
+"""How far targets are moved to ask a closed form beside a singularity [m, rad]."""
+
+
+class Branches(NamedTuple):
+    """All configurations of an arm that meet one target.
+
+    Attributes
+    ----------
+    q : (k, n) array
+        Inside the limits, every winding; nearest to q0 first where there was one, else in lexicographic order.
+    position_error, rotation_error : (k,) array
+        By our own forward kinematics [m, rad].
+    free : (k,) array of bool
+        Whether the branch is one point of a curve of solutions (a singular wrist, a redundant arm): the nearest to q0
+        of its piece inside the limits, for a redundant arm a sample.
+    backend : str
+        What found them.
+    complete : bool
+        Whether these are all: a closed form away from singularities. Not proved by us; what is there has been checked.
+    message : str
+        What was done, in words.
+    """
+
+    q: Array
+    position_error: Array
+    rotation_error: Array
+    free: Bools
+    backend: str
+    complete: bool
+    message: str
+
+
+class _Found(NamedTuple):
+    """Roots (k, n) and branches (m, n) of a target on the way, with which branches are free, and how they came."""
+
+    roots: Array
+    rows: Array
+    free: Bools
+    backend: str
+    complete: bool
+    steps: int
+    message: str
+
+
+class ClosedForm(IKSolver):
+    """The branch nearest to the start, of all that a closed form names; at singularities too.
+
+    Every candidate is polished by our own kinematics and checked, near misses included; whole turns are added wherever
+    limits allow. Where the Jacobian has lost rank, the closed form is asked beside the target as well, and a curve of
+    solutions is followed to its point nearest to the start. What still has no solution is tried by restarts.
+
+    A redundant arm has infinitely many: samples of them are tried, and the nearest is brought nearer along the curve.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    backend : {"auto", "ssik", "eaik", "enumeration"}
+        ``"eaik"`` solves 6R arms and smaller ones by subproblems, ``"ssik"`` 6R and 7R; ``"enumeration"`` searches from
+        many starts, for any arm, and cannot know when it has all. ``"auto"`` takes the first of these that is installed
+        and solves this arm. Tried on building.
+    **options
+        Those of `IKSolver`. ``max_iterations`` counts for one start of an enumeration. The only task is ``"pose"``.
+
+    Raises
+    ------
+    MissingDependency
+        A named backend is not installed; the extra ``closed-form`` installs both.
+    InvalidInput
+        A named backend cannot do this arm; an option out of range.
+    """
+
+    name: ClassVar[str] = "closed_form"
+    takes_tasks: ClassVar[bool] = False
+
+    def __init__(self, robot: Robot, *, backend: str = "auto", **options: Any) -> None:
+        super().__init__(robot, **options)
+        if backend not in BACKENDS:
+            raise InvalidInput("backend", repr(backend)[:60], f"one of: {', '.join(BACKENDS)}")
+        self.backend = backend
+        lower, upper = robot.limits.lower, robot.limits.upper
+        moving = lower < upper
+        self._chain = robot.fixed, robot.prismatic, robot.tool
+        self._limits = lower, upper
+        self._free = np.where(moving, -np.inf, lower), np.where(moving, np.inf, upper)
+        self._errors = self.tolerance.position, self.tolerance.rotation
+        self._tight = min(self._errors[0], _branches.CLOSE), min(self._errors[1], _branches.CLOSE)
+        self._redundant = int(moving.sum()) > 6
+        self._too_many = _branches.too_many(robot)
+        self._closed = choose(backend, robot)
+        self._label = self._closed.name if self._closed else ENUMERATION
+        self._starts = draw_configurations(robot, np.random.default_rng(1), STARTS)
+        twists = np.random.default_rng(3).uniform(-NUDGE, NUDGE, (3, 6))
+        self._nudges = [pose(exp_so3(sign * w[3:]), sign * w[:3]) for w in twists for sign in (1.0, -1.0)]
+
+        self._load()
+
+    def _load(self) -> None:
+        """Compile or load all that a solve may need, at a pose of the arm's own."""
+        q = self._starts[0]
+        target = self.robot.fk(q)
+        self.attempt(target, q, False, None)
+        self._enumerate(target, q, False)
+        _branches.slide(self.robot, target, q, q)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """All options, as they would be given again."""
+        return {**super().options, "backend": self.backend}
+
+    @property
+    def label(self) -> str:
+        """What answers: ``"eaik"``, ``"ssik"``, or that it is a numerical enumeration."""
+        return self._label
+
+    def branches(self, target: ArrayLike, q0: ArrayLike | None = None) -> Branches:
+        """Find all configurations inside the limits whose tool pose is the target.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            T_base_tool [m].
+        q0 : (n,) array, optional
+            Inside the limits: the order, the point of a curve of solutions, and the winding of a joint without an end
+            are those nearest to it. By default the middle of the limits.
+
+        Returns
+        -------
+        Branches
+            Empty where there is none.
+
+        Raises
+        ------
+        InvalidInput
+            A target that is no pose, a start outside the limits.
+        """
+        T = np.array(check_pose(target, "target"), order="C")
+        near = self._middle() if q0 is None else check_start(self.robot, q0)
+        found = self._all(T, near, self._ask(T), few=False)
+        q = np.array(found.rows)
+        if q0 is None:
+            order = np.lexsort(np.round(q, 6).T[::-1])
+        else:
+            order = np.argsort(np.linalg.norm(q - near, axis=1), kind="stable")
+        q = q[order]
+        error = self.robot.errors(q, T)
+        position, rotation = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
+        return Branches(q, position, rotation, found.free[order], found.backend, found.complete, found.message)
+
+    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+        """Take the branch nearest to the start; iterations are those of an enumeration, where it comes to that."""
+        target = np.ascontiguousarray(target)
+        if self._closed is None or self._redundant:
+            return self._nearest(target, start, self._all(target, start, self._ask(target), few=True))
+        candidates, q = self._ask(target), np.empty(self.robot.n)
+        arm = (*self._chain, *self._free, *self._limits)
+        count, solved, doubt = _branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
+        if 0 < count < FULL and not doubt:
+            candidates = np.vstack([candidates, start, *self._beside(target, 2)])
+            count, solved, doubt = _branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
+        if count == 0 or doubt:
+            return self._nearest(target, start, self._all(target, start, candidates, few=True))
+        status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
+        return Attempt(q, status, 0, None, f"{self._label}: {count} branches, limits aside")
+
+    def _nearest(self, target: Array, start: Array, found: _Found) -> Attempt:
+        """Choose of all that was found."""
+        if len(found.rows):
+            q = found.rows[np.linalg.norm(found.rows - start, axis=1).argmin()]
+            return Attempt(q.copy(), IKStatus.SOLVED, found.steps, None, found.message)
+        q = start.copy()
+        if len(found.roots):
+            _branches.nearest(self.robot.prismatic, *self._limits, found.roots, start, q)
+            return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
+        q = self.robot.limits.clip(q)
+        _branches.refine(*self._chain, *self._limits, target, self.max_iterations, q)
+        return Attempt(q, IKStatus.STALLED, found.steps, None, found.message)
+
+    # ------------------------------------------------------------ roots
+
+    def _ask(self, target: Array) -> Array:
+        """Ask the closed form for candidates (k, n); one that falls over has none."""
+        none = np.empty((0, self.robot.n))
+        if self._closed is None:
+            return none
+        try:
+            return self._closed.candidates(target)
+        except Refused:
+            return none
+
+    def _distinct(self, target: Array, candidates: Array) -> tuple[Array, Bools]:
+        """Polish candidates (m, n); those that meet the target (k, n), each once, and which of them are singular.
+
+        Where none does exactly (a target a hair beyond the arm), those within the tolerance.
+        """
+        roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
+        for errors in (self._tight, self._errors):
+            count = _branches.distinct(*self._chain, *self._free, target, *errors, candidates, roots, singular)
+            if count:
+                break
+        return roots[:count], singular[:count]
+
+    def _beside(self, target: Array, times: int) -> list[Array]:
+        """Candidates for targets a little beside this one: near its solutions, away from its singularity."""
+        return [self._ask(target @ nudge) for nudge in self._nudges[:times]]
+
+    def _enumerate(self, target: Array, near: Array, clamped: bool) -> tuple[Array, int]:
+        """Roots (k, n) by search from many starts, free of the limits or kept inside them, and the steps it took."""
+        starts = np.vstack([near, self._starts])
+        roots = np.empty((SAMPLES, self.robot.n))
+        low, high = self._limits if clamped else self._free
+        steps = 0
+        for errors in (self._tight, self._errors):
+            count, taken = _branches.enumerate_roots(
+                *self._chain, low, high, target, *errors, starts, self.max_iterations, roots, PATIENCE
+            )
+            steps += taken
+            if count:
+                break
+        return roots[:count], steps
+
+    # ------------------------------------------------------------ branches
+
+    def _all(self, target: Array, near: Array, candidates: Array, *, few: bool) -> _Found:
+        """Find all roots and branches of a target, by the closed form, beside it, and by search, as far as it takes.
+
+        Of the branches `few` near the start will do, where there are any.
+        """
+        roots, singular = self._distinct(target, candidates)
+        told, exact = [self._label], self._closed is not None and not self._redundant
+        trusted = exact and bool(len(roots) and not singular.any())
+        if exact and (len(roots) < FULL or singular.any()):
+            beside = self._beside(target, len(self._nudges))
+            roots, singular = self._distinct(target, np.vstack([roots, *beside]))
+            if len(roots):
+                roots, singular = self._distinct(target, np.vstack([roots, near]))
+            trusted = trusted and not singular.any()
+            told += [] if trusted else ["asked beside the target too"]
+        rows, free = self._expand(target, near, roots, singular, few)
+        steps, searched = 0, trusted or self._out_of_reach(target)
+        for clamped in () if searched else (False, True):
+            enough = self._closed is not None or (few if self._redundant else clamped)
+            if (len(rows) and enough) or (self._redundant and not clamped):
+                continue
+            more, taken = self._enumerate(target, near, clamped)
+            steps += taken
+            told += [ENUMERATION] if ENUMERATION not in told else []
+            roots, singular = self._distinct(target, np.vstack([roots, more]))
+            rows, free = self._expand(target, near, roots, singular, few)
+        if self._redundant:
+            told.append("samples of infinitely many")
+        elif free.any():
+            told.append("some are points of curves")
+        backend = told[0] if len(roots) and ENUMERATION not in told else ENUMERATION
+        message = f"{', '.join(told)}: {len(roots)} branches limits aside, {len(rows)} configurations inside them"
+        return _Found(roots, rows, free, backend, trusted and not self._too_many, steps, message)
+
+    def _expand(
+        self, target: Array, near: Array, roots: Array, singular: Bools, few: bool
+    ) -> tuple[Array, Bools]:  # fmt: skip
+        """Windings inside the limits of roots (k, n), a few or all: branches (m, n), and which are points of curves."""
+        robot, every = self.robot, np.ones(self.robot.n, dtype=np.bool_)
+        plain, curved = [np.empty((0, robot.n))], np.empty((0, robot.n))
+        for root, lost in zip(roots, singular, strict=True):
+            if lost and not self._redundant:
+                moves = _branches.goes_on(robot, target, self._free, root)
+                if moves.any():
+                    more = _branches.pieces(robot, target, self._errors, root, moves, near, curved, few)
+                    curved = np.vstack([curved, more])
+                    continue
+            each = 2 if few else _branches.MOST_WINDINGS
+            plain.append(_branches.windings(robot, root, near, every, each=each))
+        rows = _branches.inside(robot, target, self._errors, np.vstack(plain))
+        if self._redundant:
+            curved, rows = np.vstack([self._nearer(target, near, roots, rows), rows]), rows[:0]
+        if few and len(roots) and not len(rows) + len(curved):
+            return self._expand(target, near, roots, singular, False)
+        curved = _branches.unique(curved)
+        return np.vstack([rows, curved]), np.repeat([False, True], [len(rows), len(curved)])
+
+    def _nearer(self, target: Array, near: Array, roots: Array, rows: Array) -> Array:
+        """Of a redundant arm: branches (k, n) nearer than the samples (m, n), or the first inside the limits."""
+        tries = rows[np.linalg.norm(rows - near, axis=1).argsort()[:3]]
+        if not len(rows):
+            turned = roots + 2.0 * np.pi * np.round((near - roots) / (2.0 * np.pi)) * ~self.robot.prismatic
+            out = np.abs(turned - self.robot.limits.clip(turned)).max(axis=1, initial=0.0)
+            tries = turned[out.argsort()[:16]]
+        slid = [_branches.slide(self.robot, target, q, near) for q in (near, *tries)]
+        return _branches.inside(self.robot, target, self._errors, np.array(slid).reshape(-1, self.robot.n))
+
+    def _out_of_reach(self, target: Array) -> bool:
+        return bool(outside_reach(self._reach, target, *self._errors) >= 0.0)
+
+    def _middle(self) -> Array:
+        lower, upper = self._limits
+        ends = np.isfinite(lower) & np.isfinite(upper)
+        with np.errstate(invalid="ignore"):
+            return np.where(ends, 0.5 * (lower + upper), self.robot.limits.clip(np.zeros(self.robot.n)))
+
+
+METHOD = ClosedForm

@@ -1,0 +1,160 @@
+"""The report of speed and of damping: its numbers are those of the rows, its advice follows from them."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from benchmarks.records import RunFolder
+from benchmarks.report.damping import choose
+from benchmarks.report.speed import share
+from benchmarks.run import run_suite
+from benchmarks.speed import speed_rows
+from benchmarks.suite import suite_of
+from tests.benchmarks.conftest import small
+from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
+
+SPEED: dict[str, Any] = {
+    "title": "fast and sure",
+    "speed": [
+        {
+            "id": "hard",
+            "title": "hard ones",
+            "robot": "paper6r",
+            "set": "hard",
+            "options": {"count": 20},
+            "rounds": 1,
+            "methods": [{"solver": "dls"}, {"label": "one step", "solver": "dls", "options": {"max_iterations": 1}}],
+            "peers": [{"peer": "plain_casadi", "max_problems": 5}, {"peer": "eaik", "label": "EAIK <b>"}],
+            "targets": [
+                {"measure": "max_us", "at_most": 1e9},
+                {"measure": "max_us", "at_most": 1e-3, "goal": True},
+                {"measure": "median_ratio", "to": "EAIK <b>", "at_most": 0.5},
+            ],
+        }
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def speed_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    import sys
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "eaik", None)
+        return run_suite(suite_of("speed", SPEED), tmp_path_factory.mktemp("report-speed") / "run")
+
+
+@pytest.fixture(scope="module")
+def page(speed_run: RunFolder) -> Page:
+    return page_of(speed_run)
+
+
+def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
+    assert page.anchors == ["speed", "limitations", "provenance"]
+    assert "Of 3 targets of speed, 1 is held, 1 could not be measured." in page.text
+
+
+def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
+    rows = speed_rows(speed_run, suite_of("speed", SPEED).speed[0])
+    assert rows is not None
+    found, method = {}, ""
+    for tag, attrs in page.tags:
+        method = attrs.get("data-method", method) if tag == "tr" else method
+        if tag == "td" and "data-part" in attrs:
+            found[method, attrs["data-part"]] = float(attrs["data-value"])
+    for label in ("dls", "one step", "plain casadi"):
+        us = rows.filter(pl.col("method") == label)["ns"].to_numpy() / 1e3
+        expect = [np.median(us), us.mean(), np.quantile(us, 0.9), np.quantile(us, 0.99), us.max()]
+        shown = [found[label, part] for part in ("median", "mean", "p90", "p99", "max")]
+        assert shown == pytest.approx(expect)
+    assert found["dls", "ratio"] == 1.0
+    same = rows.filter(pl.col("problem").is_in(rows.filter(pl.col("method") == "plain casadi")["problem"].implode()))
+    medians = dict(same.group_by("method").agg(pl.col("ns").median()).iter_rows())
+    assert found["plain casadi", "ratio"] == pytest.approx(medians["plain casadi"] / medians["dls"])
+
+
+def test_an_absent_peer_stays_in_the_table(page: Page) -> None:
+    assert "not installed: pip install EAIK" in page.text
+    assert "EAIK <b>" in page.text
+    assert ("b", {}) not in page.tags
+
+
+def test_verdicts_say_what_was_held_and_what_was_only_hoped_for(page: Page) -> None:
+    looks = [a["class"] for t, a in page.tags if t == "span" and "badge" in a.get("class", "")]
+    assert looks == ["badge good", "badge partly", "badge none"]
+    assert "not held, a goal" in page.text
+
+
+def test_failures_are_listed_by_kind(page: Page) -> None:
+    for kind in ("elbow singular", "joint zeros", "on the limits", "wrist singular, on the limits"):
+        assert kind in page.text
+
+
+def test_only_all_of_them_are_a_hundred_percent() -> None:
+    assert share(100_000, 100_000) == ("100 %", "[99.996, 100.000]")
+    assert share(99_999, 100_000)[0] == "99.999 %"
+    assert share(999_999, 1_000_000)[0] == "99.999 %"
+    assert share(999, 1000)[0] == "99.9 %"
+    assert share(9999, 10_001)[0] == "99.980 %"
+    assert share(0, 10)[0] == "0.0 %"
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_browser_draws_the_speed_section(speed_run: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(speed_run.path, tmp_path / "run")
+    draws_every_plot(RunFolder(tmp_path / "run"), tmp_path)
+
+
+# ---------------------------------------------------------------- damping
+
+
+def figures(low: float, share_: float, high: float, iterations: float) -> dict[str, Any]:
+    return {"low": low, "share": share_, "high": high, "iterations": iterations}
+
+
+def test_the_fastest_of_those_that_none_is_surely_better_than_is_chosen() -> None:
+    constants = {"a": 0.001, "b": 0.01, "c": 0.1, "d": 0.2}
+    found = {
+        "a": figures(80, 90, 95, 4.0),  # reaches the surest one's interval, and is faster
+        "b": figures(93, 97, 99, 6.0),
+        "c": figures(10, 20, 30, 2.0),  # fast, but surely worse
+        "d": figures(92, 96, 98, float("nan")),
+    }
+    assert choose(constants, found) == ["a", "b"]
+    found["a"]["high"] = 92.0
+    assert choose(constants, found) == ["b"]
+
+
+def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
+    block = {
+        "id": "damping", "robot": "paper6r", "set": "near_start", "budgets": [5, 60], "sweep": True,
+        "options": {"count": 12, "singular_edges": [0.0, 0.03, 1.0]},
+        "methods": [
+            {"label": "λ=0.001", "solver": "dls", "options": {"damping": 0.001}},
+            {"label": "λ=0.3", "solver": "dls", "options": {"damping": 0.3}},
+            {"label": "half steps", "solver": "dls", "options": {"step": 0.5}},
+        ],
+    }  # fmt: skip
+    folder = run_suite(suite_of("small", {"blocks": [block], "seed": 7}), tmp_path / "run")
+    page = page_of(folder)
+    assert "damping" in page.anchors
+    rows = folder.rows("damping")
+    assert rows is not None
+    last = rows.filter(pl.col("budget") == 60)
+    far = last.filter((pl.col("group") == "0.03 ≤ σ < 1") & (pl.col("method") == "λ=0.001"))
+    assert far.filter(pl.col("status") == "solved").height == 12
+    assert "0.03 ≤ σ < 1 : λ=0.001: 100.0 % solved after a median of" in page.text
+    near = last.filter((pl.col("group") == "0 ≤ σ < 0.03") & (pl.col("method") == "λ=0.3"))
+    percent = 100 * near.filter(pl.col("status") == "solved").height / 12
+    assert f"worst is λ=0.3 with {percent:.1f} %" in page.text
+    assert "half steps has" in page.text
+
+
+def test_a_run_without_a_damping_block_has_no_such_section() -> None:
+    assert "damping" not in {b.id for b in small().blocks}
