@@ -32,7 +32,7 @@ app.add_typer(bench_app, name="bench")
 out_console, err_console = Console(), Console(stderr=True)
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
-RobotName = Annotated[str, typer.Option("--robot", "-r", help="A name from `optik robots`.")]
+RobotName = Annotated[str, typer.Option("--robot", "-r", help="A name from `optik robots`, or a URDF file.")]
 Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
 
 
@@ -64,7 +64,10 @@ def robots(as_json: AsJson = False) -> None:
     table = Table("robot", "joints", "joint ranges", "source")
     for robot in found:
         ranges = ", ".join(
-            f"{lo:.0f}…{hi:.0f}°" for lo, hi in np.rad2deg(np.stack([robot.limits.lower, robot.limits.upper], 1))
+            f"{lo:.0f}…{hi:.0f}{unit}"
+            for lo, hi, unit in zip(
+                robot.limits.lower * per(robot), robot.limits.upper * per(robot), units(robot), strict=True
+            )
         )
         table.add_row(robot.name, str(robot.n), ranges, robot.source)
     out_console.print(table)
@@ -72,13 +75,13 @@ def robots(as_json: AsJson = False) -> None:
 
 @app.command(context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options
 def fk(
-    q_deg: Annotated[list[float], typer.Argument(help="Joint values in degrees.")],
+    q_deg: Annotated[list[float], typer.Argument(help="Joint values in degrees; sliding joints in millimetres.")],
     robot: RobotName = "paper6r",
     as_json: AsJson = False,
 ) -> None:
     """Forward kinematics: where the tool is."""
-    arm = optik.load(robot)
-    q = np.deg2rad(arm.configuration(q_deg, "Q_DEG"))
+    arm = arm_of(robot)
+    q = arm.configuration(q_deg, "Q_DEG") / per(arm)
     T = arm.fk(q)
     smallest = float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1])
     inside = bool(arm.limits.contains(q))
@@ -102,20 +105,22 @@ def ik(
         tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw [degrees].")
     ] = None,
     start_deg: Annotated[
-        str, typer.Option(help="Start configuration [degrees], comma separated; middle of the ranges if left out.")
+        str, typer.Option(help="Start [degrees, mm], comma separated; middle of the ranges if left out.")
     ] = "",
     robot: RobotName = "paper6r",
-    solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}.")] = "dls",
-    restarts: Annotated[int, typer.Option(help="Starts after the first, drawn inside the limits.")] = 20,
+    solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}.")] = "lm",
+    task: Annotated[str, typer.Option(help="pose, position, rotation, axis_x, axis_y or axis_z.")] = "pose",
+    closest: Annotated[bool, typer.Option(help="Where there is no solution, go to the nearest pose.")] = False,
+    restarts: Annotated[int, typer.Option(help="Attempts after the first.")] = 200,
     as_json: AsJson = False,
 ) -> None:
     """Inverse kinematics: joint values for a tool pose. Without --rpy-deg the orientation of the start is kept."""
     from optik import se3
 
-    arm = optik.load(robot)
+    arm = arm_of(robot)
     q0 = configuration(arm, start_deg)
     R = se3.from_xyz_rpy((0, 0, 0), rpy_deg)[:3, :3] if rpy_deg is not None else arm.fk(q0)[:3, :3]
-    result = optik.solve_ik(arm, se3.pose(R, xyz), q0, solver, max_restarts=restarts)
+    result = optik.solve_ik(arm, se3.pose(R, xyz), q0, solver, max_restarts=restarts, task=task, closest=closest)
     if as_json:
         print_json(
             {
@@ -128,20 +133,21 @@ def ik(
     else:
         table = Table(
             "joint",
-            "value [°]",
-            "range [°]",
+            "value",
+            "range",
             title=f"{result.status}, {result.iterations} iterations, {result.restarts} restarts",
         )
-        limits = np.rad2deg(np.stack([arm.limits.lower, arm.limits.upper], axis=1))
-        for name, value, (lo, hi) in zip(arm.joint_names, np.rad2deg(result.q), limits, strict=True):
-            table.add_row(name, f"{value:+.6f}", f"{lo:.0f} … {hi:.0f}")
+        rows = zip(arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, per(arm), units(arm), strict=True)
+        for name, value, lo, hi, scale, unit in rows:
+            table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
         out_console.print(table)
         out_console.print(
             f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
         )
     if not result:
         if not as_json:
-            err_console.print(f"not solved; try {result.status.advice}", style="yellow")
+            said = f"{result.message}; " if result.message else ""
+            err_console.print(f"not solved: {said}try {result.status.advice}", style="yellow", soft_wrap=True)
         raise typer.Exit(1)
 
 
@@ -352,8 +358,29 @@ def run_with_progress(suite: str, out: Path, workers: int) -> Any:
 # ---------------------------------------------------------------- shared
 
 
+def arm_of(robot: str) -> optik.Robot:
+    """Load a robot by its name, or read it from a URDF file.
+
+    Raises
+    ------
+    UnknownName, RobotModelError, InvalidInput
+        As `optik.load` and `Robot.from_urdf`.
+    """
+    return optik.Robot.from_urdf(robot) if robot.lower().endswith((".urdf", ".xml")) else optik.load(robot)
+
+
+def per(arm: optik.Robot) -> Any:
+    """How many degrees are a radian, or millimetres a metre, joint by joint (n,)."""
+    return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
+
+
+def units(arm: optik.Robot) -> list[str]:
+    """Unit in which each joint is shown."""
+    return [" mm" if slides else "°" for slides in arm.prismatic]
+
+
 def configuration(arm: optik.Robot, degrees: str) -> Any:
-    """Read a configuration given in degrees; the middle of the ranges if empty.
+    """Read a configuration given in degrees, sliding joints in millimetres; the middle of the ranges if empty.
 
     Raises
     ------
@@ -361,17 +388,19 @@ def configuration(arm: optik.Robot, degrees: str) -> Any:
         Not numbers, the wrong count, or outside the limits.
     """
     if not degrees.strip():
-        return 0.5 * (arm.limits.lower + arm.limits.upper)
+        bounded = np.isfinite(arm.limits.lower) & np.isfinite(arm.limits.upper)
+        return arm.limits.clip(np.where(bounded, 0.5 * (arm.limits.lower + arm.limits.upper), 0.0))
     try:
         values = [float(v) for v in degrees.replace(",", " ").split()]
     except ValueError:
         raise InvalidInput("--start-deg", repr(degrees), f"{arm.n} numbers in degrees, comma separated") from None
-    q = np.deg2rad(arm.configuration(values, "--start-deg"))
+    q = arm.configuration(values, "--start-deg") / per(arm)
     lower, upper = arm.limits.lower, arm.limits.upper
     if not arm.limits.contains(q):
         i = int(np.argmax(np.maximum(lower - q, q - upper)))
-        room = f"within [{np.degrees(lower[i]):g}, {np.degrees(upper[i]):g}]°, its range"
-        raise InvalidInput("--start-deg", f"{arm.joint_names[i]} = {values[i]:g}°", f"{arm.joint_names[i]} {room}")
+        scale, unit = per(arm)[i], units(arm)[i]
+        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
+        raise InvalidInput("--start-deg", f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
     return q
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import inlined
+from optik._fma import fma
 from optik.ik._chain import COS_A, GAIN, LEAST_DAMPING, MOVES, PX, PY, PZ, SIN_A, SLIDES, TOOL_P, ZERO
 from optik.se3 import log_rotation
 
@@ -43,16 +44,16 @@ ABOUT = 9.8695
 def sine_cosine(x: float) -> tuple[float, float]:
     """Sine and cosine to the last bits for |x| < 1e5, without branches (Cephes: Moshier 1989)."""
     k = np.floor(x * 0.6366197723675814 + 0.5)
-    r = ((x - k * 1.57079625129699707031) - k * 7.54978941586159635335e-8) - k * 5.39030285815811905e-15
+    r = fma(-k, 5.39030285815811905e-15, fma(-k, 7.54978941586159635335e-8, fma(-k, 1.57079625129699707031, x)))
     z = r * r
-    s = 1.58962301576546568060e-10 * z - 2.50507477628578072866e-8
-    s = (s * z + 2.75573136213857245213e-6) * z - 1.98412698295895385996e-4
-    s = (s * z + 8.33333333332211858878e-3) * z - 1.66666666666666307295e-1
-    s = r + r * z * s
-    c = -1.13585365213876817300e-11 * z + 2.08757008419747316778e-9
-    c = (c * z - 2.75573141792967388112e-7) * z + 2.48015872888517045348e-5
-    c = (c * z - 1.38888888888730564116e-3) * z + 4.16666666666665929218e-2
-    c = 1.0 - 0.5 * z + z * z * c
+    s = fma(1.58962301576546568060e-10, z, -2.50507477628578072866e-8)
+    s = fma(fma(s, z, 2.75573136213857245213e-6), z, -1.98412698295895385996e-4)
+    s = fma(fma(s, z, 8.33333333332211858878e-3), z, -1.66666666666666307295e-1)
+    s = fma(r * z, s, r)
+    c = fma(-1.13585365213876817300e-11, z, 2.08757008419747316778e-9)
+    c = fma(fma(c, z, -2.75573141792967388112e-7), z, 2.48015872888517045348e-5)
+    c = fma(fma(c, z, -1.38888888888730564116e-3), z, 4.16666666666665929218e-2)
+    c = fma(z * z, c, 1.0 - 0.5 * z)
     quadrant = k - 4.0 * np.floor(0.25 * k)
     odd = quadrant == 1.0 or quadrant == 3.0
     sine = c if odd else s
@@ -65,14 +66,14 @@ def angle_of(s: float, c: float) -> tuple[float, float]:
     """θ in [0, π] and θ / sin θ from s = sin θ ≥ 0 and c = cos θ: 2 atan(s / (1 + |c|)), by a Chebyshev fit to 1e-13."""
     t = s / (1.0 + abs(c))
     z = t * t
-    p = -0.0001124208502549427 * z + 0.001018151896826806
-    p = (p * z - 0.004344250352224713) * z + 0.01174565157426741
-    p = (p * z - 0.02299373175968858) * z + 0.03563559416944365
-    p = (p * z - 0.04713014368368404) * z + 0.05688636189885254
-    p = (p * z - 0.06615557216560206) * z + 0.07682487117587326
-    p = (p * z - 0.09089586421532263) * z + 0.1111099293745973
-    p = (p * z - 0.1428570785015817) * z + 0.1999999981481194
-    p = (p * z - 0.3333333333121618) * z + 0.9999999999999599
+    p = fma(-0.0001124208502549427, z, 0.001018151896826806)
+    p = fma(fma(p, z, -0.004344250352224713), z, 0.01174565157426741)
+    p = fma(fma(p, z, -0.02299373175968858), z, 0.03563559416944365)
+    p = fma(fma(p, z, -0.04713014368368404), z, 0.05688636189885254)
+    p = fma(fma(p, z, -0.06615557216560206), z, 0.07682487117587326)
+    p = fma(fma(p, z, -0.09089586421532263), z, 0.1111099293745973)
+    p = fma(fma(p, z, -0.1428570785015817), z, 0.1999999981481194)
+    p = fma(fma(p, z, -0.3333333333121618), z, 0.9999999999999599)
     near = 2.0 * t * p
     angle = near if c >= 0.0 else 3.141592653589793 - near
     return angle, (2.0 * p / (1.0 + c) if c >= 0.0 else angle / max(s, 1e-300))
@@ -102,11 +103,11 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
             s, c, d = w[SIN + i, l], w[COS + i, l], slides * w[Q + i, l]
             for r in range(3):
                 x, y, z = w[R + 3 * r, l], w[R + 3 * r + 1, l], w[R + 3 * r + 2, l]
-                up = ca * y + sa * z
-                axis = ca * z - sa * y
-                p = w[P + r, l] + (x * px + y * py + z * pz + axis * d)
+                up = fma(ca, y, sa * z)
+                axis = fma(ca, z, -sa * y)
+                p = fma(x, px, fma(y, py, fma(z, pz, fma(axis, d, w[P + r, l]))))
                 w[P + r, l], g[O + 3 * i + r, l] = p, p
-                w[R + 3 * r, l], w[R + 3 * r + 1, l] = c * x + s * up, c * up - s * x
+                w[R + 3 * r, l], w[R + 3 * r + 1, l] = fma(c, x, s * up), fma(c, up, -s * x)
                 w[R + 3 * r + 2, l], g[Z + 3 * i + r, l] = axis, axis
     tx, ty, tz = arm[TOOL_P], arm[TOOL_P + 1], arm[TOOL_P + 2]
     for l in range(L):
@@ -165,6 +166,7 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
     L = w.shape[1]
     gain, least = arm[GAIN], arm[LEAST_DAMPING]
     for i in range(n):
+        # a joint turns the tool, slides it, or is locked and does neither
         slides, moves = arm[SLIDES + i], arm[MOVES + i]
         turns = (1.0 - slides) * moves
         slides = slides * moves
@@ -184,57 +186,66 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
         for i in range(n):
             j0, j1, j2 = J[6 * i, l], J[6 * i + 1, l], J[6 * i + 2, l]
             j3, j4, j5 = J[6 * i + 3, l], J[6 * i + 4, l], J[6 * i + 5, l]
-            a00 += j0 * j0
-            a10 += j1 * j0
-            a11 += j1 * j1
-            a20 += j2 * j0
-            a21 += j2 * j1
-            a22 += j2 * j2
-            a30 += j3 * j0
-            a31 += j3 * j1
-            a32 += j3 * j2
-            a33 += j3 * j3
-            a40 += j4 * j0
-            a41 += j4 * j1
-            a42 += j4 * j2
-            a43 += j4 * j3
-            a44 += j4 * j4
-            a50 += j5 * j0
-            a51 += j5 * j1
-            a52 += j5 * j2
-            a53 += j5 * j3
-            a54 += j5 * j4
-            a55 += j5 * j5
+            a00 = fma(j0, j0, a00)
+            a10 = fma(j1, j0, a10)
+            a11 = fma(j1, j1, a11)
+            a20 = fma(j2, j0, a20)
+            a21 = fma(j2, j1, a21)
+            a22 = fma(j2, j2, a22)
+            a30 = fma(j3, j0, a30)
+            a31 = fma(j3, j1, a31)
+            a32 = fma(j3, j2, a32)
+            a33 = fma(j3, j3, a33)
+            a40 = fma(j4, j0, a40)
+            a41 = fma(j4, j1, a41)
+            a42 = fma(j4, j2, a42)
+            a43 = fma(j4, j3, a43)
+            a44 = fma(j4, j4, a44)
+            a50 = fma(j5, j0, a50)
+            a51 = fma(j5, j1, a51)
+            a52 = fma(j5, j2, a52)
+            a53 = fma(j5, j3, a53)
+            a54 = fma(j5, j4, a54)
+            a55 = fma(j5, j5, a55)
         # L D Lᵀ, row by row; the entries of A become those of L
         d0 = 1.0 / a00
         l10, l20, l30, l40, l50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
-        d1 = 1.0 / (a11 - l10 * a10)
-        b21, b31, b41, b51 = a21 - l20 * a10, a31 - l30 * a10, a41 - l40 * a10, a51 - l50 * a10
+        d1 = 1.0 / fma(-l10, a10, a11)
+        b21, b31, b41, b51 = fma(-l20, a10, a21), fma(-l30, a10, a31), fma(-l40, a10, a41), fma(-l50, a10, a51)
         l21, l31, l41, l51 = b21 * d1, b31 * d1, b41 * d1, b51 * d1
-        d2 = 1.0 / (a22 - l20 * a20 - l21 * b21)
-        b32, b42, b52 = a32 - l30 * a20 - l31 * b21, a42 - l40 * a20 - l41 * b21, a52 - l50 * a20 - l51 * b21
+        d2 = 1.0 / fma(-l21, b21, fma(-l20, a20, a22))
+        b32, b42, b52 = (
+            fma(-l31, b21, fma(-l30, a20, a32)),
+            fma(-l41, b21, fma(-l40, a20, a42)),
+            fma(-l51, b21, fma(-l50, a20, a52)),
+        )
         l32, l42, l52 = b32 * d2, b42 * d2, b52 * d2
-        d3 = 1.0 / (a33 - l30 * a30 - l31 * b31 - l32 * b32)
-        b43, b53 = a43 - l40 * a30 - l41 * b31 - l42 * b32, a53 - l50 * a30 - l51 * b31 - l52 * b32
+        d3 = 1.0 / fma(-l32, b32, fma(-l31, b31, fma(-l30, a30, a33)))
+        b43, b53 = (
+            fma(-l42, b32, fma(-l41, b31, fma(-l40, a30, a43))),
+            fma(-l52, b32, fma(-l51, b31, fma(-l50, a30, a53))),
+        )
         l43, l53 = b43 * d3, b53 * d3
-        d4 = 1.0 / (a44 - l40 * a40 - l41 * b41 - l42 * b42 - l43 * b43)
-        b54 = a54 - l50 * a40 - l51 * b41 - l52 * b42 - l53 * b43
+        d4 = 1.0 / fma(-l43, b43, fma(-l42, b42, fma(-l41, b41, fma(-l40, a40, a44))))
+        b54 = fma(-l53, b43, fma(-l52, b42, fma(-l51, b41, fma(-l50, a40, a54))))
         l54 = b54 * d4
-        d5 = 1.0 / (a55 - l50 * a50 - l51 * b51 - l52 * b52 - l53 * b53 - l54 * b54)
+        d5 = 1.0 / fma(-l54, b54, fma(-l53, b53, fma(-l52, b52, fma(-l51, b51, fma(-l50, a50, a55)))))
         y0 = w[e, l]
-        y1 = w[e + 1, l] - l10 * y0
-        y2 = w[e + 2, l] - l20 * y0 - l21 * y1
-        y3 = w[e + 3, l] - l30 * y0 - l31 * y1 - l32 * y2
-        y4 = w[e + 4, l] - l40 * y0 - l41 * y1 - l42 * y2 - l43 * y3
-        y5 = (w[e + 5, l] - l50 * y0 - l51 * y1 - l52 * y2 - l53 * y3 - l54 * y4) * d5
-        y4 = y4 * d4 - l54 * y5
-        y3 = y3 * d3 - l43 * y4 - l53 * y5
-        y2 = y2 * d2 - l32 * y3 - l42 * y4 - l52 * y5
-        y1 = y1 * d1 - l21 * y2 - l31 * y3 - l41 * y4 - l51 * y5
-        y0 = y0 * d0 - l10 * y1 - l20 * y2 - l30 * y3 - l40 * y4 - l50 * y5
+        y1 = fma(-l10, y0, w[e + 1, l])
+        y2 = fma(-l21, y1, fma(-l20, y0, w[e + 2, l]))
+        y3 = fma(-l32, y2, fma(-l31, y1, fma(-l30, y0, w[e + 3, l])))
+        y4 = fma(-l43, y3, fma(-l42, y2, fma(-l41, y1, fma(-l40, y0, w[e + 4, l]))))
+        y5 = d5 * fma(-l54, y4, fma(-l53, y3, fma(-l52, y2, fma(-l51, y1, fma(-l50, y0, w[e + 5, l])))))
+        y4 = fma(-l54, y5, y4 * d4)
+        y3 = fma(-l53, y5, fma(-l43, y4, y3 * d3))
+        y2 = fma(-l52, y5, fma(-l42, y4, fma(-l32, y3, y2 * d2)))
+        y1 = fma(-l51, y5, fma(-l41, y4, fma(-l31, y3, fma(-l21, y2, y1 * d1))))
+        y0 = fma(-l50, y5, fma(-l40, y4, fma(-l30, y3, fma(-l20, y2, fma(-l10, y1, y0 * d0)))))
         for i in range(n):
-            q = w[Q + i, l] + (
-                J[6 * i, l] * y0 + J[6 * i + 1, l] * y1 + J[6 * i + 2, l] * y2
-                + J[6 * i + 3, l] * y3 + J[6 * i + 4, l] * y4 + J[6 * i + 5, l] * y5
-            )  # fmt: skip
+            q = fma(J[6 * i, l], y0, w[Q + i, l])
+            q = fma(J[6 * i + 1, l], y1, q)
+            q = fma(J[6 * i + 2, l], y2, q)
+            q = fma(J[6 * i + 3, l], y3, q)
+            q = fma(J[6 * i + 4, l], y4, q)
+            q = fma(J[6 * i + 5, l], y5, q)
             w[Q + i, l] = min(max(q, w[LOW + i, l]), w[HIGH + i, l])

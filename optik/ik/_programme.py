@@ -232,8 +232,11 @@ class Programme:
         q = np.empty(start.size)
         clamp(self._out["x"], self._in["lbx"], self._in["ubx"], q)
         visited: list[Array] = []
-        if self._watch is not None:  # iterate 0 is the start; the last may come twice, or not at all
-            visited = [*self._watch.seen[1 : count + 1], *[q] * (count + 1 - max(1, len(self._watch.seen)))]
+        if (
+            self._watch is not None
+        ):  # iterate 0 is the start; the last may come twice, or (after a restoration) not at all
+            before = self._watch.seen[1:count]
+            visited = [*before, *[q] * (count - len(before))]
         return Answer(q, float(self._out["f"][0]), code, count, visited)
 
 

@@ -89,7 +89,7 @@ NEAREST = 16
 
 
 class Answers(NamedTuple):
-    """Where answers go: q (N, n), and (N,) each; trace (k, 6) takes the errors of one attempt of one problem."""
+    """Where answers go: q (N, n), and (N,) each; trace (6 k,) takes the errors of one attempt of one problem."""
 
     q: Array
     status: Any
@@ -305,7 +305,7 @@ def note(w: Array, trace: Array) -> None:
     face_about(w, 0)
     if w[ENDING, 0] == 0.0:
         for i in range(6):
-            trace[int(w[ITERATION, 0]), i] = w[e + i, 0]
+            trace[6 * int(w[ITERATION, 0]) + i] = w[e + i, 0]
 
 
 @inlined
@@ -368,9 +368,8 @@ def single(n: int) -> Any:
             if not (arm[LOWER + i] - SLACK <= q0[i] <= arm[UPPER + i] + SLACK and abs(q0[i]) < np.inf):
                 return WRONG, 0, 0, 0.0, 0.0
         w, g, J, x = stack(146, 1), stack(72, 1), stack(n6, 1), stack(5, 1)
-        trace = out[n:].reshape(((out.shape[0] - n) // 6, 6))
-        answers = Answers(out[:n].reshape((1, n)), x[0], x[1], x[2], x[3], x[4], trace)
-        run(arm, w, g, J, n, target.reshape((1, 4, 4)), q0.reshape((1, n)), answers)
+        answers = Answers(out[:n][None], x[0], x[1], x[2], x[3], x[4], out[n:])
+        run(arm, w, g, J, n, target[None], q0[None], answers)
         return int(x[0, 0]), int(x[1, 0]), int(x[2, 0]), x[3, 0], x[4, 0]
 
     return solve_one
@@ -387,7 +386,7 @@ def batch(n: int, L: int) -> Any:
     ) -> None:  # fmt: skip
         """Answers to targets (N, 4, 4) from starts (N, n), both checked before, into the arrays of an `IKBatch`."""
         w, g, J = stack(146, L), stack(72, L), stack(n6, L)
-        answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty((0, 6)))
+        answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty(0))
         run(arm, w, g, J, n, targets, starts, answers)
 
     return solve_many

@@ -36,7 +36,8 @@ LANES = 16
 CHUNK = 4096
 """Problems that a thread takes at a time."""
 
-_SOLVED = IKStatus.SOLVED  # looking it up in its class takes longer than an iteration
+# Looking these up where they belong takes as long as an iteration.
+_SOLVED, _new, _empty = IKStatus.SOLVED, tuple.__new__, np.empty
 
 _MESSAGE = {
     IKStatus.MAX_ITERATIONS: "the last attempt ran into its number of iterations",
@@ -86,7 +87,7 @@ class LM(IKSolver):
         *,
         gain: float = 0.1,
         max_iterations: int = 50,
-        max_restarts: int = 200,
+        max_restarts: int = 500,
         prefer: str | Mapping[str, float] | None = None,
         posture: ArrayLike | None = None,
         **options: Any,
@@ -118,7 +119,7 @@ class LM(IKSolver):
         """Find a configuration whose tool pose is the target; see `IKSolver.solve`."""
         if trace or not self._fast:
             return super().solve(target, q0, trace=trace, closest=closest)
-        q = np.empty(self._n)
+        q = _empty(self._n)
         try:
             code, iterations, restarts, position, rotation = self._kernel(self._arm, target, q0, q)
         except (
@@ -127,7 +128,7 @@ class LM(IKSolver):
             code = _search.WRONG
         if code == _search.SOLVED:
             # what IKResult(…) does, in two thirds of its time
-            return tuple.__new__(IKResult, (q, _SOLVED, iterations, restarts, position, rotation, None, ""))
+            return _new(IKResult, (q, _SOLVED, iterations, restarts, position, rotation, None, ""))
         pose, start = check_pose(target, "target"), check_start(self.robot, q0)
         if code == _search.WRONG:
             plain = np.array(pose, order="C"), np.array(start, order="C")

@@ -99,8 +99,8 @@ def test_the_limits_on_iterations_and_restarts_hold(options):
     solver = LM(PAPER, **options)
     targets, starts = problems(60, 206)
     batch = solver.solve_batch(targets, starts)
-    assert (batch.restarts <= options.get("max_restarts", 200)).all()
-    assert (batch.iterations <= options.get("max_iterations", 50) * (1 + batch.restarts)).all()
+    assert (batch.restarts <= solver.max_restarts).all()
+    assert (batch.iterations <= solver.max_iterations * (1 + batch.restarts)).all()
     check_singles(solver, batch, targets, starts)
 
 

@@ -1,0 +1,20 @@
+"""Fused multiply–add, x y + z rounded once, said explicitly: so one lane and many lanes round alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import types
+from numba.extending import intrinsic
+
+
+def _fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
+    """Return x y + z for float64; one instruction where the machine has it, a slow call where it does not."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return types.float64(types.float64, types.float64, types.float64), generate
+
+
+fma: Any = intrinsic(_fma)
