@@ -18,6 +18,13 @@ def test_the_readme_s_python_runs() -> None:
     assert done.stdout.startswith("True ")
 
 
+def test_the_python_of_the_docs_runs() -> None:
+    for page in (ROOT / "docs").glob("*.md"):
+        code = "\n".join(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S))
+        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, f"{page.name}: {done.stderr}"
+
+
 def test_every_file_that_the_readme_and_the_docs_link_to_exists() -> None:
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):

@@ -46,7 +46,9 @@ def iterate(
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
     w = np.empty(3)
-    pose = flags[0] * flags[1] * flags[2] * flags[3] * flags[4] * flags[5] == 1.0
+    pose = True
+    for i in range(6):  # all of the pose, and no box
+        pose = pose and flags[i] == 1.0 and flags[7 + i] == 0.0
     smallest = np.inf
     k = 0
     while True:
