@@ -437,7 +437,7 @@ def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Ar
     if wrong[1] >= 0:
         one = q if q.ndim == 1 else q[wrong[1]]
         check_start(robot, one, "starts" if q.ndim == 1 else f"starts[{wrong[1]}]")
-    return _own(poses), _own(np.broadcast_to(q, (len(poses), robot.n)))
+    return _own(poses), _own(q) if q.ndim == 2 else np.tile(q, (len(poses), 1))
 
 
 def _own(array: Array) -> Array:
