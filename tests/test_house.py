@@ -204,7 +204,7 @@ def test_a_missing_package_of_an_extra_names_the_extra(folder, monkeypatch):
     for module in [m for m in sys.modules if m.partition(".")[0] == "ssik"]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "ssik", None)  # what Python itself keeps for a module that must not be found
-    with pytest.raises(MissingDependency, match=r"pip install 'optik-toolkit\[dev\]'") as caught:
+    with pytest.raises(MissingDependency, match=r"pip install 'optik-toolkit\[closed-form\]'") as caught:
         registry.load_method(folder.name, "closed")
     assert caught.value.package == "ssik"
 
