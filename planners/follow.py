@@ -15,7 +15,7 @@ from optik import kinematics, se3
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKResult, IKSolver, IKStatus
-from optik.ik.base import check_start
+from optik.ik._problem import check_start
 from optik.robot import Robot
 from planners.curve import Curve
 from planners.hermite import through

@@ -52,7 +52,7 @@ def attempt_task(
     n = q.shape[0]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y, dq, e, w, start = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), q.copy()
-    least, stalls, iteration = np.inf, 0, 0
+    least, stalls, iteration, settled = np.inf, 0, 0, False
     while True:
         frames(fixed, prismatic, q, frame)
         tool_pose(frame, tool, T)
@@ -64,9 +64,9 @@ def attempt_task(
         r2 = e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
         cost = 0.5 * (p2 + r2)
         if p2 <= numbers[0] * numbers[0] and r2 <= numbers[1] * numbers[1]:
-            if settle(prismatic, lower, upper, start, q):
+            if settled or settle(prismatic, lower, upper, start, q):
                 return iteration, SOLVED
-            clamped, least, stalls = True, np.inf, 0
+            settled, clamped, least, stalls = True, True, np.inf, 0
             continue
         if cost < numbers[8] * least:
             least, stalls = cost, 0

@@ -242,7 +242,8 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
     """Judge a lane: SOLVED, why its attempt ends, STEP, or HELD where it has been brought inside its limits."""
     tolerance_p, tolerance_r = arm[TOLERANCE_P], arm[TOLERANCE_R]
     if w[S, l] <= tolerance_p * tolerance_p and w[S + 1, l] <= tolerance_r * tolerance_r:
-        if settle(arm, w, n, start, l):
+        # once brought inside, it keeps the limits: to turn it again could go on for ever where a turn is lost in rounding
+        if w[CLAMPED, l] != 0.0 or settle(arm, w, n, start, l):
             return SOLVED
         w[OUTSIDE, l], w[CLAMPED, l], w[LEAST, l], w[STALL, l] = 1.0, 1.0, np.inf, 0.0
         for i in range(n):

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import time
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, NamedTuple, Self, cast
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik._compile import compiled
-from optik.check import check_count, check_number, real_array
+from optik.check import check_count, check_number
 from optik.errors import InvalidInput
-from optik.ik._chain import draw_configurations
 from optik.ik._nearest import nearest
+from optik.ik._problem import check_batch, check_problem, restart_configuration
 from optik.reach import outside_reach, reach_bound
 from optik.robot import LIMIT_TOLERANCE, Robot
-from optik.se3 import check_pose, is_pose
 from optik.task import Task, as_task, judge
 
 Array = NDArray[np.float64]
@@ -48,8 +45,8 @@ _ADVICE: Mapping[IKStatus, str] = {
     IKStatus.MAX_ITERATIONS: "more iterations, restarts (max_restarts), or a start nearer to the target",
     IKStatus.STALLED: "restarts (max_restarts) or another start: this one leads to a local minimum or a joint limit",
     IKStatus.TIME_LIMIT: "a longer time limit, or a start nearer to the target",
-    IKStatus.OUTSIDE_LIMITS: "restarts (max_restarts): the pose was met, but only with a joint outside its limits",
-    IKStatus.UNREACHABLE: "a target nearer to the base, or a longer tool",
+    IKStatus.OUTSIDE_LIMITS: "restarts (max_restarts) or wider limits: the pose was met only with a joint outside its limits",
+    IKStatus.UNREACHABLE: "a target within reach (the message says how far that is), or another tool",
     IKStatus.REJECTED: "another method: this one claimed a success that forward kinematics does not confirm",
 }
 
@@ -271,20 +268,9 @@ class IKSolver(ABC):
         InvalidInput
             A target that is no pose, NaN, wrong shapes, a start outside the limits.
         """
-        if not self._plain(target, q0):
-            target, q0 = check_pose(target, "target"), check_start(self.robot, q0)
-        target, q0 = cast(Array, target), cast(Array, q0)
+        target, q0 = check_problem(self.robot, target, q0)
         result = self._solve(target, q0, trace)
         return self._closest(result, target, q0) if closest and not result else result
-
-    def _plain(self, target: object, q0: object) -> bool:
-        """Whether both are what compiled code takes, and right: the usual case, seen in a tenth of the time."""
-        if not (type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == np.float64):
-            return False
-        if target.shape != (4, 4) or q0.shape != (self.robot.n,) or not (target.flags.carray and q0.flags.carray):
-            return False
-        limits = self.robot.limits
-        return bool(first_wrong(target[None], q0[None], limits.lower, limits.upper, LIMIT_TOLERANCE) == (-1, -1))
 
     def solve_batch(self, targets: ArrayLike, starts: ArrayLike, *, threads: int | None = None) -> IKBatch:
         """Solve many targets, one after the other unless the method can do better.
@@ -390,85 +376,6 @@ class IKSolver(ABC):
         lower, upper = robot.limits.lower, robot.limits.upper
         flags = self.task.flags
         return judge(robot.fixed, robot.prismatic, robot.tool, lower, upper, flags, LIMIT_TOLERANCE, q, target)
-
-
-def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
-    """Return a start configuration, or say which joint stands outside its limits.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong length, NaN, or outside the limits.
-    """
-    q = robot.configuration(q0, argument)
-    if not robot.limits.contains(q):
-        lower, upper = robot.limits.lower, robot.limits.upper
-        i = int(np.argmax(np.maximum(lower - q, q - upper)))
-        raise InvalidInput(
-            argument,
-            f"{robot.joint_names[i]} = {q[i]:.6g}",
-            f"every joint inside its limits, here [{lower[i]:.6g}, {upper[i]:.6g}] (rad or m)",
-        )
-    return q
-
-
-def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Array, Array]:
-    """Return targets (N, 4, 4) and starts (N, n), both contiguous, or say which one is wrong.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shapes, something that is no pose, a start that is no configuration inside the limits.
-    """
-    poses = np.ascontiguousarray(real_array(targets, "targets", "poses (N, 4, 4)"))
-    if poses.shape == (0,):
-        poses = poses.reshape(0, 4, 4)
-    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
-        raise InvalidInput("targets", f"shape {poses.shape}", "poses of shape (N, 4, 4)")
-    q = real_array(starts, "starts", f"configurations ({len(poses)}, {robot.n}) or ({robot.n},)")
-    if q.shape == (0,):
-        q = q.reshape(0, robot.n)
-    if q.shape not in ((robot.n,), (len(poses), robot.n)):
-        wanted = f"shape ({len(poses)}, {robot.n}) or ({robot.n},) for {robot.name}"
-        raise InvalidInput("starts", f"shape {q.shape}", wanted)
-    wrong = first_wrong(poses, np.atleast_2d(q), robot.limits.lower, robot.limits.upper, LIMIT_TOLERANCE)
-    if wrong[0] >= 0:
-        check_pose(poses[wrong[0]], f"targets[{wrong[0]}]")
-    if wrong[1] >= 0:
-        one = q if q.ndim == 1 else q[wrong[1]]
-        check_start(robot, one, "starts" if q.ndim == 1 else f"starts[{wrong[1]}]")
-    return _own(poses), _own(q) if q.ndim == 2 else np.tile(q, (len(poses), 1))
-
-
-def _own(array: Array) -> Array:
-    """Return the array itself where compiled code can take it, else a copy."""
-    return array if array.flags.c_contiguous and array.flags.writeable else np.array(array, order="C")
-
-
-@compiled
-def first_wrong(poses: Array, q: Array, lower: Array, upper: Array, slack: float) -> tuple[int, int]:
-    """Index of the first target that is no pose and of the first start outside the limits (NaN is), −1 where none."""
-    bad_pose, bad_start = -1, -1
-    for i in range(poses.shape[0]):
-        if not is_pose(poses[i]):
-            bad_pose = i
-            break
-    for i in range(q.shape[0]):
-        inside = True
-        for j in range(q.shape[1]):
-            # infinite joints are in no limits, open or not
-            inside = inside and lower[j] - slack <= q[i, j] <= upper[j] + slack and abs(q[i, j]) < np.inf
-        if not inside:
-            bad_start = i
-            break
-    return bad_pose, bad_start
-
-
-def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
-    """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
-    problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
-    rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
-    return np.asarray(draw_configurations(robot, rng, 1)[0])
 
 
 def _merit(result: IKResult, tolerance: Tolerance) -> float:

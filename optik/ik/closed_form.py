@@ -11,7 +11,8 @@ from optik.errors import InvalidInput
 from optik.ik import _branches
 from optik.ik._backends import Refused, choose
 from optik.ik._chain import draw_configurations
-from optik.ik.base import Attempt, IKSolver, IKStatus, check_start
+from optik.ik._problem import check_start
+from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.reach import outside_reach
 from optik.robot import Robot
 from optik.se3 import check_pose, exp_so3, pose

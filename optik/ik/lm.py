@@ -18,7 +18,8 @@ from optik.ik import _search
 from optik.ik._chain import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, draw_configurations, pack
 from optik.ik._general import attempt_task
 from optik.ik._prefer import Preference
-from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus, check_start
+from optik.ik._problem import check_start
+from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.robot import Robot
 from optik.se3 import check_pose
 
@@ -105,8 +106,7 @@ class LM(IKSolver):
         self._n = robot.n
         self._kernel = _single(robot.n)
         self._arm = pack(robot, self._reach, self._numbers)
-        self._whole = self.task.is_pose and self.time_limit is None
-        self._fast = self._whole and self.preference is None
+        self._fast = self.task.is_pose and self.time_limit is None and self.preference is None
         self._compare_models()
 
     @property
@@ -122,9 +122,8 @@ class LM(IKSolver):
         q = _empty(self._n)
         try:
             code, iterations, restarts, position, rotation = self._kernel(self._arm, target, q0, q)
-        except (
-            TypeError
-        ):  # a list, other numbers, gaps, not to be written: nothing wrong yet, but nothing for the kernel
+        except TypeError:
+            # a list, other numbers, gaps, an array not to be written: nothing wrong yet, but nothing for the kernel
             code = _search.WRONG
         if code == _search.SOLVED:
             # what IKResult(…) does, in two thirds of its time

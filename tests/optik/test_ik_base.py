@@ -16,7 +16,8 @@ import optik
 from optik import IKResult, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput, OptikError, UnknownName
 from optik.ik import DLS, IKSolver, make_solver
-from optik.ik.base import Attempt, check_start, restart_configuration
+from optik.ik._problem import check_start, restart_configuration
+from optik.ik.base import Attempt
 from tests import oracles
 
 PAPER = optik.load("paper6r")
