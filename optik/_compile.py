@@ -17,7 +17,8 @@ def compiled(function: F) -> F:
     """Compile a plain function over arrays on first use; the type checker keeps its signature.
 
     Numba looks only at a function's own file to see whether its cached code is stale, but the code of whatever it calls
-    is compiled into it. So the cache is keyed by the sources of the whole package, through the function's name.
+    is compiled into it. So the cache is keyed by the sources of the function's whole package and of optik, through the
+    function's name.
     """
     return _jit(function, False)
 
@@ -28,7 +29,7 @@ def parallel(function: F) -> F:
 
 
 def _jit(function: F, nogil: bool) -> F:
-    function.__qualname__ += f"_{_sources(Path(function.__code__.co_filename).parent)}"
+    function.__qualname__ += f"_{_sources(_package(Path(function.__code__.co_filename)))}"
     result: F = numba.njit(cache=True, error_model="numpy", nogil=nogil)(function)
     return result
 
@@ -42,9 +43,17 @@ def inlined(function: F) -> F:
     return result
 
 
+def _package(file: Path) -> Path:
+    """Topmost package that holds a file: kernels may call others anywhere in it."""
+    folder = file.parent
+    while (folder.parent / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
 @cache
 def _sources(folder: Path) -> str:
-    """Fingerprint of optik's sources, and of those in the function's folder."""
+    """Fingerprint of optik's sources, and of those in the function's package."""
     digest = hashlib.sha256()
     for root in sorted({Path(__file__).parent, folder}):
         for file in sorted(root.rglob("*.py")):

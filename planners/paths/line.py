@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +32,8 @@ class Line(Path):
     InvalidInput
         An argument that is no pose.
     """
+
+    name: ClassVar[str] = "line"
 
     def __init__(self, start: ArrayLike, goal: ArrayLike) -> None:
         self.start = se3.check_pose(start, "start").copy()
@@ -71,7 +73,17 @@ class Line(Path):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files."""
-        return {"path": "line", "start": self.start.tolist(), "goal": self.goal.tolist()}
+        return {"path": self.name, "start": self.start.tolist(), "goal": self.goal.tolist()}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Self:
+        """The line that `to_dict` wrote."""
+        return cls(data["start"], data["goal"])
+
+    def derivative_bounds(self) -> Array:
+        """Bounds (2, 4) on the derivatives of position and rotation: constant velocity, constant turning."""
+        speed, turning = np.linalg.norm(self._twist[:3]), np.linalg.norm(self._twist[3:])
+        return np.array([[speed, 0.0, 0.0, 0.0], turning ** np.arange(1, 5)])
 
 
 METHOD = Line

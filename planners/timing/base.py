@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import Robot, positive
 from planners.follow import JointPath
@@ -18,6 +19,10 @@ from planners.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 DERIVATIVES = ("velocity", "acceleration", "jerk")
+"""Limits of every joint."""
+TOOL_SPEEDS = ("tool_speed", "rotation_speed")
+"""Limits of the tool, on the Euclidean norms of v and ω."""
+ALL_LIMITS = (*DERIVATIVES, *TOOL_SPEEDS)
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,8 @@ class MotionLimits:
     ----------
     velocity, acceleration, jerk : scalar or (n,) array, optional
         [rad/s, rad/s², rad/s³, or metres for prismatic joints].
+    tool_speed, rotation_speed : float, optional
+        Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms.
 
     Raises
     ------
@@ -38,12 +45,18 @@ class MotionLimits:
     velocity: ArrayLike | None = None
     acceleration: ArrayLike | None = None
     jerk: ArrayLike | None = None
+    tool_speed: float | None = None
+    rotation_speed: float | None = None
 
     def __post_init__(self) -> None:
         for field in DERIVATIVES:
             value = getattr(self, field)
             if value is not None:
                 positive(value, np.size(value), field)
+        for field in TOOL_SPEEDS:
+            value = getattr(self, field)
+            if value is not None:
+                check_number(value, field, "a speed above 0", above=0.0)
 
     @staticmethod
     def of(robot: Robot) -> MotionLimits:
@@ -60,6 +73,12 @@ class MotionLimits:
         """
         free = np.full(n, np.inf)
         return {f: free if (v := getattr(self, f)) is None else positive(v, n, f) for f in DERIVATIVES}
+
+    @property
+    def tool(self) -> tuple[float, float]:
+        """Greatest tool speed [m/s] and rotation speed [rad/s], infinity where free."""
+        speed, rotation = (getattr(self, f) for f in TOOL_SPEEDS)
+        return (np.inf if speed is None else float(speed), np.inf if rotation is None else float(rotation))
 
 
 class TimeLaw(ABC):
@@ -84,7 +103,7 @@ class TimeLaw(ABC):
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
         """Return the limits as arrays, or say which one the law needs and does not have."""
         bound = limits.arrays(robot.n)
-        missing = [f for f in self.keeps if not np.isfinite(bound[f]).any()]
+        missing = [f for f in self.keeps if f in DERIVATIVES and not np.isfinite(bound[f]).any()]
         if missing:
             arguments = ", ".join(f"{f}=..." for f in missing)
             raise InvalidInput(
@@ -93,6 +112,19 @@ class TimeLaw(ABC):
                 f"limits on {' and '.join(missing)} for the law {self.name!r}: MotionLimits({arguments})",
             )
         return bound
+
+
+def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
+    """Greatest ṡ (k,) at s (k,) by the limits on joint velocity, tool speed and rotation speed; infinity where none binds."""
+    bound = limits.arrays(joint_path.robot.n)["velocity"]
+    tool_speed, rotation_speed = limits.tool
+    with np.errstate(divide="ignore", invalid="ignore"):
+        greatest = np.min(bound / np.abs(joint_path(s, 1)), axis=1)
+        if np.isfinite((tool_speed, rotation_speed)).any():
+            twist = joint_path.path.twist(s)
+            for speed, part in ((tool_speed, twist[:, :3]), (rotation_speed, twist[:, 3:])):
+                greatest = np.fmin(greatest, speed / np.linalg.norm(part, axis=1))
+    return np.asarray(greatest)
 
 
 def derivatives_at(joint_path: JointPath, per_interval: int = 2) -> tuple[Array, Array, Array]:

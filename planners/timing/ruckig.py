@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.errors import NoSolution
+from planners.fit import fitted
 from planners.follow import JointPath
 from planners.timing.base import DERIVATIVES, MotionLimits, TimeLaw, derivatives_at, refit
 from planners.trajectory import Trajectory
@@ -47,22 +48,7 @@ class RuckigLaw(TimeLaw):
         if bounds is None:
             raise NoSolution("no motion along s keeps the joint limits", advice="higher limits, or another path")
         trajectory = refit(joint_path, _profile(joint_path.end, *bounds), bound["jerk"])
-        trajectory = trajectory.slowed(fitting(trajectory, bound))
-        margin = 1e-12
-        while (factor := fitting(trajectory, bound)) > 1.0:  # rounding in the scaled motion may still exceed
-            trajectory = trajectory.slowed(factor * (1.0 + margin))
-            margin *= 10.0
-        return trajectory
-
-
-def fitting(trajectory: Trajectory, bound: dict[str, Array]) -> float:
-    """Least factor by which a motion can be stretched in time so that its exact extrema keep the limits."""
-    factor = 0.0
-    for order, field in enumerate(DERIVATIVES, start=1):
-        ratio = float((trajectory.extrema(order).worst / bound[field]).max())
-        # a root may round down to 1 what is above it
-        factor = max(factor, ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0)
-    return factor
+        return fitted(joint_path.robot, trajectory, limits, self.keeps)
 
 
 def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, float, float] | None:
