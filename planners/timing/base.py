@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,6 +81,14 @@ class MotionLimits:
         return (np.inf if speed is None else float(speed), np.inf if rotation is None else float(rotation))
 
 
+class PathState(NamedTuple):
+    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there."""
+
+    s: float
+    speed: float
+    acceleration: float
+
+
 class TimeLaw(ABC):
     """A way to run along a joint path. A law is a subclass in a file of its own that names itself ``METHOD``."""
 
@@ -99,6 +107,18 @@ class TimeLaw(ABC):
         NoSolution
             No timing exists within the limits.
         """
+
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
+        """Time the rest of the joint path from a moving state to its end, or to rest as soon as may be.
+
+        Raises
+        ------
+        InvalidInput
+            The law starts at rest only, or a limit that it needs is missing.
+        NoSolution
+            No timing exists within the limits from that state.
+        """
+        raise InvalidInput("timing", self.name, "a law that can start from a moving state: optimal")
 
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
         """Return the limits as arrays, or say which one the law needs and does not have."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+import ruckig
 from numpy.typing import NDArray
 
 from optik.check import check_count
@@ -13,7 +14,7 @@ from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum, _reach
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, TimeLaw, speed_bound
+from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw, speed_bound
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -67,19 +68,80 @@ class Optimal(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         programme = _programme(joint_path, limits, self.intervals)
-        z = _inside(programme, programme.start, 0.9)
-        mu = 6.4 / programme.ds.size
-        for _ in range(PASSES):
-            if not _solve(programme, z, mu):
-                raise NoSolution(
-                    "the interior-point iteration found no motion", advice="another number of intervals, or another law"
-                )
-            trajectory = _motion(joint_path, programme, z)
-            if not _tighten(joint_path, programme, trajectory, limits):
-                break
-            z = _inside(programme, z, 0.98)
-            mu = 0.1 / programme.ds.size
+        assert programme is not None
+        trajectory = _solved(joint_path, programme, limits, CLOSE)
+        if trajectory is None:
+            raise NoSolution(
+                "the interior-point iteration found no motion", advice="another number of intervals, or another law"
+            )
         return fitted(joint_path.robot, trajectory, limits, self.keeps)
+
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
+        """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
+
+        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Which the state itself must keep.
+        state : PathState
+            Where and how fast the motion is.
+        stop : bool
+            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first.
+
+        Raises
+        ------
+        InvalidInput
+            Velocity, acceleration or jerk limits are missing.
+        NoSolution
+            No motion from that state keeps the limits.
+        """
+        self.need(limits, joint_path.robot)
+        ends = _stopping_places(joint_path, limits, state) if stop else [joint_path.end]
+        for end in ends:
+            programme = _programme(joint_path, limits, self.intervals, state, end)
+            trajectory = None if programme is None else _solved(joint_path, programme, limits, 0.0)
+            if trajectory is not None:
+                return trajectory
+        raise NoSolution(
+            f"no motion from this state {'comes to rest' if stop else 'ends at rest'} on the path within the limits",
+            s=state.s,
+            advice="higher limits" if stop else "stop=True, or higher limits",
+        )
+
+
+def _stopping_places(joint_path: JointPath, limits: MotionLimits, state: PathState) -> list[float]:
+    """Places at which a motion might come to rest, from what the limits would allow on a straight joint path."""
+    bound = limits.arrays(joint_path.robot.n)
+    q1 = np.maximum(np.abs(joint_path(state.s, 1)), 1e-12)
+    a, j = float((bound["acceleration"] / q1).min()), float((bound["jerk"] / q1).min())
+    problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    problem.control_interface = ruckig.ControlInterface.Velocity
+    problem.current_velocity, problem.current_acceleration = [state.speed], [state.acceleration]
+    problem.target_velocity, problem.max_acceleration, problem.max_jerk = [0.0], [max(a, 1e-9)], [max(j, 1e-9)]
+    ruckig.Ruckig(1).calculate(problem, answer)
+    distance = max(answer.at_time(answer.duration)[0][0], 1e-6 * joint_path.end)
+    places = [state.s + distance * factor for factor in (1.02, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0)]
+    return [s for s in places if s < joint_path.end] + [joint_path.end]
+
+
+def _solved(joint_path: JointPath, programme: _Programme, limits: MotionLimits, close: float) -> Trajectory | None:
+    """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
+    z = programme.start if programme.moving else _inside(programme, programme.start, 0.9)
+    mu, trajectory = 6.4 / programme.ds.size, None
+    for _ in range(PASSES if close else 2 * PASSES):
+        if not _solve(programme, z, mu):
+            return trajectory if close else None
+        trajectory = _motion(joint_path, programme, z)
+        if not _tighten(joint_path, programme, trajectory, limits, close):
+            return trajectory
+        if not programme.moving:
+            z = _inside(programme, z, 0.98)
+        mu = 0.1 / programme.ds.size
+    return trajectory if close else None
 
 
 class _Programme(NamedTuple):
@@ -92,15 +154,22 @@ class _Programme(NamedTuple):
     edge: Array
     start: Array
     units: tuple[float, float]
+    moving: bool
 
 
-def _programme(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> _Programme:
+def _programme(
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0
+) -> _Programme | None:
+    """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
-    end = joint_path.end
-    s = np.linspace(0.0, end, 2 * max(100, joint_path.knots.size) + 1)
+    begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
+    s = np.linspace(begin, end, 2 * max(100, joint_path.knots.size) + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     speed = speed_bound(joint_path, limits, s)
-    _reach.fastest(s, joint_path(s, 1), joint_path(s, 2), speed, bound["acceleration"], 0.0, 0.0, x)
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    good = _reach.fastest(s, q1, q2, speed, bound["acceleration"], first * first, 0.0, x)
+    if not good:
+        return None
     _reach.in_time(s, x, t)
     with np.errstate(invalid="ignore"):
         ramps = bound["acceleration"] / bound["jerk"]
@@ -110,20 +179,23 @@ def _programme(joint_path: JointPath, limits: MotionLimits, intervals: int | Non
     smooth = np.empty((3, count + 1))
     _reach.filtered(t, s, np.sqrt(x), width, np.linspace(0.0, duration, count + 1), smooth)
     at, v, a = smooth
-    at[0], at[-1] = 0.0, end
+    at[0], at[-1] = begin, end
     v[0] = v[-1] = a[0] = a[-1] = 0.0
-    units = end / UNITS, duration / UNITS
-    return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units)
+    if state is not None:
+        v[0], a[0] = state.speed, state.acceleration
+    units = (end - begin) / UNITS, duration / UNITS
+    return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units, state is not None)
 
 
 def _numbers(
-    joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float]
-) -> _Programme:
+    joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
+    moving: bool,
+) -> _Programme:  # fmt: skip
     bound = limits.arrays(joint_path.robot.n)
     A, J = bound["acceleration"], bound["jerk"]
     length, time = units
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    beside = 1e-9 * joint_path.end  # q''' may jump at a node of the path: each interval has its own
+    beside = 1e-9 * (s[-1] - s[0])  # q''' may jump at a node of the path: each interval has its own
     q3 = np.stack([joint_path(s[:-1] + beside, 3), joint_path(s[1:] - beside, 3)], axis=1)
     ends1, ends2 = np.stack([q1[:-1], q1[1:]], axis=1), np.stack([q2[:-1], q2[1:]], axis=1)
     v1, v2, v3 = length / time, length**2 / time**2, length**3 / time**3
@@ -133,7 +205,7 @@ def _numbers(
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
-    return _Programme(s, np.diff(s) / length, top, node, edge, start, units)
+    return _Programme(s, np.diff(s) / length, top, node, edge, start, units, moving)
 
 
 def _inside(programme: _Programme, z: Array, share: float) -> Array:
@@ -169,16 +241,18 @@ def _motion(joint_path: JointPath, programme: _Programme, z: Array) -> Trajector
     return Trajectory(through(t, q, q1 * v, q1 * a + q2 * v * v))
 
 
-def _tighten(joint_path: JointPath, programme: _Programme, trajectory: Trajectory, limits: MotionLimits) -> bool:
+def _tighten(
+    joint_path: JointPath, programme: _Programme, trajectory: Trajectory, limits: MotionLimits, close: float
+) -> bool:
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
     bound = limits.arrays(joint_path.robot.n)
     over = [trajectory.piece_worst(order) / bound[field] for order, field in enumerate(DERIVATIVES, start=1)]
-    if max(float(o.max()) for o in over) <= 1.0 + CLOSE:
+    if max(float(o.max()) for o in over) <= 1.0 + close:
         return False
-    speed, acceleration, jerk = (np.maximum(o, 1.0) for o in over)
-    joints = np.maximum(acceleration, 1.0)
-    programme.node[:-1] *= joints[:, :, None]
-    programme.node[1:] *= joints[:, :, None]
+    spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
+    speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
+    programme.node[:-1] *= acceleration[:, :, None]
+    programme.node[1:] *= acceleration[:, :, None]
     programme.edge[...] *= jerk[:, None, :, None]
     slow = speed.max(axis=1)
     programme.top[:-1] /= slow
