@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.paths._rotation import vector_of
+
 if TYPE_CHECKING:
     from planners.paths.base import Path
 
@@ -106,7 +108,7 @@ def _slope(path: Path, poses: Array, s: Array) -> tuple[Array, Array]:
     r, v, w = at[:, :3, 3] - poses[:, :3, 3], first[:, :3], first[:, 3:]
     R, X = _turns(at, poses)
     M = R @ np.swapaxes(X, 1, 2)
-    axis = np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], axis=1)
+    axis = vector_of(M)
     turn = np.einsum("kii->k", M) * np.einsum("ki,ki->k", w, w) - np.einsum("ki,kij,kj->k", w, M, w)
     half = 0.5 * TURN**2
     slope = np.einsum("ki,ki->k", r, v) + half * np.einsum("ki,ki->k", w, axis)

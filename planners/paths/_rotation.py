@@ -51,3 +51,31 @@ def poses(R: Array, p: Array) -> Array:
     out = np.zeros((len(p), 4, 4))
     out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p, 1.0
     return out
+
+
+def vector_of(M: Array) -> Array:
+    """Vectors (k, 3) of the skew parts of matrices (k, 3, 3): 2 sin φ · axis, of a rotation by φ."""
+    return np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], axis=1)
+
+
+def angle_about(axis: Array, R: Array) -> Array:
+    """Angles (k,) in [−π, π] about a unit axis (3,) whose rotations are nearest to R (k, 3, 3).
+
+    tr(exp(−θ n) R) = nᵀRn + cos θ (tr R − nᵀRn) + sin θ n·vec R is greatest there.
+    """
+    cosine = np.einsum("kii->k", R) - np.einsum("i,kij,j->k", axis, R, axis)
+    return np.asarray(np.arctan2(vector_of(R) @ axis, cosine))
+
+
+def turning(w: Array, w1: Array, w2: Array) -> Array:
+    """Norms (k, 3) of R', R'', R''' where ω, ω', ω'' are (k, 3): R' = ω×R and the product rule; R itself has norm 1."""
+    A, A1, A2 = (_crossing(v) for v in (w, w1, w2))
+    second = A1 + A @ A
+    third = A2 + 2.0 * A1 @ A + A @ A1 + A @ A @ A
+    return np.stack([np.linalg.norm(M, ord=2, axis=(1, 2)) for M in (A, second, third)], axis=1)
+
+
+def _crossing(w: Array) -> Array:
+    out = np.zeros((len(w), 3, 3))
+    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
+    return out - np.swapaxes(out, 1, 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -14,9 +15,13 @@ from optik.ik import solve_ik
 from optik.ik._problem import check_start
 from optik.robot import Robot
 from planners.curve import Curve
+from planners.paths._rotation import turning
 from planners.paths.base import Path, fields
 
 Array = NDArray[np.float64]
+
+SAMPLES = 32
+"""For the bounds: in a radian or metre, and at least."""
 
 
 class _Joints(Curve):
@@ -136,13 +141,42 @@ class JointLine(Path):
             return robot.fk(q)
         if order == 1:
             return np.asarray(robot.jacobian(q) @ rate)
-        derivatives, twists = np.zeros((x.size, 3, robot.n)), np.empty((x.size, 3, 6))
-        derivatives[:, 0] = rate
+        return self._twists(q)[:, order - 1]
+
+    def _twists(self, q: Array) -> Array:
+        """Twists and their first two derivatives (k, 3, 6) at configurations (k, n) of the way."""
+        robot = self.robot
+        derivatives, twists = np.zeros((len(q), 3, robot.n)), np.empty((len(q), 3, 6))
+        derivatives[:, 0] = self._joints.rate
         kinematics.tool_motion_batch(robot.fixed, robot.prismatic, robot.tool, q, derivatives, twists)
-        return twists[:, order - 1]
+        return twists
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4): each link turns at most with the sum of the rates of the joints before it.
+        """Bounds (2, 4): what samples show, and what it may grow to between them.
+
+        The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance of
+        the samples times the bound above it.
+        """
+        return self._bounds.copy()
+
+    @cached_property
+    def _bounds(self) -> Array:
+        bounds = self._by_reach()
+        if not self.end:
+            return bounds
+        cells = int(np.clip(np.ceil(SAMPLES * self.end), SAMPLES, 64 * SAMPLES))
+        twists = self._twists(self._joints(np.linspace(0.0, self.end, cells + 1)))
+        sampled = np.stack([
+            np.linalg.norm(twists[:, :, :3], axis=2).max(axis=0),
+            turning(*np.swapaxes(twists[:, :, 3:], 0, 1)).max(axis=0),
+        ])  # fmt: skip
+        for k in (2, 1, 0):
+            between = (1.0 + 1e-12) * sampled[:, k] + 0.5 * self.end / cells * bounds[:, k + 1]
+            bounds[:, k] = np.minimum(bounds[:, k], between)
+        return bounds
+
+    def _by_reach(self) -> Array:
+        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it.
 
         A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
         since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'| Wᵏ⁻¹.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
 from optik.robot import Robot
-from planners.paths._rotation import NO_MOTION, poses, shortest_turn, turned
+from planners.paths._rotation import NO_MOTION, angle_about, poses, shortest_turn, turned
 from planners.paths.base import Path, fields
 
 Array = NDArray[np.float64]
@@ -63,12 +63,16 @@ class Line(Path):
 
     def _nearest(self, poses: Array) -> Array:
         """Closed form: by position, or by rotation where it only turns."""
-        part = slice(3, 6) if self.turns_only else slice(0, 3)
-        direction = self._twist[part]
-        # seen from the middle, no place on the line is a half turn away, where the rotation vector changes sign
+        # seen from the middle, no place on the line is a half turn away, where the angle changes sign
         middle = 0.5 * self._end
-        offset = se3.error(self.pose(middle), poses)[..., part]
-        return np.clip(middle + offset @ direction / (direction @ direction), 0.0, self._end)
+        T = self.pose(middle)
+        if self.turns_only:
+            axis = self._twist[3:] / np.linalg.norm(self._twist[3:])
+            offset = angle_about(axis, poses[:, :3, :3] @ T[:3, :3].T) / np.linalg.norm(self._twist[3:])
+        else:
+            v = self._twist[:3]
+            offset = (poses[:, :3, 3] - T[:3, 3]) @ v / (v @ v)
+        return np.clip(middle + offset, 0.0, self._end)
 
     def derivative_bounds(self) -> Array:
         """Bounds (2, 4) on the derivatives of position and rotation: constant velocity, constant turning."""
