@@ -3,21 +3,29 @@
 from planners.certificate import Certificate, certify
 from planners.curve import Curve
 from planners.follow import Followed, FollowStatus, JointPath, Stop, follow
+from planners.paths import Path, path_of, paths
+from planners.paths.arc import Arc
+from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
+from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, laws, make_law, plan
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory
 
 __all__ = [
+    "Arc",
     "Certificate",
     "Curve",
     "FollowStatus",
     "Followed",
+    "JointLine",
     "JointPath",
     "Line",
     "MotionLimits",
+    "Path",
     "Plan",
     "PlanStatus",
+    "Polyline",
     "Stop",
     "TimeLaw",
     "Trajectory",
@@ -25,5 +33,7 @@ __all__ = [
     "follow",
     "laws",
     "make_law",
+    "path_of",
+    "paths",
     "plan",
 ]
