@@ -1,7 +1,8 @@
 """planners: which way an arm moves, and how fast, with a certificate of what the motion keeps."""
 
-from planners.certificate import Certificate, certify
+from planners.certificate import Binding, Certificate, certify
 from planners.curve import Curve
+from planners.deviation import PathError
 from planners.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.paths import Path, path_of, paths
 from planners.paths.arc import Arc
@@ -9,11 +10,13 @@ from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, laws, make_law, plan
+from planners.replan import replan
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory
 
 __all__ = [
     "Arc",
+    "Binding",
     "Certificate",
     "Curve",
     "FollowStatus",
@@ -23,6 +26,7 @@ __all__ = [
     "Line",
     "MotionLimits",
     "Path",
+    "PathError",
     "Plan",
     "PlanStatus",
     "Polyline",
@@ -36,4 +40,5 @@ __all__ = [
     "path_of",
     "paths",
     "plan",
+    "replan",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -73,6 +73,16 @@ class MotionLimits:
         """
         free = np.full(n, np.inf)
         return {f: free if (v := getattr(self, f)) is None else positive(v, n, f) for f in DERIVATIVES}
+
+    def scaled(self, share: float) -> MotionLimits:
+        """Return the same limits, so many times as wide."""
+        wider: dict[str, Any] = {f: share * np.asarray(v) for f in ALL_LIMITS if (v := getattr(self, f)) is not None}
+        return replace(self, **{f: float(v) if f in TOOL_SPEEDS else v for f, v in wider.items()})
+
+    def to_dict(self, n: int) -> dict[str, Any]:
+        """Plain data for files: lists of n numbers, None where free."""
+        arrays = {f: [float(x) if np.isfinite(x) else None for x in a] for f, a in self.arrays(n).items()}
+        return arrays | {f: getattr(self, f) for f in TOOL_SPEEDS}
 
     @property
     def tool(self) -> tuple[float, float]:

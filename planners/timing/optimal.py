@@ -28,6 +28,9 @@ PASSES = 4
 CLOSE = 1e-4
 """What may be left to the slow-down: a share of the limits."""
 
+WIDER = (1.0, 1.001, 1.003, 1.01)
+"""Shares of the limits that are tried from a moving state."""
+
 
 class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
@@ -79,7 +82,9 @@ class Optimal(TimeLaw):
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
         """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
 
-        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly.
+        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly. Where
+        the state leaves no such motion (one at its limits often misses them by rounding), limits up to 1 % wider are tried:
+        the certificate shows what is passed.
 
         Parameters
         ----------
@@ -101,11 +106,13 @@ class Optimal(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         ends = _stopping_places(joint_path, limits, state) if stop else [joint_path.end]
-        for end in ends:
-            programme = _programme(joint_path, limits, self.intervals, state, end)
-            trajectory = None if programme is None else _solved(joint_path, programme, limits, 0.0)
-            if trajectory is not None:
-                return trajectory
+        for share in WIDER:
+            wider = limits.scaled(share)
+            for end in ends:
+                programme = _programme(joint_path, wider, self.intervals, state, end)
+                trajectory = None if programme is None else _solved(joint_path, programme, wider, 0.0)
+                if trajectory is not None:
+                    return trajectory
         raise NoSolution(
             f"no motion from this state {'comes to rest' if stop else 'ends at rest'} on the path within the limits",
             s=state.s,
@@ -174,17 +181,30 @@ def _programme(
     with np.errstate(invalid="ignore"):
         ramps = bound["acceleration"] / bound["jerk"]
     width = 1.2 * float(ramps[np.isfinite(ramps)].max(initial=1e-3 * t[-1]))
-    duration = float(t[-1]) + width
+    v, since = np.sqrt(x), 0.0
+    if first > 0.0:  # the filter looks back on a motion that came in at its speed
+        t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
+        since = _when(t, s, v, width, begin)
+    duration = float(t[-1]) + width - since
     count = intervals or int(np.clip(round(14.0 * duration / width), 160, 2000))
     smooth = np.empty((3, count + 1))
-    _reach.filtered(t, s, np.sqrt(x), width, np.linspace(0.0, duration, count + 1), smooth)
+    _reach.filtered(t, s, v, width, np.linspace(since, since + duration, count + 1), smooth)
     at, v, a = smooth
     at[0], at[-1] = begin, end
-    v[0] = v[-1] = a[0] = a[-1] = 0.0
-    if state is not None:
-        v[0], a[0] = state.speed, state.acceleration
+    v[-1] = a[-1] = 0.0
+    v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
     units = (end - begin) / UNITS, duration / UNITS
     return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units, state is not None)
+
+
+def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
+    """When the filtered motion passes a place."""
+    low, high, out = 0.0, float(t[-1]) + width, np.empty((3, 1))
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        _reach.filtered(t, s, v, width, np.array([middle]), out)
+        low, high = (middle, high) if out[0, 0] < place else (low, middle)
+    return high
 
 
 def _numbers(
