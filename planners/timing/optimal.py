@@ -25,6 +25,10 @@ GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
+FIRST, AGAIN = 0.1, 1.5e-3
+"""First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
+MOST = 100
+"""Iterations; 12 to 22 are usual."""
 CLOSE = 1e-4
 """What may be left to the slow-down: a share of the limits."""
 
@@ -137,28 +141,27 @@ def _stopping_places(joint_path: JointPath, limits: MotionLimits, state: PathSta
 
 def _solved(joint_path: JointPath, programme: _Programme, limits: MotionLimits, close: float) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
-    z = programme.start if programme.moving else _inside(programme, programme.start, 0.9)
-    mu, trajectory = 6.4 / programme.ds.size, None
+    problem = programme.problem
+    K, n = problem.ds.size, problem.node.shape[1]
+    z = programme.start if programme.moving else _inside(problem, programme.start, 0.9)
+    mu, trajectory = FIRST * UNITS / K, None
     for _ in range(PASSES if close else 2 * PASSES):
-        if not _solve(programme, z, mu):
+        if _optimum.solve(problem, z, mu, GAP * UNITS / (6.0 * n * K), MOST) < 0:
             return trajectory if close else None
         trajectory = _motion(joint_path, programme, z)
         if not _tighten(joint_path, programme, trajectory, limits, close):
             return trajectory
         if not programme.moving:
-            z = _inside(programme, z, 0.98)
-        mu = 0.1 / programme.ds.size
+            z = _inside(problem, z, 0.98)
+        mu = AGAIN * UNITS / K
     return trajectory if close else None
 
 
 class _Programme(NamedTuple):
-    """The numbers of the nonlinear programme; see `planners.timing._optimum`."""
+    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time."""
 
+    problem: _optimum.Problem
     s: Array
-    ds: Array
-    top: Array
-    node: Array
-    edge: Array
     start: Array
     units: tuple[float, float]
     moving: bool
@@ -225,31 +228,23 @@ def _numbers(
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
-    return _Programme(s, np.diff(s) / length, top, node, edge, start, units, moving)
+    problem = _optimum.Problem(np.diff(s) / length, top, node, edge, np.zeros(2))
+    return _Programme(problem, s, start, units, moving)
 
 
-def _inside(programme: _Programme, z: Array, share: float) -> Array:
+def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
     """The motion z, so much slower that it uses at most a share of every limit."""
-    K, n = programme.ds.size, programme.node.shape[1]
+    K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
-    _optimum.values(z, programme.ds, programme.node, programme.edge, g, c)
+    _optimum.values(problem, z, g, c)
     factor = max(
         1.0,
-        float((z[1:-1, 0] / programme.top[1:-1]).max()) / share,
+        float((z[1:-1, 0] / problem.top[1:-1]).max()) / share,
         np.sqrt(np.abs(c[:, :n]).max() / share),
         np.cbrt(np.abs(c[:, n:]).max() / share),
     )
     slower: Array = z / np.array([factor, factor**2, 1.0 / factor, factor**3])
     return slower
-
-
-def _solve(programme: _Programme, z: Array, mu: float) -> bool:
-    K, n = programme.ds.size, programme.node.shape[1]
-    least = GAP * UNITS / (6.0 * n * K)
-    taken: int = _optimum.solve(
-        z, np.zeros(2), programme.ds, programme.top, programme.node, programme.edge, mu, least, 100
-    )
-    return taken > 0
 
 
 def _motion(joint_path: JointPath, programme: _Programme, z: Array) -> Trajectory:
@@ -271,12 +266,13 @@ def _tighten(
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
-    programme.node[:-1] *= acceleration[:, :, None]
-    programme.node[1:] *= acceleration[:, :, None]
-    programme.edge[...] *= jerk[:, None, :, None]
+    problem = programme.problem
+    problem.node[:-1] *= acceleration[:, :, None]
+    problem.node[1:] *= acceleration[:, :, None]
+    problem.edge[...] *= jerk[:, None, :, None]
     slow = speed.max(axis=1)
-    programme.top[:-1] /= slow
-    programme.top[1:] /= slow
+    problem.top[:-1] /= slow
+    problem.top[1:] /= slow
     return True
 
 
