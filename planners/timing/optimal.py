@@ -27,6 +27,8 @@ PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
 FIRST, AGAIN = 0.1, 1.5e-3
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
+STARTS = ((1.0, 1.0), (0.5, 1.0), (2.0, 1.0), (1.0, 10.0), (1.0, 0.1), (0.25, 10.0), (4.0, 10.0))
+"""Widths of the start's filter over the usual one, and first barrier weights over the usual one, tried in turn."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
 CLOSE = 1e-4
@@ -74,14 +76,14 @@ class Optimal(TimeLaw):
             The iteration found no motion.
         """
         self.need(limits, joint_path.robot)
-        programme = _programme(joint_path, limits, self.intervals)
-        assert programme is not None
-        trajectory = _solved(joint_path, programme, limits, CLOSE)
-        if trajectory is None:
-            raise NoSolution(
-                "the interior-point iteration found no motion", advice="another number of intervals, or another law"
-            )
-        return fitted(joint_path.robot, trajectory, limits, self.keeps)
+        for width, weight in STARTS:
+            programme = _programme(joint_path, limits, self.intervals, width=width)
+            trajectory = None if programme is None else _solved(joint_path, programme, limits, CLOSE, weight)
+            if trajectory is not None:
+                return fitted(joint_path.robot, trajectory, limits, self.keeps)
+        raise NoSolution(
+            "the interior-point iteration found no motion", advice="another number of intervals, or another law"
+        )
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
         """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
@@ -139,12 +141,14 @@ def _stopping_places(joint_path: JointPath, limits: MotionLimits, state: PathSta
     return [s for s in places if s < joint_path.end] + [joint_path.end]
 
 
-def _solved(joint_path: JointPath, programme: _Programme, limits: MotionLimits, close: float) -> Trajectory | None:
+def _solved(
+    joint_path: JointPath, programme: _Programme, limits: MotionLimits, close: float, weight: float = 1.0
+) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
     problem = programme.problem
     K, n = problem.ds.size, problem.node.shape[1]
     z = programme.start if programme.moving else _inside(problem, programme.start, 0.9)
-    mu, trajectory = FIRST * UNITS / K, None
+    mu, trajectory = weight * FIRST * UNITS / K, None
     for _ in range(PASSES if close else 2 * PASSES):
         if _optimum.solve(problem, z, mu, GAP * UNITS / (6.0 * n * K), MOST) < 0:
             return trajectory if close else None
@@ -168,8 +172,9 @@ class _Programme(NamedTuple):
 
 
 def _programme(
-    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0
-) -> _Programme | None:
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0,
+    *, width: float = 1.0,
+) -> _Programme | None:  # fmt: skip
     """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
     begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
@@ -177,13 +182,12 @@ def _programme(
     x, t = np.empty(s.size), np.empty(s.size)
     speed = speed_bound(joint_path, limits, s)
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    good = _reach.fastest(s, q1, q2, speed, bound["acceleration"], first * first, 0.0, x)
+    acceleration, ramp = _ramps(bound, q1, s)
+    good = _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x)
     if not good:
         return None
     _reach.in_time(s, x, t)
-    with np.errstate(invalid="ignore"):
-        ramps = bound["acceleration"] / bound["jerk"]
-    width = 1.2 * float(ramps[np.isfinite(ramps)].max(initial=1e-3 * t[-1]))
+    width *= ramp
     v, since = np.sqrt(x), 0.0
     if first > 0.0:  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
@@ -198,6 +202,20 @@ def _programme(
     v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
     units = (end - begin) / UNITS, duration / UNITS
     return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units, state is not None)
+
+
+def _ramps(bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, float]:
+    """Accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+
+    With a jerk J, a joint that may not pass the velocity V, and moves by D in all, never gets beyond (J V)^½ and (J² D)^⅓.
+    """
+    V, A, J = (bound[field] for field in DERIVATIVES)
+    D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
+    with np.errstate(invalid="ignore"):
+        least = np.fmin(np.fmin(A, np.sqrt(J * V)), np.cbrt(J * J * np.maximum(D, 1e-9)))
+        ramps = least / J
+    moving = np.isfinite(ramps) & (1e-6 * D.max() < D)
+    return np.asarray(least), 1.2 * float(ramps[moving].max(initial=1e-9))
 
 
 def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
