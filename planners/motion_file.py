@@ -65,7 +65,7 @@ def save(motion: Motion | Plan, file: str | os.PathLike[str]) -> None:
         The file cannot be written.
     """
     write, _ = _format(file)
-    content = write(_parts(motion_of(motion)))
+    content = write(motion_of(motion))
     write_whole(file, lambda part: part.write_bytes(content))
 
 
@@ -79,7 +79,8 @@ def load_motion(file: str | os.PathLike[str]) -> Motion:
     """
     _, read = _format(file)
     try:
-        return _motion(read(content_of(FilePath(file))))
+        motion: Motion = read(content_of(FilePath(file)))
+        return motion
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
     except OptikError as error:
@@ -109,7 +110,9 @@ def _motion(parts: Parts) -> Motion:
     header = parts.header
     robot = Robot.from_dict(header["robot"])
     limits = record(header["limits"], (*DERIVATIVES, *TOOL_SPEEDS), "limits")
-    bounds: dict[str, Any] = {f: _limit(limits[f], robot.n, f"limits.{f}") for f in limits}
+    bounds: dict[str, Any] = {
+        f: _limit(limits[f], (robot.n,) if f in DERIVATIVES else (), f"limits.{f}") for f in limits
+    }
     return Motion(
         robot,
         _path(header["path"], robot),
@@ -120,10 +123,10 @@ def _motion(parts: Parts) -> Motion:
     )
 
 
-def _limit(value: Any, n: int, argument: str) -> Array | float | None:
+def _limit(value: Any, shape: tuple[int, ...], argument: str) -> Array | float | None:
     if value is None:
         return None
-    return numbers(value, (n,), argument) if isinstance(value, list) else float(numbers(value, (), argument))
+    return numbers(value, shape, argument) if shape and isinstance(value, list) else float(numbers(value, (), argument))
 
 
 def _path(data: Any, robot: Robot) -> Path:
@@ -181,15 +184,15 @@ def _lines(parts: Parts) -> dict[str, str]:
     return {k: json.dumps(v, allow_nan=False) for k, v in (data | {"sha256": _digest(parts)}).items()}
 
 
-def _to_json(parts: Parts) -> bytes:
-    return ("{\n" + ",\n".join(f'"{k}": {v}' for k, v in _lines(parts).items()) + "\n}\n").encode()
+def _to_json(motion: Motion) -> bytes:
+    return ("{\n" + ",\n".join(f'"{k}": {v}' for k, v in _lines(_parts(motion)).items()) + "\n}\n").encode()
 
 
-def _from_json(content: bytes) -> Parts:
+def _from_json(content: bytes) -> Motion:
     data = parsed(text_of(content), "content")
     if not isinstance(data, dict):
         raise InvalidInput("content", repr(data)[:60], f"a mapping with {', '.join(HEADER)}")
-    return _from_lines(data)
+    return _motion(_from_lines(data))
 
 
 def _from_lines(data: dict[str, Any]) -> Parts:
@@ -209,17 +212,18 @@ def _from_lines(data: dict[str, Any]) -> Parts:
 # ---------------------------------------------------------------- CSV
 
 
-def _to_csv(parts: Parts) -> bytes:
+def _to_csv(motion: Motion) -> bytes:
+    columns, rows = _table(motion)
     out = io.StringIO()
-    for key, line in _lines(parts).items():
+    for key, line in _lines(_parts(motion)).items():
         out.write(f"# {key}: {line}\n")
     table = csv.writer(out, lineterminator="\n")
-    table.writerow(_columns(parts))
-    table.writerows(_table(parts).tolist())
+    table.writerow(columns)
+    table.writerows(rows.tolist())
     return out.getvalue().encode(errors="surrogatepass")
 
 
-def _from_csv(content: bytes) -> Parts:
+def _from_csv(content: bytes) -> Motion:
     lines = text_of(content).split("\n")
     count = next((i for i, line in enumerate(lines) if not line.startswith("# ")), len(lines))
     data = {}
@@ -228,30 +232,25 @@ def _from_csv(content: bytes) -> Parts:
         if not colon:
             raise InvalidInput("header", repr(line[:60]), "comment lines '# KEY: JSON'")
         data[key] = parsed(value, key)
-    parts = _from_lines(data)
-    _trajectory(parts.knots, parts.coefficients, parts.coefficients.shape[2])  # before it is evaluated
+    motion = _motion(_from_lines(data))
     try:
         rows = [row for row in csv.reader(io.StringIO("\n".join(lines[count:]), newline="")) if row]
     except csv.Error as error:
         raise InvalidInput("table", str(error), "comma-separated values") from None
-    _check_table(rows, parts)
-    return parts
+    _check_table(rows, motion)
+    return motion
 
 
-def _columns(parts: Parts) -> list[str]:
-    joint_names = words(record(parts.header, HEADER, "header")["robot"].get("joint_names"), "robot.joint_names")
-    return ["t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in joint_names)]
+def _table(motion: Motion) -> tuple[list[str], Array]:
+    """Names of the columns, and rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots."""
+    t = motion.trajectory.knots
+    columns = ["t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in motion.robot.joint_names)]
+    return columns, np.hstack([t[:, None], *(motion.trajectory(t, order) for order in range(3))])
 
 
-def _table(parts: Parts) -> Array:
-    """Rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots."""
-    polynomial = PPoly(parts.coefficients, parts.knots)
-    return np.hstack([parts.knots[:, None], *(polynomial(parts.knots, order) for order in range(3))])
-
-
-def _check_table(rows: list[list[str]], parts: Parts) -> None:
+def _check_table(rows: list[list[str]], motion: Motion) -> None:
     """Refuse a table that does not show the polynomials of the header, which are the motion."""
-    columns, expected = _columns(parts), _table(parts)
+    columns, expected = _table(motion)
     if not rows or rows[0] != columns:
         raise InvalidInput("table", repr(rows[0] if rows else [])[:80], f"the columns {', '.join(columns)}"[:200])
     if len(rows) != len(expected) + 1:
@@ -273,14 +272,14 @@ def _check_table(rows: list[list[str]], parts: Parts) -> None:
 # ---------------------------------------------------------------- NPZ
 
 
-def _to_npz(parts: Parts) -> bytes:
-    out = io.BytesIO()
+def _to_npz(motion: Motion) -> bytes:
+    out, parts = io.BytesIO(), _parts(motion)
     header = json.dumps(parts.header | {"sha256": _digest(parts)}, allow_nan=False)
     np.savez(out, header=np.array(header), knots=parts.knots, coefficients=parts.coefficients)
     return out.getvalue()
 
 
-def _from_npz(content: bytes) -> Parts:
+def _from_npz(content: bytes) -> Motion:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             header, knots, coefficients = (archive[name] for name in ("header", "knots", "coefficients"))
@@ -294,7 +293,7 @@ def _from_npz(content: bytes) -> Parts:
         raise InvalidInput("header", repr(data)[:60], "a mapping")
     digest = data.pop("sha256", None)
     floats = (np.ascontiguousarray(a, dtype=np.float64) for a in (knots, coefficients))
-    return _checked(Parts(_header(data), *floats), digest)
+    return _motion(_checked(Parts(_header(data), *floats), digest))
 
 
 # ---------------------------------------------------------------- files
