@@ -34,6 +34,8 @@ JointNames = Mapping[str, str] | Sequence[str] | None
 SUFFIXES = (".yaml", ".yml", ".json")
 ROUNDS = 20
 """How often a motion is slowed before it is given up."""
+ROUNDING = Fraction(1, 2 * SECOND)
+"""Durations this near to whole periods [s] are whole: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
 ADVICE = "a motion that keeps its own limits, points at its knots, or a higher rate"
 
 
@@ -198,7 +200,8 @@ def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
     if not end:
         speed = np.abs(trajectory(trajectory.end, 1)).max()
         raise InvalidInput("motion", f"a speed of {speed:.3g} at its end", "a motion that ends at rest")
-    if rate is not None and not start and Fraction(trajectory.duration) * Fraction(rate) % 1:
+    periods = Fraction(trajectory.duration) * Fraction(rate or 1.0)
+    if rate is not None and not start and abs(periods - round(periods)) > ROUNDING * Fraction(rate):
         wanted = "none, or one that divides the duration of a motion that starts on the move and cannot be slowed"
         raise InvalidInput("rate", f"{rate:.9g}", wanted)
 
@@ -265,7 +268,7 @@ def _paced(trajectory: Trajectory, rate: float | None, factor: float) -> tuple[T
         times = np.rint(trajectory.knots * factor * SECOND).astype(np.int64)
         times[-1] = math.ceil(duration * SECOND)
     else:
-        periods = math.ceil(duration * Fraction(rate))
+        periods = max(math.ceil((duration - ROUNDING) * Fraction(rate)), 1)
         if periods > POINTS:
             raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
         times = np.rint(np.arange(periods + 1) * SECOND / rate).astype(np.int64)
