@@ -292,8 +292,7 @@ def _from_npz(content: bytes) -> Motion:
     if not isinstance(data, dict):
         raise InvalidInput("header", repr(data)[:60], "a mapping")
     digest = data.pop("sha256", None)
-    floats = (np.ascontiguousarray(a, dtype=np.float64) for a in (knots, coefficients))
-    return _motion(_checked(Parts(_header(data), *floats), digest))
+    return _motion(_checked(Parts(_header(data), knots, coefficients), digest))
 
 
 # ---------------------------------------------------------------- files

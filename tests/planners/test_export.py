@@ -23,6 +23,7 @@ import optik
 from optik import JointLimits, Robot, se3
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError
 from planners import Line, MotionLimits, Plan, Trajectory, plan
+from planners.files import parsed
 from planners.motion import Motion, motion_of
 from planners.motion_file import load_motion, save
 from planners.timing.base import ALL_LIMITS
@@ -118,6 +119,15 @@ def test_any_motion_comes_back_to_the_last_bit(suffix: str, tmp_path: Path, data
     file = tmp_path / f"motion{suffix}"
     save(motion, file)
     assert is_same(load_motion(file), motion)
+
+
+@each_format
+def test_names_that_no_file_expects_come_back(suffix: str, tmp_path: Path) -> None:
+    names = ("\ud800", 'a,"b"', "# c", "d\r\n# e: 3", "\0", "ä ")
+    robot = Robot("\udfff", small().robot.fixed, small().robot.prismatic, np.eye(4), small().robot.limits, names)
+    motion = Motion(robot, small().path, small().limits, small().trajectory, "\ud800 law")
+    save(motion, tmp_path / f"motion{suffix}")
+    assert is_same(load_motion(tmp_path / f"motion{suffix}"), motion)
 
 
 def test_a_csv_is_a_table_for_other_programs(tmp_path: Path) -> None:
@@ -331,6 +341,12 @@ def test_damaged_bytes_are_refused_or_do_not_matter(suffix: str, tmp_path: Path)
 )
 def test_junk_is_refused(suffix: str, junk: bytes, tmp_path: Path) -> None:
     assert readable_or_refused(tmp_path / f"motion{suffix}", junk)
+
+
+@pytest.mark.parametrize("word", ["NaN", "[Infinity]", '{"a": -Infinity}'])
+def test_what_json_has_no_number_for_is_refused(word: str) -> None:
+    with pytest.raises(InvalidInput, match="is no number in JSON"):
+        parsed(word, "x")
 
 
 def test_the_table_of_a_csv_must_show_its_polynomials(tmp_path: Path) -> None:
