@@ -100,7 +100,7 @@ class Polyline(Path):
         moved, turned = np.linalg.norm(chords, axis=1), np.linalg.norm(turns, axis=1)
         only_turns = bool(moved.sum() <= 1e-6 and moved.sum() < turned.sum())  # as `Line`
         self.unit = "rad" if only_turns else "m"
-        length = turned if only_turns else np.maximum(moved, METRES_PER_RADIAN * turned)
+        length = np.maximum(moved, turned if only_turns else METRES_PER_RADIAN * turned)
         ends = np.cumsum(length)
         self._end = float(ends[-1])
         self.corners: Array = ends[:-1]

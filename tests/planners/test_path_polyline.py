@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -43,7 +43,7 @@ def corner_width(path: Polyline, i: int) -> float:
 # ---------------------------------------------------------------- corners
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, phases=[Phase.explicit, Phase.generate])  # shrinking a brute force takes minutes
 @given(waypoints, tolerances, tolerances)
 def test_the_path_stays_within_its_tolerance_of_the_sharp_polyline_and_of_its_corners(
     given_poses: list[Array], blend: float, turn: float
@@ -101,9 +101,7 @@ def test_a_corner_is_smooth_where_it_begins_and_ends(order: int) -> None:
     path = Polyline(poses, blend=0.01, blend_rotation=0.1)
     for b in path.breaks[1:-1]:
         left, right = path(np.array([b - 1e-9, b + 1e-9]), order)
-        np.testing.assert_allclose(
-            left, right, rtol=0.0, atol=1e-7 * max(1.0, path.derivative_bounds()[:, 3].max() ** 0.5)
-        )
+        np.testing.assert_allclose(left, right, rtol=0.0, atol=4e-9 * path.derivative_bounds()[:, 3].max())
 
 
 def test_outside_its_corners_it_is_made_of_lines() -> None:
@@ -195,6 +193,19 @@ def test_turns_only_count_in_radians() -> None:
     np.testing.assert_array_equal(path(np.linspace(0, path.end, 5))[:, :3, 3], np.tile([1.0, 2.0, 3.0], (5, 1)))
 
 
+def test_a_hair_that_moves_among_turns_on_the_spot_does_not_break_them() -> None:
+    places = [
+        ([0, 0, 0], [0, 0, 0]),
+        ([0, 0, 0], [0.5, 0, 0]),
+        ([5e-7, 0, 0], [0.5, 0, 0]),
+        ([5e-7, 0, 0], [0.5, 0.5, 0]),
+    ]
+    path = Polyline([pose_of(p, w) for p, w in places])
+    assert path.unit == "rad"
+    assert np.isfinite(path(np.linspace(0.0, path.end, 101), 3)).all()
+    np.testing.assert_allclose(path(path.end), path.waypoints[-1], rtol=0.0, atol=1e-15)
+
+
 def test_a_turn_on_the_spot_counts_a_tenth_of_a_metre_a_radian() -> None:
     path = Polyline(
         [
@@ -242,6 +253,17 @@ def test_nearest_finds_the_right_one_of_two_passes() -> None:
     path = Polyline(eight, blend=0.01)
     assert path.nearest(pose_of([0.5, 0.5, 1e-5])[None])[0] == pytest.approx(np.sqrt(0.5), abs=1e-6)
     assert path.nearest(pose_of([0.5, 0.5, 5e-4])[None])[0] == pytest.approx(path.end - np.sqrt(0.5), abs=1e-5)
+
+
+def test_a_chord_of_the_search_is_not_taken_for_the_path() -> None:
+    bend = [pose_of([0, 0, 0]), pose_of([1, 0, 0]), pose_of([1, 1, 0])]
+    tool, away = np.array([0.75, 0.25, 0.0]), np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    off = np.linalg.norm(Polyline(bend, blend=1.0)(np.linspace(0.5, 1.5, 200_001))[:, :3, 3] - tool, axis=1).min()
+    for gap in (1e-5, 2e-5, 4e-5):
+        pole = tool + away * (off - gap)
+        path = Polyline([*bend, pose_of(pole + np.eye(3)[2]), pose_of(pole - np.eye(3)[2])], blend=[1.0, 1e-3, 1e-3])
+        found = path(path.nearest(pose_of(tool)[None]))[0, :3, 3]
+        assert np.linalg.norm(found - tool) == pytest.approx(off - gap, abs=1e-9)
 
 
 def test_nearest_takes_many_poses_on_a_long_path() -> None:
