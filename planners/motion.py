@@ -61,7 +61,7 @@ class Motion:
         return certify(self.robot, self.path, self.trajectory, self.limits, law=self.law, keeps=self.keeps, **options)
 
 
-def motion_of(plan: Motion | Plan) -> Motion:
+def motion_of(thing: Motion | Plan) -> Motion:
     """Return the motion of a plan; a motion is its own.
 
     Raises
@@ -71,10 +71,7 @@ def motion_of(plan: Motion | Plan) -> Motion:
     InvalidInput
         Neither of them.
     """
-    from planners.plan import Plan
-
-    if isinstance(plan, Motion):
-        return plan
-    if not isinstance(plan, Plan):
-        raise InvalidInput("motion", repr(plan)[:60], "a Motion or a Plan")
-    return Motion(plan.robot, plan.path, plan.limits, plan.trajectory, plan.law, plan.certificate.keeps)
+    motion = thing if isinstance(thing, Motion) else getattr(thing, "motion", None)
+    if not isinstance(motion, Motion):
+        raise InvalidInput("motion", repr(thing)[:60], "a Motion or a Plan")
+    return motion

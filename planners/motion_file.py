@@ -20,8 +20,7 @@ from optik.plain import numbers, plain_numbers, record, word, words
 from optik.robot import Robot
 from planners.files import content_of, parsed, suffix_of, text_of
 from planners.motion import Motion, motion_of
-from planners.paths.base import Path
-from planners.paths.line import Line
+from planners.paths import path_of
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.trajectory import Trajectory
 
@@ -115,7 +114,7 @@ def _motion(parts: Parts) -> Motion:
     }
     return Motion(
         robot,
-        _path(header["path"], robot),
+        path_of(header["path"], robot),
         MotionLimits(**bounds),
         _trajectory(parts.knots, parts.coefficients, robot.n),
         word(header["law"], "law"),
@@ -127,16 +126,6 @@ def _limit(value: Any, shape: tuple[int, ...], argument: str) -> Array | float |
     if value is None:
         return None
     return numbers(value, shape, argument) if shape and isinstance(value, list) else float(numbers(value, (), argument))
-
-
-def _path(data: Any, robot: Robot) -> Path:
-    """Path of plain data. TO SWAP: call planners.paths.path_of(data, robot) as soon as it is there."""
-    if not isinstance(data, dict) or data.get("path") != Line.name:
-        raise InvalidInput("path", repr(data)[:60], f"the data of a path: {Line.name}")
-    try:
-        return Line.from_dict(data)
-    except KeyError as error:
-        raise InvalidInput("path", f"no {error}", "the data of a line") from None
 
 
 def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:

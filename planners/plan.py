@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.files import write_whole
 from optik.ik import IKSolver, make_solver
 from optik.ik._problem import check_start
 from optik.registry import build_method, names
@@ -21,6 +19,8 @@ from optik.robot import Robot
 from planners.certificate import Certificate, certify, check_tolerance
 from planners.fit import fitted, stretch
 from planners.follow import FollowStatus, JointPath, Stop, follow
+from planners.motion import Motion
+from planners.motion_file import save
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
@@ -137,15 +137,24 @@ class Plan:
             "certificate": self.certificate.to_dict(),
         }
 
+    @property
+    def motion(self) -> Motion:
+        """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
+        return Motion(self.robot, self.path, self.limits, self.trajectory, self.law, self.certificate.keeps)
+
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write `to_dict` as JSON, whole or not at all.
+        """Write the motion, whole or not at all, as NPZ, JSON or CSV by the file's suffix: `planners.load_motion` reads it.
 
         Raises
         ------
+        NoSolution
+            The plan failed: there is no motion. `to_dict` says why.
+        InvalidInput
+            Another suffix.
         OutputError
             The file cannot be written.
         """
-        write_whole(file, lambda part: part.write_text(json.dumps(self.to_dict(), allow_nan=False)))
+        save(self.motion, file)
 
 
 def laws() -> tuple[str, ...]:
