@@ -255,15 +255,16 @@ def test_nearest_finds_the_right_one_of_two_passes() -> None:
     assert path.nearest(pose_of([0.5, 0.5, 5e-4])[None])[0] == pytest.approx(path.end - np.sqrt(0.5), abs=1e-5)
 
 
-def test_a_chord_of_the_search_is_not_taken_for_the_path() -> None:
-    bend = [pose_of([0, 0, 0]), pose_of([1, 0, 0]), pose_of([1, 1, 0])]
-    tool, away = np.array([0.75, 0.25, 0.0]), np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)
-    off = np.linalg.norm(Polyline(bend, blend=1.0)(np.linspace(0.5, 1.5, 200_001))[:, :3, 3] - tool, axis=1).min()
-    for gap in (1e-5, 2e-5, 4e-5):
-        pole = tool + away * (off - gap)
-        path = Polyline([*bend, pose_of(pole + np.eye(3)[2]), pose_of(pole - np.eye(3)[2])], blend=[1.0, 1e-3, 1e-3])
-        found = path(path.nearest(pose_of(tool)[None]))[0, :3, 3]
-        assert np.linalg.norm(found - tool) == pytest.approx(off - gap, abs=1e-9)
+@pytest.mark.parametrize("x", [0.75, 0.755, 0.76, 0.765, 0.77, 0.775, 0.78])
+def test_a_chord_of_the_search_is_not_taken_for_the_path(x: float) -> None:
+    bend, tool = [pose_of([0, 0, 0]), pose_of([1, 0, 0]), pose_of([1, 1, 0])], np.array([x, 0.25, 0.0])
+    places = Polyline(bend, blend=1.0)(np.linspace(0.5, 1.5, 100_001))[:, :3, 3]
+    off = np.linalg.norm(places - tool, axis=1)
+    least, away = off.min(), (tool - places[off.argmin()]) / off.min()
+    pole, up = tool + away * (least - 1e-5), np.array([0.0, 0.0, 1.0])  # nearer than the bend, but not than its chords
+    path = Polyline([*bend, pose_of(pole + up), pose_of(pole - up)], blend=[1.0, 1e-3, 1e-3])
+    found = path(path.nearest(pose_of(tool)[None]))[0, :3, 3]
+    assert np.linalg.norm(found - tool) == pytest.approx(least - 1e-5, abs=1e-9)
 
 
 def test_nearest_takes_many_poses_on_a_long_path() -> None:
