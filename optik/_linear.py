@@ -90,11 +90,7 @@ def qr_solve(A: Array, beta: Array, order: Ints, b: Array, x: Array) -> float:
 
 @compiled
 def smallest_singular_value(J: Array) -> float:
-    """Smallest of the min(m, n) singular values of J (m, n), to 1e-10 of itself or rounding of the largest.
-
-    One-sided Jacobi rotations of the rows of R in a QR factorisation with column exchange, which is nearly diagonal, so
-    that two or three sweeps are enough (Drmač and Veselić 2008).
-    """
+    """Smallest of the min(m, n) singular values of J (m, n), to 1e-10 of itself or rounding of the largest."""
     m, n = J.shape
     tall = m >= n
     k, rest = (n, m) if tall else (m, n)
@@ -104,9 +100,21 @@ def smallest_singular_value(J: Array) -> float:
             A[i, j] = J[i, j] if tall else J[j, i]
     if qr_factor(A, beta, order) == 0.0:
         return 0.0
+    return smallest_of_factor(A)
+
+
+@compiled
+def smallest_of_factor(QR: Array) -> float:
+    """Smallest singular value of a matrix (m, k), m ≥ k, of full rank, from what `qr_factor` made of it.
+
+    One-sided Jacobi rotations of the rows of R, which column exchanges have made nearly diagonal, so that two or three
+    sweeps are enough (Drmač and Veselić 2008).
+    """
+    k = QR.shape[1]
+    A = np.zeros((k, k))
     for i in range(k):
-        for j in range(i):
-            A[i, j] = 0.0
+        for j in range(i, k):
+            A[i, j] = QR[i, j]
     for _ in range(30):
         turned = False
         for p in range(k - 1):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
-from optik._linear import qr_factor, qr_solve, smallest_singular_value
+from optik._linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 from optik.se3 import pose_error
 
 Array = NDArray[np.float64]
@@ -369,18 +369,23 @@ def derivatives_at(
     frames(fixed, prismatic, q, frame)
     tool_pose(frame, tool, T)
     jacobian_from(frame, prismatic, T, J)
-    singular = smallest_singular_value(J)
     _stack(J, rows[0], A)
     rank = qr_factor(A, beta, order)
+    singular = 0.0
+    if d > 0:
+        singular = smallest_singular_value(J)
+    elif rank > 0.0:  # A is J
+        singular = smallest_of_factor(A)
     for k in range(3):
         for i in range(n):
             dq[k, i] = 0.0
     if rank == 0.0:
         return rank, singular
     for k in range(3):
-        tool_motion(frame, T, prismatic, fixed, q, dq, made)
+        if k > 0:
+            tool_motion(frame, T, prismatic, fixed, q, dq, made)
         for i in range(6):
-            e[i] = twists[k, i] - made[k, i]
+            e[i] = twists[k, i] - (made[k, i] if k > 0 else 0.0)
         for i in range(d):  # Leibniz: the derivative of order k + 1 of rows · q, less its term rows · q⁽ᵏ⁺¹⁾
             e[6 + i] = values[k + 1, i]
             for j in range(n):

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 NEARLY_SINGULAR = 1e-2
 """A branch that ends where the smallest singular value is above this did not end at a singularity."""
 
-PROBES = (1e-3, 1e-2)
+BEYOND = 1e-3
 """How far beyond its end [share of the path] the arm is asked whether it reaches there by another configuration."""
 
 
@@ -88,52 +88,43 @@ def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) ->
 
 
 def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigma: float) -> tuple[FollowStatus, str]:
+    """Status and reason of an end that is not at a limit: what the arm can do just beyond it."""
     s = ended.s
-    places = [min(s + share * path.end, path.end) for share in PROBES]
-    for at in places:
-        distance = outside_reach(reach, path.pose(at), 0.0, 0.0)
-        if distance >= 0.0:
-            bound = f"at most {reach[7]:.6g}" if distance > reach[7] else f"at least {reach[6]:.6g}"
-            return FollowStatus.UNREACHABLE, (
-                f"the path leaves the arm's reach at s = {s:.6g}: just beyond it asks for {distance:.6g} m between the first "
-                f"and the last joint's axis, where the links allow {bound} m"
-            )
-    start = robot.limits.clip(q)
-    results = [optik.solve_ik(robot, path.pose(at), start) for at in places]
-    few = f"{robot.name} has {robot.n} joints and cannot keep to this path beyond s = {s:.6g}"
+    beyond = path.pose(min(s + BEYOND * path.end, path.end))
+    distance = outside_reach(reach, beyond, 0.0, 0.0)
+    if distance >= 0.0:
+        bound = f"at most {reach[7]:.6g}" if distance > reach[7] else f"at least {reach[6]:.6g}"
+        return FollowStatus.UNREACHABLE, (
+            f"the path leaves the arm's reach at s = {s:.6g}: just beyond it asks for {distance:.6g} m between the first "
+            f"and the last joint's axis, where the links allow {bound} m"
+        )
     if robot.n < 6 and ended.code == _march.NOT_MET and sigma > NEARLY_SINGULAR:
-        near = results[-1]
-        if not all(results):
-            off = f"{1e3 * near.position_error:.3g} mm and {np.degrees(near.rotation_error):.3g}° off"
-            return FollowStatus.UNREACHABLE, f"{few}: a little further it stays {off}"
-        return FollowStatus.SINGULAR, f"{few} from this configuration"
-    if all(results):
-        if sigma > NEARLY_SINGULAR:
-            words = f"no continuous motion goes on at s = {s:.6g}, where the arm is not singular: does the path jump there?"
-            return FollowStatus.BRANCH_JUMP, words
-        return FollowStatus.SINGULAR, (
-            f"the arm is singular at s = {s:.6g}: this branch ends there, the path goes on with other configurations only"
-        )
-    if _outside(results):
-        return FollowStatus.SINGULAR, (
-            f"the arm is singular at s = {s:.6g}; beyond, the path is met only with joints outside their limits"
-        )
+        few = f"{robot.name} has {robot.n} joints and cannot keep to this path from s = {s:.6g} on"
+        near = optik.solve_ik(robot, path.pose(min(s + 10.0 * BEYOND * path.end, path.end)), robot.limits.clip(q))
+        if near:
+            return FollowStatus.SINGULAR, f"{few} without a jump to another configuration"
+        off = f"{1e3 * near.position_error:.3g} mm and {np.degrees(near.rotation_error):.3g}° off"
+        return FollowStatus.UNREACHABLE, f"{few}: a little further it stays {off}"
+    result = optik.solve_ik(robot, beyond, robot.limits.clip(q))
+    this = "this branch" if robot.n <= 6 else "this choice of its free motion"
+    if result and sigma > NEARLY_SINGULAR:
+        words = f"no continuous motion goes on at s = {s:.6g}, where the arm is not singular: does the path jump there?"
+        return FollowStatus.BRANCH_JUMP, words
+    if result:
+        words = f"{this} ends there, only other configurations go on"
+        return FollowStatus.SINGULAR, f"the arm is singular at s = {s:.6g}: {words}"
+    if result.status is IKStatus.OUTSIDE_LIMITS:
+        words = "beyond, the path was met only with joints outside their limits"
+        return FollowStatus.SINGULAR, f"the arm is singular at s = {s:.6g}: {this} ends there; {words}"
     return FollowStatus.UNREACHABLE, (
-        f"the path leaves what the arm reaches at s = {s:.6g}: no configuration was found just beyond, from {_tries()} starts"
+        f"the path leaves what the arm reaches at s = {s:.6g}: no configuration was found just beyond, from "
+        f"{result.restarts + 1} starts"
     )
-
-
-def _outside(results: list[IKResult]) -> bool:
-    return any(result.status is IKStatus.OUTSIDE_LIMITS for result in results)
-
-
-def _tries() -> int:
-    return 501  # lm's own default: the start and 500 restarts
 
 
 def no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
     """The method failed where the arm can go on."""
-    robot, sigma = solver.robot, smallest(solver.robot, before)
+    sigma = smallest(solver.robot, before)
     reason = (
         f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch goes on; smallest singular value {sigma:.2g}"

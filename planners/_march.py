@@ -42,9 +42,7 @@ def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Arra
 
 
 @compiled
-def piece_bound(
-    fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array, fourth: Array
-) -> tuple[float, float]:
+def piece_bound(fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array, fourth: Array) -> tuple[float, float]:
     """Proved bounds on distance [m] and angle [rad] between tool and path on a piece with Bézier points b (n, 6).
 
     Where pose, twist and its derivative agree at both ends, the difference e of positions, or of entries of rotations,
@@ -123,7 +121,7 @@ def first_exit(points: Array, low: float, high: float) -> float:
         if least >= low and most <= high:
             continue
         if c - a < 1e-9 or not low <= right[0] <= high:
-            return a
+            return float(a)
         for k in range(6):  # de Casteljau
             left[k] = right[0]
             for j in range(5 - k):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from optik import kinematics
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.ik import IKSolver, Tolerance, solve_ik
+from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
 from optik.ik._problem import check_start
 from optik.reach import reach_bound
 from optik.robot import LIMIT_TOLERANCE, Robot
@@ -168,11 +168,13 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
         low, high = robot.limits.lower[i], robot.limits.upper[i]
         name = robot.joint_names[i]
         reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {unit(robot, i)} at s = {leaves[i]:.6g}"
-        stop = Stop(FollowStatus.OUTSIDE_LIMITS, leaves[i], name, reason, "a way in joint space inside the limits", sigma)
+        stop = Stop(
+            FollowStatus.OUTSIDE_LIMITS, leaves[i], name, reason, "a way in joint space inside the limits", sigma
+        )
     if good < 2:
         return Followed(None, stop)
     at = knots[:good]
-    record = IKRecord(*(np.zeros(good) for _ in range(2)), np.zeros(good, np.int64), at)
+    record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
     chosen = np.isin(np.arange(good), apart(at, path.breaks))
     return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), stop)
 
@@ -211,7 +213,9 @@ def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
         return replace(stop, advice="a path that begins away from the singularity")
     kind = FollowStatus.UNREACHABLE
     reason = f"no configuration inside the limits meets the path's start ({result.status}{'; ' + result.message if result.message else ''})"
-    return Stop(kind, 0.0, None, reason, "a path that begins within reach; optik.solve_ik with closest=True says how near")
+    return Stop(
+        kind, 0.0, None, reason, "a path that begins within reach; optik.solve_ik with closest=True says how near"
+    )
 
 
 # ---------------------------------------------------------------- redundant arms
@@ -243,46 +247,46 @@ def _finished(
     """Put the samples among the nodes, let the method solve them, and cut both where either ends."""
     robot = solver.robot
     samples = grid[grid <= way.s[-1]]
-    knots, q, dq, node = _with_samples(robot, path, way, samples, guide)
+    (knots, q, dq, sigma), node = _with_samples(robot, path, way, samples, guide)
     at = np.searchsorted(knots, samples)
     record, stop = _solve_samples(solver, path, samples, q[at], q_start)
     good = len(record.iterations)
     if stop is None and way.ended is not None:
         stop = why_ended(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
     elif stop is not None:
-        last = at[good - 1] + 1 if good else 0
-        knots, q, dq, node = knots[:last], q[:last], dq[:last], node[:last]
+        last = int(at[good - 1]) + 1 if good else 0
+        knots, q, dq, sigma, node = knots[:last], q[:last], dq[:last], sigma[:last], node[:last]
         if last:
             node[-1] = True
     if stop is not None and not stop.advice:
         stop = replace(stop, advice=_advice(solver, path, stop, branch))
     if len(knots) < 2:
         return Followed(None, stop)
-    return Followed(JointPath(robot, path, knots, q, dq, record, node), stop)
+    return Followed(JointPath(robot, path, knots, q, dq, record, node, sigma), stop)
 
 
 def _with_samples(
     robot: Robot, path: Path, way: Track, samples: Array, guide: Guide
-) -> tuple[Array, Array, Array, Bools]:
-    """Knots, q, derivatives, and which knots are nodes: samples too close to be nodes are solved from these."""
-    more = np.setdiff1d(samples, way.s)
+) -> tuple[tuple[Array, Array, Array, Array], Bools]:
+    """Knots, q, derivatives, singular values, and which are nodes: samples too close to be nodes are solved from these."""
+    more = np.setdiff1d(samples, way.s) if len(way.s) > 1 else samples[:0]
+    tracked = way.s, way.q, way.dq, way.singular
+    node = np.arange(len(way.s) + len(more)) < len(way.s)
     if not more.size:
-        return way.s, way.q, way.dq, np.ones(len(way.s), np.bool_)
-    knots = np.concatenate([way.s, more])
-    order = np.argsort(knots, kind="stable")
+        return tracked, node
     points, n = nodes_at(path, more, guide), robot.n
-    q, dq = np.empty((len(more), n)), np.empty((len(more), 3, n))
-    if len(way.s) < 2:
-        return way.s, way.q, way.dq, np.ones(1, np.bool_)
+    dq, sigma = np.empty((len(more), 3, n)), np.empty(len(more))
     i = np.clip(np.searchsorted(way.s, more, side="right") - 1, 0, len(way.s) - 2)
     h = (more - way.s[i])[:, None]
-    q[:] = way.q[i] + h * (way.dq[i, 0] + 0.5 * h * (way.dq[i, 1] + h * way.dq[i, 2] / 3.0))
+    q = way.q[i] + h * (way.dq[i, 0] + 0.5 * h * (way.dq[i, 1] + h * way.dq[i, 2] / 3.0))
     arm = robot.fixed, robot.prismatic, robot.tool
     for k in range(len(more)):
         kinematics.put_on(*arm, points.poses[k], points.rows[k, 0], points.values[k, 0], 8, q[k])
-        kinematics.derivatives_at(*arm, q[k], points.twists[k], points.rows[k], points.values[k], dq[k])
-    node = np.arange(len(knots)) < len(way.s)
-    return knots[order], np.concatenate([way.q, q])[order], np.concatenate([way.dq, dq])[order], node[order]
+        at = points.twists[k], points.rows[k], points.values[k]
+        _, sigma[k] = kinematics.derivatives_at(*arm, q[k], *at, dq[k])
+    order = np.argsort(np.concatenate([way.s, more]), kind="stable")
+    s, qs, dqs, sigmas = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq, sigma), strict=True))
+    return (s, qs, dqs, sigmas), node[order]
 
 
 def _solve_samples(

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
 from optik.robot import Robot
@@ -60,11 +60,13 @@ class JointPath(Curve):
 
     def __init__(
         self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord,
-        nodes: NDArray[np.bool_] | None = None,
+        nodes: NDArray[np.bool_] | None = None, singular_values: Array | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
-        self.singular_values = np.empty(len(knots))
-        kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q, self.singular_values)
+        if singular_values is None:
+            singular_values = np.empty(len(knots))
+            kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q, singular_values)
+        self.singular_values = singular_values
         self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
         self.nodes = knots[self._chosen]
         self._orders = [through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1))]
@@ -99,8 +101,10 @@ class JointPath(Curve):
         return float(out[:, 0].max()), float(out[:, 1].max())
 
 
-def apart(knots: Array, keep: Array = np.empty(0)) -> Ints:
+def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
     """Indices of knots that stand `APART`; both ends and those to keep always."""
+    if len(knots) < 2 or np.diff(knots).min() >= APART:
+        return np.arange(len(knots))
     kept = np.isin(knots, keep)
     kept[[0, -1]] = True
     fixed = knots[kept]
