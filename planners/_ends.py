@@ -110,12 +110,11 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
     if result and sigma > NEARLY_SINGULAR:
         words = f"no continuous motion goes on at s = {s:.6g}, where the arm is not singular: does the path jump there?"
         return FollowStatus.BRANCH_JUMP, words
+    singular = f"the arm is singular at s = {s:.6g}" + ("" if ended.code == _march.SINGULAR else f": {this} ends there")
     if result:
-        words = f"{this} ends there, only other configurations go on"
-        return FollowStatus.SINGULAR, f"the arm is singular at s = {s:.6g}: {words}"
+        return FollowStatus.SINGULAR, f"{singular}; just beyond, another configuration meets the path"
     if result.status is IKStatus.OUTSIDE_LIMITS:
-        words = "beyond, the path was met only with joints outside their limits"
-        return FollowStatus.SINGULAR, f"the arm is singular at s = {s:.6g}: {this} ends there; {words}"
+        return FollowStatus.SINGULAR, f"{singular}; just beyond, the path was met only with joints outside their limits"
     return FollowStatus.UNREACHABLE, (
         f"the path leaves what the arm reaches at s = {s:.6g}: no configuration was found just beyond, from "
         f"{result.restarts + 1} starts"

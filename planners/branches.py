@@ -80,6 +80,8 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
         way = track(robot, path, nodes, root, free, tolerance, (-open_ended, open_ended))
         if len(way.s) > 1:
             found.append(_wound(robot, path, way, near))
+        else:
+            found.append(Branch(root, np.inf, 0.0, way.ended))
     return sorted(found, key=lambda branch: (-branch.s, branch.cost))
 
 
@@ -88,10 +90,10 @@ def _roots(robot: Robot, pose: Array, near: Array | None) -> Array:
     start = near if near is not None and robot.limits.contains(near) else None
     all_of_them = _closed_form(robot).branches(pose, start)
     kept: list[Array] = []
-    turns = np.where(robot.prismatic, np.inf, 2.0 * np.pi)
+    turn = 2.0 * np.pi * ~robot.prismatic
     for q in all_of_them.q[~all_of_them.free]:
-        apart = (q - known - np.where(robot.prismatic, 0.0, turns * np.round((q - known) / turns)) for known in kept)
-        if all(np.abs(d).max() > SAME for d in apart):
+        apart = (q - known for known in kept)
+        if all(np.abs(d - turn * np.round(d / (2.0 * np.pi))).max() > SAME for d in apart):
             kept.append(q)
     return np.array(kept).reshape(-1, robot.n)
 

@@ -211,11 +211,11 @@ def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
         ended = Ended(_march.SINGULAR, 0.0, 0.0, -1)
         stop = why_ended(robot, path, reach_bound(robot, POSE), ended, result.q)
         return replace(stop, advice="a path that begins away from the singularity")
-    kind = FollowStatus.UNREACHABLE
-    reason = f"no configuration inside the limits meets the path's start ({result.status}{'; ' + result.message if result.message else ''})"
-    return Stop(
-        kind, 0.0, None, reason, "a path that begins within reach; optik.solve_ik with closest=True says how near"
-    )
+    kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
+    said = "; ".join(word for word in (str(result.status), result.message) if word)
+    reason = f"no configuration inside the limits was found for the path's start ({said})"
+    advice = "a path that begins within reach; optik.solve_ik with closest=True says how near"
+    return Stop(kind, 0.0, None, reason, advice)
 
 
 # ---------------------------------------------------------------- redundant arms
@@ -310,12 +310,12 @@ def _solve_samples(
     good = len(results)
     found = np.array([result.q for result in results]).reshape(-1, robot.n)
     away = np.abs(found - tracked[:good]).max(axis=1, initial=0.0)
-    for i in np.flatnonzero(away > (_march.LARGEST_STEP if redundant else SAME_BRANCH)):
+    for i in map(int, np.flatnonzero(away > (_march.LARGEST_STEP if redundant else SAME_BRANCH))):
         x = found[i : i + 1].copy()  # a loose tolerance near a singularity moves the joints far
         kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, path.pose(samples[i : i + 1]), 10)
         if redundant or np.abs(x[0] - tracked[i]).max() > 1e-6:
             stop = jumped(solver, float(samples[i]), found[i] - tracked[i], tracked[max(i - 1, 0)])
-            good = int(i)
+            good = i
             break
     position = np.array([result.position_error for result in results[:good]])
     rotation = np.array([result.rotation_error for result in results[:good]])

@@ -224,7 +224,7 @@ def _free(robot: Robot, q: Array) -> Array:
 
 
 def _smooth(robot: Robot, path: Path, s: Array, way: Array, *, fixed: bool) -> Array:
-    """Move configurations (k, n) at stations s along their curves of solutions to where motion and room to the limits cost least.
+    """Move configurations (k, n) at stations s along their curves of solutions to the least cost of motion and room.
 
     Newton steps in the coordinates of free motion: a block tridiagonal system, small enough to be dense.
     """
