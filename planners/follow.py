@@ -134,7 +134,7 @@ def _checked(
     q = None if q_start is None else check_start(robot, q_start, "q_start")
     if not path.end > 0.0:
         raise InvalidInput("path", "a length of 0", "a path whose ends differ")
-    if branch == "start" and q is not None:
+    if branch == "start" and q is not None and path.configurations(robot, np.zeros(1)) is None:
         off = robot.errors(q, path.pose(0.0))
         distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
         if max(distance, angle) > START_TOLERANCE:
@@ -332,7 +332,7 @@ def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
     if robot.n > 6:
         return f'branch="best" may find other free motion; {shorter}'
     if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
-        return f"no branch: no configuration meets the path's end; {shorter}"
+        return f"no branch goes all the way: no configuration was found for the path's end; {shorter}"
     ways = branches(robot, path)
     if ways and ways[0].ended is None:
         start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
