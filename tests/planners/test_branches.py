@@ -139,6 +139,16 @@ def test_the_bound_of_a_slider_is_the_fourth_derivative_of_its_motion() -> None:
     assert angle == 0.0
 
 
+def test_the_bound_of_a_slider_that_turns_counts_both() -> None:
+    # r(s) e^{iωs} with r = r0 + v s: the fourth derivative is at most r ω⁴ + 4 v ω³
+    fixed, tool, h, r0, v, w = np.tile(np.eye(4), (2, 1, 1)), np.eye(4), 0.5, 0.3, 0.2, 1.5
+    fixed[1, :3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]  # slides along the turning x
+    u = np.linspace(0.0, h, 6)  # the control points of what is linear are equally spaced
+    distance, angle = piece_bound(fixed, np.array([False, True]), tool, h, np.array([w * u, r0 + v * u]), np.zeros(2))
+    assert distance == pytest.approx(h**4 / 384.0 * ((r0 + v * h) * w**4 + 4.0 * v * w**3), rel=1e-12)
+    assert angle == pytest.approx(h**4 / 384.0 * w**4, rel=1e-4)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.floats(0.05, 1.0))
 def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float], high: float) -> None:
