@@ -126,7 +126,8 @@ def ramp_ratio(
         s += h * (v + h * (0.5 * a + h * j / 6.0))
         v += h * (a + 0.5 * h * j)
         a += j * h
-    return max(worst_v, max(worst_a**0.5, worst_j ** (1.0 / 3.0)))
+    worst: float = max(worst_v, max(worst_a**0.5, worst_j ** (1.0 / 3.0)))
+    return worst
 
 
 def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:

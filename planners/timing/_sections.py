@@ -77,7 +77,7 @@ def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
             by_jerk = np.cbrt(4.5 * np.maximum.accumulate(jerks[order]) * travelled**2)
             here[order] = np.fmin(here[order], np.fmin(by_acceleration, by_jerk))
     finite = np.isfinite(here)
-    return np.where(finite, here, here[finite].max())
+    return np.asarray(np.where(finite, here, here[finite].max()))
 
 
 def _candidates(what: Table, fastest: Array, breaks: Array) -> Indices:

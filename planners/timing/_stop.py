@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from optik._compile import compiled
 from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing._ramps import SHORTEST, Table, states, table, worst
@@ -20,129 +21,133 @@ MARGINS = (0.999, 0.99, 0.97, 0.94)
 """Shares of the limits that stops are chosen within, in turn, until the exact evaluation agrees."""
 TRIED = 3
 """How many of the chosen stops are evaluated exactly for each margin."""
-JERKS = np.geomspace(1.0, 1e-5, 61)
+JERKS = np.geomspace(1.0, 1e-4, 25)
+"""Candidate jerks, while the brake is applied and while it is let go, over the greatest that there can be."""
 SHARES = np.array([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05])
-"""Candidate jerks over the greatest there can be, and accelerations over the one that would need no flat part."""
+"""Candidate decelerations, over the one that would need no time at constant deceleration."""
 
 
 def stop_from(joint_path: JointPath, limits: MotionLimits, s: float, v: float, a: float) -> PPoly:
     """s(t) from the state (s, v, a) to rest, by Ruckig, evaluated at 65 instants of every piece.
 
+    A stop is two sections: to a deceleration with one jerk, and from it to rest with another.
+
     Raises
     ------
     NoSolution
-        The state breaks a limit, the path ends too soon, or every stop breaks a limit on its way.
+        The state breaks a limit, or no stop was found that keeps the limits and ends on the path.
     """
-    state = worst(joint_path, limits, np.array([s]), np.array([v]), np.array([a]), np.full(1, np.nan))
+    here = (np.array([x]) for x in (s, v, a, np.nan))  # no jerk is judged: it may jump
+    state = worst(joint_path, limits, *here)
     if state.factor > 1.0 + ROUNDING:
         raise NoSolution(
             f"the state at s = {s:.6g} itself breaks the limit on {state.limit}: {state.factor:.6g} times too fast",
             s=s, joint=state.joint, advice="a state of a motion within these limits",
         )  # fmt: skip
     what = table(joint_path, limits)
-    jerks, peaks = _candidates(what, s, v, a)
-    duration, end, factor = _judged(what, s, v, a, jerks, peaks)
-    inside = end <= joint_path.end
+    tried = _stops(_greatest_jerk(what, s, v, a) * JERKS, SHARES, v, a)
+    scale, first = (what.s.size - 1) / what.s[-1], np.empty(2)
+    ends = np.empty((len(tried), 2))
     for margin in MARGINS:
-        good = np.flatnonzero(inside & (factor <= margin))
-        for i in good[np.argsort(duration[good], kind="stable")][:TRIED]:
-            phases = velocity_control((v, a), (0.0, 0.0), float(peaks[i]), float(jerks[i]))
-            law = _law(s, v, a, phases)
+        # velocities and accelerations may be what they are at the start: a state on a limit can still stop
+        first[:] = margin, max(margin, state.factor * (1.0 + 1e-6))
+        _judge(what.slowness, what.parts, scale, s, v, a, tried, first, ends)
+        good = np.flatnonzero((ends[:, 0] <= joint_path.end) & (ends[:, 1] <= 1.0))
+        for i in good[np.argsort(tried[good, :3].sum(axis=1), kind="stable")][:TRIED]:
+            law = _law(s, v, a, tried[i])
             along = states(law)
-            if law(law.x[-1]) <= joint_path.end and along[1].min() >= -ROUNDING * v:
-                if worst(joint_path, limits, *along).factor <= 1.0 + ROUNDING:
-                    return law
-    return _refuse(joint_path, limits, (s, v, a), (jerks, peaks, end, factor))
+            stays = law(law.x[-1]) <= joint_path.end and along[1].min() >= -ROUNDING * v
+            if stays and worst(joint_path, limits, *along).factor <= 1.0 + ROUNDING:
+                return law
+    return _refuse(joint_path, limits, (s, v, a), tried, ends)
 
 
-def _candidates(what: Table, s: float, v: float, a: float) -> tuple[Array, Array]:
-    """Jerks (k,) and greatest decelerations (k,) of stops that never run backwards."""
+def _greatest_jerk(what: Table, s: float, v: float, a: float) -> float:
     ahead = np.abs(what.parts[what.s >= min(s, what.s[-2]), 2]).max(axis=1)  # |q'| / j
-    top = (v + abs(a) * SHORTEST) / SHORTEST**2  # within the shortest time
-    if ahead.min() > 0.0:
-        top = min(top, 4.0 / float(ahead.min()))
-    elif ahead.max() > 0.0:
-        top = min(top, 4e3 / float(ahead.max()))
-    jerk, share = (x.ravel() for x in np.meshgrid(top * JERKS, SHARES, indexing="ij"))
-    room = jerk * v + 0.5 * a * a  # the deceleration without a flat part, squared
-    peak = share * np.sqrt(room)
-    # braking already, harder than the jerk can end in time: the motion would turn back
-    possible = (peak >= -a) & ((a >= 0.0) | (jerk * v >= 0.5 * a * a))
-    return jerk[possible], peak[possible]
+    most = (v + abs(a) * SHORTEST) / SHORTEST**2  # within the shortest time
+    gentlest = ahead.min() if ahead.min() > 1e-3 * ahead.max() else 1e-3 * ahead.max()
+    return min(most, 2.0 / float(gentlest)) if gentlest > 0.0 else most
 
 
-def _phases(v: float, a: float, jerk: Array, peak: Array) -> tuple[Array, Array]:
-    """Durations and jerks (k, 3): down to −peak, stay, and back to 0."""
-    flat = np.maximum((v + 0.5 * a * a / jerk - peak * peak / jerk) / peak, 0.0)
-    return np.stack([(a + peak) / jerk, flat, peak / jerk], axis=1), jerk[:, None] * np.array([-1.0, 0.0, 1.0])
+def _stops(jerks: Array, shares: Array, v: float, a: float) -> Array:
+    """Durations of three phases, and jerks of the first and the last (k, 5), of stops that never run backwards."""
+    apply, release, share = (x.ravel() for x in np.meshgrid(jerks, jerks, shares, indexing="ij"))
+    # v = ∫ deceleration: without a flat part p² (1/apply + 1/release) / 2 = v + a² / (2 apply)
+    peak = share * np.sqrt((2.0 * v + a * a / apply) / (1.0 / apply + 1.0 / release))
+    if a < 0.0:  # the brake is on already: keep it as it is, too
+        peak = np.where(share == shares[-1], -a, peak)
+    toward = np.where(peak >= -a, -apply, apply)
+    h = np.abs(a + peak) / apply
+    left = v + h * (a + 0.5 * h * toward) - 0.5 * peak * peak / release
+    out = np.stack([h, left / peak, peak / release, toward, release], axis=1)
+    return np.asarray(out[left >= 0.0])
 
 
-def _judged(what: Table, s: float, v: float, a: float, jerk: Array, peak: Array) -> tuple[Array, Array, Array]:
-    """Duration, last s, and factor by which each stop (k,) would have to be slower, at the nearest places of a table.
+@compiled
+def _judge(
+    slowness: Array, parts: Array, scale: float, s: float, v: float, a: float, tried: Array, most: Array, out: Array
+) -> None:
+    """Last s of each stop, and its largest ratio to what it may; `most` holds the share of jerk and of the others.
 
-    Velocities and accelerations may be what they are at the start: a state on a limit can still stop.
+    At 13 instants of each phase and the nearest places of a table.
     """
-    h, j = _phases(v, a, jerk, peak)
-    first = what.parts[_nearest(what, np.array([s]))]
-    own = max(1e-3, float(np.abs(first[:, 0] * a + first[:, 1] * v * v).max()) ** 0.5)
-    own_speed = float(what.slowness[_nearest(what, np.array([s]))].max()) * v
-    at, speed, acceleration = (np.full(jerk.size, x) for x in (s, v, a))
-    factor = np.zeros(jerk.size)
-    for phase in range(3):
-        t = h[:, phase, None] * np.linspace(0.0, 1.0, 9)
-        j1 = j[:, phase, None]
-        s1 = at[:, None] + t * (speed[:, None] + t * (0.5 * acceleration[:, None] + t * j1 / 6.0))
-        v1 = speed[:, None] + t * (acceleration[:, None] + 0.5 * t * j1)
-        a1 = acceleration[:, None] + t * j1
-        k = _nearest(what, s1)
-        p = what.parts[k]
-        x, y, z = (b[..., None] for b in (v1, a1, np.broadcast_to(j1, v1.shape)))
-        asked_a = np.sqrt(np.abs(p[..., 0, :] * y + p[..., 1, :] * x**2).max(axis=(1, 2)))
-        asked_j = np.cbrt(np.abs(p[..., 2, :] * z + p[..., 3, :] * x * y + p[..., 4, :] * x**3).max(axis=(1, 2)))
-        asked_v = (what.slowness[k] * v1).max(axis=1)
-        for asked, start in ((asked_v, own_speed), (asked_a, own), (asked_j, 0.0)):
-            factor = np.maximum(factor, np.where(asked <= start * (1.0 + 1e-6), np.minimum(asked, 0.9), asked))
-        at, speed, acceleration = s1[:, -1], v1[:, -1], a1[:, -1]
-    return h.sum(axis=1), at, factor
+    for i in range(len(tried)):
+        at, speed, acceleration, ratio = s, v, a, 0.0
+        for phase in range(3):
+            h = tried[i, phase]
+            j = tried[i, 3] if phase == 0 else (0.0 if phase == 1 else tried[i, 4])
+            for step in range(13):
+                t = h * step / 12
+                place = at + t * (speed + t * (0.5 * acceleration + t * j / 6.0))
+                v1, a1 = speed + t * (acceleration + 0.5 * t * j), acceleration + t * j
+                k = min(max(int(place * scale + 0.5), 0), slowness.size - 1)
+                p = parts[k]
+                asked_a, asked_j = 0.0, 0.0
+                for n in range(p.shape[1]):
+                    asked_a = max(asked_a, abs(p[0, n] * a1 + p[1, n] * v1 * v1))
+                    asked_j = max(asked_j, abs(p[2, n] * j + p[3, n] * v1 * a1 + p[4, n] * v1 * v1 * v1))
+                ratio = max(ratio, max(slowness[k] * v1, asked_a**0.5) / most[1], asked_j ** (1.0 / 3.0) / most[0])
+            at += h * (speed + h * (0.5 * acceleration + h * j / 6.0))
+            speed += h * (acceleration + 0.5 * h * j)
+            acceleration += h * j
+        out[i, 0], out[i, 1] = at, ratio
 
 
-def _nearest(what: Table, s: Array) -> NDArray[np.int64]:
-    last = what.s.size - 1
-    return np.clip(np.round(s / what.s[-1] * last), 0, last).astype(np.int64)
-
-
-def _law(s: float, v: float, a: float, phases: list[tuple[float, float]]) -> PPoly:
+def _law(s: float, v: float, a: float, stop: Array) -> PPoly:
+    """Ruckig's motion of a stop: to the middle of the flat part, and from there to rest."""
+    h, flat, last, toward, release = (float(x) for x in stop)
+    peak = last * release
+    between = (0.5 * flat * peak + 0.5 * last * peak, -peak)
+    phases = velocity_control((v, a), between, max(peak, abs(a)), abs(toward))
+    phases += velocity_control(between, (0.0, 0.0), peak, release)
     rows, lengths = [], []
     for h, j in phases:
-        rows.append((j / 6.0, 0.5 * a, v, s))
-        lengths.append(h)
-        s, v, a = s + h * (v + h * (0.5 * a + h * j / 6.0)), v + h * (a + 0.5 * h * j), a + h * j
+        if h > 1e-9 * (stop[0] + stop[1] + stop[2]):
+            rows.append((j / 6.0, 0.5 * a, v, s))
+            lengths.append(h)
+            s, v, a = s + h * (v + h * (0.5 * a + h * j / 6.0)), v + h * (a + 0.5 * h * j), a + h * j
     return PPoly(np.array(rows).T, np.concatenate([[0.0], np.cumsum(lengths)]), extrapolate=True)
 
 
 def _refuse(
-    joint_path: JointPath,
-    limits: MotionLimits,
-    state: tuple[float, float, float],
-    tried: tuple[Array, Array, Array, Array],
+    joint_path: JointPath, limits: MotionLimits, state: tuple[float, float, float], tried: Array, ends: Array
 ) -> PPoly:
-    """Say why there is no stop: the path's end, or the limit that the gentlest one breaks."""
+    """Say why there is no stop: the path's end, or the limit that the gentlest one on the path breaks."""
     s, v, a = state
-    jerks, peaks, end, factor = tried
-    kept = factor <= MARGINS[-1]
+    kept = ends[:, 1] <= 1.0
     if kept.any():
-        need = float((end[kept] - s).min())
+        need = float((ends[kept, 0] - s).min())
         raise NoSolution(
-            f"within the limits the motion stops {need:.6g} further on, and the path ends {joint_path.end - s:.6g} "
-            f"after s = {s:.6g}",
+            f"the shortest stop found within the limits needs {need:.6g} of path, and it ends "
+            f"{joint_path.end - s:.6g} after s = {s:.6g}",
             s=joint_path.end, advice=f"a stop that begins before s = {joint_path.end - need:.6g}, or a lower speed",
         )  # fmt: skip
-    if not factor.size:
+    if not len(tried):
         raise NoSolution("the motion brakes so hard already that it would turn back", s=s, advice="a higher jerk limit")
-    i = int(factor.argmin())
-    law = _law(s, v, a, velocity_control((v, a), (0.0, 0.0), float(peaks[i]), float(jerks[i])))
-    found = worst(joint_path, limits, *states(law))
+    i = int(np.where(ends[:, 0] <= joint_path.end, ends[:, 1], np.inf).argmin())
+    found = worst(joint_path, limits, *states(_law(s, v, a, tried[i])))
     raise NoSolution(
-        f"no stop from s = {s:.6g} keeps the limits: the gentlest breaks that on {found.limit} at s = {found.s:.6g}",
-        s=found.s, joint=found.joint, advice=f"a motion about {max(found.factor, factor[i]):.3g} times slower",
+        f"no stop found from s = {s:.6g} keeps the limits: the gentlest breaks that on {found.limit} at "
+        f"s = {found.s:.6g}",
+        s=found.s, joint=found.joint, advice=f"a motion about {max(found.factor, 1.001):.4g} times slower",
     )  # fmt: skip

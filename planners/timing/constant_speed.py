@@ -146,7 +146,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
 
 
 def _rates(joint_path: JointPath, s: Array, turning: bool) -> tuple[Array, Array, Array]:
-    """c = |v| or |ω| per unit of s (k,), c' and c''."""
+    """The tool's |v| or |ω| per unit of s (k,), and its first and second derivative in s."""
     part = slice(3, 6) if turning else slice(0, 3)
     v, v1, v2 = (joint_path.path.twist(s, order)[:, part] for order in (1, 2, 3))
     c = np.linalg.norm(v, axis=1)
@@ -239,7 +239,7 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
     x, v, a = (x_law(t, order) for order in (0, 1, 2))
     s, s1, s2 = (distance.s_of_x(x, order) for order in (0, 1, 2))
     state = tuple(y[:, None] for y in (s, s1 * v, s2 * v * v + s1 * a))
-    law = quintic(t, tuple(y[:-1] for y in state), tuple(y[1:] for y in state))  # type: ignore[arg-type]
+    law = quintic(t, tuple(y[:-1] for y in state), tuple(y[1:] for y in state))
     return PPoly(law.c[..., 0], t, extrapolate=True)
 
 
@@ -256,7 +256,7 @@ def _worst(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ram
 
 
 def _down(x: float) -> float:
-    """x with six digits, rounded down."""
+    """Round down to six digits."""
     unit = 10.0 ** (np.floor(np.log10(x)) - 5.0)
     return float(np.floor(x / unit * (1.0 - 1e-9)) * unit)
 

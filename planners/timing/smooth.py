@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from optik.errors import NoSolution
+from optik.errors import InvalidInput, NoSolution
 from planners.fit import fitted
 from planners.follow import JointPath
 from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit, speed_bound
@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""
+NO_MOTION = 1e-11
+"""Joint motions below this are rounding [rad or m]: a limit on such a joint bounds no motion."""
 
 
 class Smooth(TimeLaw):
@@ -52,23 +54,28 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
 
     Raises
     ------
+    InvalidInput
+        A path without length.
     NoSolution
         No limit bounds a joint that moves.
     """
-    bound = limits.arrays(joint_path.robot.n)
+    if not joint_path.end > 0.0:
+        raise InvalidInput("joint_path", "a length of 0", "a path whose ends differ")
+    moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
+    bound = {field: np.where(moving, of, np.inf) for field, of in limits.arrays(joint_path.robot.n).items()}
+    bounded = MotionLimits(bound["velocity"], None, None, limits.tool_speed, limits.rotation_speed)
     u = np.linspace(0.0, 1.0, instants)
     s, v, a, j = (joint_path.end * np.polyval(np.polyder(QUINTIC, order), u) for order in range(4))
     s = np.clip(s, 0.0, joint_path.end)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
     v1, a1, j1 = v[:, None], a[:, None], j[:, None]
-    duration = max(
-        float((v / speed_bound(joint_path, limits, s)).max()),
+    duration: float = max(
+        float((v / speed_bound(joint_path, bounded, s)).max()),
         float((np.abs(q1 * a1 + q2 * v1**2) / bound["acceleration"]).max()) ** (1.0 / 2.0),
         float((np.abs(q1 * j1 + 3.0 * q2 * v1 * a1 + q3 * v1**3) / bound["jerk"]).max()) ** (1.0 / 3.0),
     )
     if not 0.0 < duration < np.inf:
-        moving = np.flatnonzero(np.ptp(joint_path.q, axis=0) > 0.0)
-        names = ", ".join(joint_path.robot.joint_names[i] for i in moving)
+        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
         raise NoSolution("nothing limits this motion", s=0.0, advice=f"a finite limit on a joint that moves: {names}")
     return duration
 

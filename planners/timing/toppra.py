@@ -26,6 +26,8 @@ REFINEMENTS = 3
 """How often it is made finer."""
 APART = 1e-5
 """Least distance of grid points over the path's length: nearer ones make TOPP-RA's steps ill-conditioned."""
+BRIEFEST = 2e-5
+"""Least mean time [s] between grid points: rounding in q drowns the accelerations of shorter pieces."""
 GRIDS = (1.0, 2.37, 0.53, 5.11)
 """Numbers of intervals, over the one asked for, that are tried in turn where TOPP-RA finds no motion."""
 
@@ -68,15 +70,15 @@ class Toppra(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         bounded = MotionLimits(limits.velocity, limits.acceleration, None, limits.tool_speed, limits.rotation_speed)
-        least_duration(joint_path, bounded)
-        for self.retries, factor in enumerate(GRIDS):
-            s = _grid(joint_path, max(10, round(self.grid * factor)))
+        most = least_duration(joint_path, bounded) / BRIEFEST
+        sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
+        for self.retries, size in enumerate(sizes):
+            s = _grid(joint_path, size)
             speed = _speeds(joint_path, bounded, s)
             if speed is not None:
                 return refit(joint_path, constant_acceleration(*_finer(joint_path, bounded, s, speed)))
         raise NoSolution(
-            f"TOPP-RA found no motion from rest to rest on {len(GRIDS)} grids of "
-            f"{', '.join(str(max(10, round(self.grid * f))) for f in GRIDS)} intervals",
+            f"TOPP-RA found no motion from rest to rest on grids of {', '.join(map(str, sizes))} intervals",
             s=0.0, advice="another grid=, or the law 'ruckig' or 'smooth'",
         )  # fmt: skip
 
