@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 import planners.timing._ruckig as ruckig_call
+import planners.timing._stop as stop_law
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from planners import JointPath, Line, MotionLimits, Trajectory, certify, follow, make_law
@@ -23,6 +24,7 @@ from planners.paths.base import Path
 from planners.timing import toppra as toppra_law
 from planners.timing._ramps import Ramp, law_of, phases_of, ratio_of, table
 from planners.timing.base import refit
+from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic
 from planners.timing.ruckig import RuckigLaw
 from planners.timing.toppra import Toppra, constant_acceleration
@@ -301,6 +303,22 @@ def test_a_stop_ends_at_rest_on_the_path_within_the_limits_or_says_why_not(
     assert law(t, 1).min() >= -1e-8 * v
     assert np.abs(np.diff(law.c[1][1:] - (law.c[1] + 3 * law.c[0] * np.diff(law.x))[:-1])).max(initial=0.0) < 1e-3
     assert slow_stop(joint_path, law, LIMITS) <= 1.0 + 1e-6
+
+
+def test_a_stop_is_evaluated_and_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def blind(*arguments: Any) -> None:
+        arguments[-1][:] = 0.0
+
+    monkeypatch.setattr(stop_law, "_judge", blind)
+    law_of = make_law("ruckig")
+    assert isinstance(law_of, RuckigLaw)
+    for place in (0.2, 0.5):
+        joint_path = default_joint_path()
+        try:
+            law = law_of.stop(joint_path, LIMITS, place * joint_path.end, 0.1)
+        except NoSolution:
+            continue
+        assert slow_stop(joint_path, law, LIMITS) <= 1.0 + 1e-6
 
 
 def test_a_gentle_stop_is_as_short_as_the_closed_form() -> None:
@@ -664,6 +682,11 @@ def test_the_speed_is_the_tools_also_where_s_is_no_distance() -> None:
     np.testing.assert_allclose(speeds, 0.1, rtol=1e-6)
     straight = make_law("constant_speed", speed=0.1).run(default_joint_path(), LIMITS)
     assert trajectory.duration == pytest.approx(straight.duration, rel=1e-3)
+    one, other = (distance_of(path, LIMITS).table for path in (joint_path, default_joint_path()))
+    np.testing.assert_allclose(one.s, other.s, rtol=1e-9)
+    np.testing.assert_allclose(one.slowness, other.slowness, rtol=1e-6)
+    off = np.abs(one.parts - other.parts).max(axis=(0, 2)) / np.abs(other.parts).max(axis=(0, 2))
+    assert (off <= [1e-6, 1e-3, 1e-6, 1e-3, 3e-2]).all()
 
 
 @pytest.mark.parametrize(
