@@ -25,14 +25,19 @@ GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
 INTERVALS = 160
 """Of a path without breaks; each break adds four."""
+SMOOTHEST = 0.02
+"""Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
 SHORTEST = 0.02
 """No interval lasts less than this share of its first guess."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
-FIRST, AGAIN = 0.1, 1.5e-3
+FIRST, AGAIN = 0.01, 1.5e-3
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
-STARTS = ((1.0, 1.0), (0.5, 1.0), (2.0, 1.0), (1.0, 10.0), (1.0, 0.1), (0.25, 10.0), (4.0, 10.0))
-"""Widths of the start's filter over the usual one, and first barrier weights over the usual one, tried in turn."""
+STARTS = (
+    (1.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 1.0, 1.4), (0.5, 1.0, 1.0), (1.0, 10.0, 1.0), (4.0, 10.0, 1.2), (1.0, 0.1, 1.7),
+    (2.0, 10.0, 1.5), (4.0, 1.0, 0.7), (0.25, 10.0, 2.0),
+)  # fmt: skip
+"""Widths of the start's filter, first barrier weights and numbers of intervals, over the usual ones, tried in turn."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
 CLOSE = 1e-4
@@ -80,8 +85,8 @@ class Optimal(TimeLaw):
             The iteration found no motion.
         """
         self.need(limits, joint_path.robot)
-        for width, weight in STARTS:
-            programme = _programme(joint_path, limits, self.intervals, width=width)
+        for width, weight, more in STARTS:
+            programme = _programme(joint_path, limits, self.intervals, width=width, more=more)
             trajectory = None if programme is None else _solved(joint_path, programme, limits, CLOSE, weight)
             if trajectory is not None:
                 return fitted(joint_path.robot, trajectory, limits, self.keeps)
@@ -177,7 +182,7 @@ class _Programme(NamedTuple):
 
 def _programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0,
-    *, width: float = 1.0,
+    *, width: float = 1.0, more: float = 1.0,
 ) -> _Programme | None:  # fmt: skip
     """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
@@ -191,14 +196,15 @@ def _programme(
     if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x):
         return None
     _reach.in_time(s, x, t)
-    width *= max(ramp, 1e-4 * float(t[-1]))
+    width *= max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
     if first > 0.0:  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
-    count = intervals or min(INTERVALS + 4 * (joint_path.path.breaks.size - 2), 1000)
+    count = round(more * (intervals or min(INTERVALS + 4 * (joint_path.path.breaks.size - 2), 1000)))
     when = _spread(t, s, v, width, since, count)
     at, v, a = _filtered(t, s, v, width, when)
+    at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
     v[-1] = a[-1] = 0.0
     v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
@@ -235,7 +241,7 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
     D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
     moving = 1e-6 * D.max() < D
     most = np.fmin(2.0 * np.sqrt(A * D), 2.0 * np.cbrt(J * D * D))
-    peak = np.where(np.isinf(V) & moving, most, np.inf)
+    peak = np.where((10.0 * most < V) & moving, 10.0 * most, np.inf)
     if not np.isfinite(np.fmin(V, peak)[moving]).any():
         names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
         raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")

@@ -455,13 +455,13 @@ def test_a_plan_that_failed_cannot_be_replanned() -> None:
 def test_a_write_that_breaks_off_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "plan.json"
     target.write_text("the old plan")
-    real = Path.write_text
+    real = Path.write_bytes
 
-    def full_disk(self: Path, text: str, *args: Any, **kwargs: Any) -> int:
-        real(self, text[: len(text) // 2], *args, **kwargs)
+    def full_disk(self: Path, data: bytes) -> int:
+        real(self, data[: len(data) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full_disk)
+    monkeypatch.setattr(Path, "write_bytes", full_disk)
     with pytest.raises(OutputError, match="No space left"):
         planned().save(target)
     monkeypatch.undo()
