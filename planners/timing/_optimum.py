@@ -348,7 +348,7 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
     for k in range(K):
         if k > 0:
             top = problem.top[k]
-            at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * top), 0.999 * top)
+            at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * min(top, 1.0)), 0.999 * top)
             at.bound[k, 0], at.bound[k, 1] = mu / at.z[k, 0], mu / (top - at.z[k, 0])
         at.z[k, 2] = max(at.z[k, 2], 2.0 * problem.least[k])
         at.bound[k, 2] = mu / (at.z[k, 2] - problem.least[k])
