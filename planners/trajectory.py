@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.curve import Curve
+from planners.extrema import piece_extrema
 
 Array = NDArray[np.float64]
 
@@ -127,18 +129,30 @@ class Trajectory(Curve):
         return self._extrema[order]
 
     def _find_extrema(self, order: int) -> Extrema:
-        p = self._orders[order]
-        first, last = self.ends(order)
-        roots = self._orders[order + 1].roots(discontinuity=False, extrapolate=False)
-        found = [np.empty(self.n) for _ in range(4)]
-        for j in range(self.n):
-            inner = roots[j][np.isfinite(roots[j])]
-            t = np.concatenate([p.x[:-1], p.x[1:], inner])
-            values = np.concatenate([first[:, j], last[:, j], p(inner)[:, j]])
-            low, high = int(np.argmin(values)), int(np.argmax(values))
-            for array, value in zip(found, (values[low], values[high], t[low], t[high]), strict=True):
-                array[j] = value
-        return Extrema(*found)
+        value, when = self._pieces
+        knots, joints = self.knots, np.arange(self.n)
+        low, high = value[order, ..., 0].argmin(axis=0), value[order, ..., 1].argmax(axis=0)
+        return Extrema(
+            value[order, low, joints, 0],
+            value[order, high, joints, 1],
+            knots[low] + when[order, low, joints, 0],
+            knots[high] + when[order, high, joints, 1],
+        )
+
+    @cached_property
+    def _pieces(self) -> tuple[Array, Array]:
+        """Extrema of all pieces, and when since their first knots: orders, pieces, joints, least and greatest."""
+        p = self._orders[0]
+        c = np.zeros((6, *p.c.shape[1:]))
+        c[6 - len(p.c) :] = p.c
+        value, when = np.empty((2, 4, *p.c.shape[1:], 2))
+        piece_extrema(c, np.diff(p.x), value, when)
+        return value, when
+
+    def piece_worst(self, order: int) -> Array:
+        """Largest absolute value (m, n) of a derivative (0 to 3) on every piece, exact."""
+        worst: Array = np.abs(self._pieces[0][order]).max(axis=-1)
+        return worst
 
     def slowed(self, factor: float) -> Trajectory:
         """Return the same motion, factor times as long: velocities / factor, accelerations / factor², jerks / factor³.

@@ -1,0 +1,91 @@
+"""Exact extrema of polynomials of degree 5 and of their derivatives on their pieces, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def _value(c: Array, degree: int, x: float) -> float:
+    """Horner's rule; coefficients lowest power first."""
+    y = c[degree]
+    for i in range(degree - 1, -1, -1):
+        y = y * x + c[i]
+    return y
+
+
+@compiled
+def _root(c: Array, degree: int, low: float, high: float, f_low: float) -> float:
+    """The root of a polynomial between two places of different sign, by Newton steps kept inside by bisection."""
+    x = 0.5 * (low + high)
+    for _ in range(80):
+        y, slope = c[degree], 0.0
+        for i in range(degree - 1, -1, -1):
+            slope = slope * x + y
+            y = y * x + c[i]
+        if y == 0.0:
+            return x
+        if (y < 0.0) == (f_low < 0.0):
+            low = x
+        else:
+            high = x
+        step = y / slope if slope != 0.0 else np.inf
+        after = x - step
+        if not (low < after < high):
+            after = 0.5 * (low + high)
+        if abs(after - x) <= 1e-16 * high or not (low < after < high):
+            return after
+        x = after
+    return x
+
+
+@compiled
+def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
+    """Least and greatest value of pieces and their derivatives of order 0 to 3 on [0, h], and where.
+
+    c (6, m, n), highest power first; h (m,). Into value and when (4, m, n, 2).
+
+    A polynomial is monotone between the roots of its derivative, so the roots of each derivative are found between those
+    of the next one, from the linear fourth derivative of the quintic upwards: none is missed.
+    """
+    m, n = c.shape[1], c.shape[2]
+    a = np.zeros((5, 6))  # derivatives of orders 0 to 4, lowest power first
+    roots, before = np.empty(6), np.empty(6)
+    for k in range(m):
+        for j in range(n):
+            for i in range(6):
+                a[0, i] = c[5 - i, k, j]
+            for order in range(1, 5):
+                for i in range(6 - order):
+                    a[order, i] = (i + 1) * a[order - 1, i + 1]
+            count = 0  # inner roots of the derivative one order higher
+            for order in range(4, -1, -1):
+                degree = 5 - order
+                found = 0
+                low, f_low = 0.0, a[order, 0]
+                least, most, at_least, at_most = f_low, f_low, 0.0, 0.0
+                for i in range(count + 1):
+                    high = before[i] if i < count else h[k]
+                    f_high = _value(a[order], degree, high)
+                    if f_high < least:
+                        least, at_least = f_high, high
+                    if f_high > most:
+                        most, at_most = f_high, high
+                    if f_low * f_high < 0.0:
+                        roots[found] = _root(a[order], degree, low, high, f_low)
+                        found += 1
+                    elif f_high == 0.0 and i < count:
+                        roots[found] = high
+                        found += 1
+                    low, f_low = high, f_high
+                if order < 4:
+                    value[order, k, j, 0], value[order, k, j, 1] = least, most
+                    when[order, k, j, 0], when[order, k, j, 1] = at_least, at_most
+                count = found
+                for i in range(found):
+                    before[i] = roots[i]
