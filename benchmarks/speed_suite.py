@@ -5,8 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, optional_count
-from optik.check import check_count, check_number
+from benchmarks.settings import (
+    Target,
+    all_of,
+    bounds,
+    check_different,
+    check_keys,
+    check_known,
+    check_list,
+    optional_count,
+)
+from optik.check import check_count
 from optik.errors import InvalidInput
 
 SETS = "benchmarks.problems"
@@ -15,32 +24,6 @@ PEERS = "benchmarks.peers"
 CALL_MEASURES = ("success", "median_us", "mean_us", "p90_us", "p99_us", "max_us", "median_ratio")
 BATCH_MEASURES = ("success", "million_per_second", "extra_memory_mb")
 FIRST_MEASURES = ("import_s", "first_solve_s", "compile_s")
-
-
-@dataclass(frozen=True)
-class Target:
-    """What a block must show.
-
-    Attributes
-    ----------
-    measure : str
-        One of the block's measures; its last part is the unit.
-    method : str
-        Label of the method it is asked of; empty where the block has only one.
-    to : str
-        Label of the method or peer that ``median_ratio`` divides by.
-    at_most, at_least : float or None
-        The one that is given is the bound.
-    goal : bool
-        Whether it is only hoped for.
-    """
-
-    measure: str
-    method: str = ""
-    to: str = ""
-    at_most: float | None = None
-    at_least: float | None = None
-    goal: bool = False
 
 
 @dataclass(frozen=True)
@@ -191,11 +174,6 @@ def _target(data: Any, where: str, measures: tuple[str, ...], labels: list[str])
     measure = data["measure"]
     if measure not in measures:
         raise InvalidInput(at, f"measure {measure!r}", f"one of {', '.join(measures)}")
-    if ("at_most" in data) == ("at_least" in data):
-        raise InvalidInput(at, f"{measure} with {sorted(set(data) - {'measure'})}", "either at_most or at_least")
-    bounds = {
-        key: check_number(data[key], f"{at}: {key}", "a number") for key in ("at_most", "at_least") if key in data
-    }
     method, to = str(data.get("method", labels[0] if labels else "")), str(data.get("to", ""))
     if (to != "") != (measure == "median_ratio"):
         raise InvalidInput(
@@ -204,6 +182,4 @@ def _target(data: Any, where: str, measures: tuple[str, ...], labels: list[str])
     for name in (method, to):
         if name and name not in labels:
             raise InvalidInput(at, repr(name), f"a label of the block: {', '.join(labels) or 'it has none'}")
-    if not isinstance(data.get("goal", False), bool):
-        raise InvalidInput(f"{at}: goal", repr(data["goal"])[:60], "true or false")
-    return Target(measure, method, to, bounds.get("at_most"), bounds.get("at_least"), data.get("goal", False))
+    return Target(measure, method, to, **bounds(data, at))
