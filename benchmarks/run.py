@@ -25,6 +25,7 @@ from benchmarks.records import FORMAT, RunFolder, slug
 from benchmarks.speed import check_set, run_speed
 from benchmarks.speed_suite import SETS
 from benchmarks.suite import Block, Method, Suite
+from benchmarks.timing import check_timing, run_timing
 from optik.check import check_count
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
 from optik.registry import build_method
@@ -116,7 +117,7 @@ def run_suite(
         for part in _parts(folder, block, robot, problems)
         if not folder.has(part.file)
     ]
-    apart = len(suite.speed) + len(suite.batch) + (suite.first_use is not None)
+    apart = len(suite.speed) + len(suite.batch) + (suite.first_use is not None) + len(suite.timing)
     total = len(work) + (suite.line is not None) + apart
     for done, (part, frame) in enumerate(_solved(work, workers, executor, tell, total), start=1):
         folder.write(part.file, frame)
@@ -143,6 +144,9 @@ def _run_timed(suite: Suite, folder: RunFolder, tell: Progress, done: int, total
         tell(done, total, f"{batch.id}: in a process of its own")
         run_batch(batch, suite.seed, folder)
         done += 1
+    for lines in suite.timing:
+        run_timing(lines, suite.seed, folder, partial(tell, done, total))
+        done += 1
 
 
 def _check_methods(suite: Suite) -> None:
@@ -158,6 +162,8 @@ def _check_methods(suite: Suite) -> None:
     for batch in suite.batch:
         check_set(batch.robot, batch.set, batch.options)
         make_solver(load(batch.robot), batch.solver, **batch.solver_options)
+    for lines in suite.timing:
+        check_timing(lines)
 
 
 def problem_set(block: Block, seed: int) -> tuple[Robot, ProblemSet]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, optional_count
 from benchmarks.speed_suite import SETS, BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
+from benchmarks.timing_suite import TimingBlock, timing_block
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.registry import data_file
@@ -59,7 +60,7 @@ class LineTask:
 
 @dataclass(frozen=True)
 class Suite:
-    """A comparison: blocks of IK problems at budgets, a line, and what speed is asked of."""
+    """A comparison: blocks of IK problems at budgets, a line, what speed is asked of, and lines to time."""
 
     name: str
     title: str
@@ -69,6 +70,7 @@ class Suite:
     speed: tuple[SpeedBlock, ...]
     batch: tuple[BatchBlock, ...]
     first_use: FirstUse | None
+    timing: tuple[TimingBlock, ...]
     settings: dict[str, Any]
 
     @property
@@ -77,6 +79,7 @@ class Suite:
         found = [b.robot for b in self.blocks] + [b.robot for b in self.speed] + [b.robot for b in self.batch]
         found += [self.line.robot] if self.line is not None else []
         found += [self.first_use.robot] if self.first_use is not None else []
+        found += [name for b in self.timing for name in b.robots]
         return tuple(dict.fromkeys(found))
 
     @property
@@ -105,21 +108,22 @@ def load_suite(name: str) -> Suite:
 
 def suite_of(name: str, data: dict[str, Any]) -> Suite:
     """Check the settings of a suite and return it."""
-    check_keys(data, {"title", "seed", "blocks", "line", "speed", "batch", "first_use"}, "the suite")
+    check_keys(data, {"title", "seed", "blocks", "line", "speed", "batch", "first_use", "timing"}, "the suite")
     blocks = tuple(_block(b) for b in data.get("blocks", []))
     speed = all_of(data.get("speed"), "speed", speed_block)
     batch = all_of(data.get("batch"), "batch", batch_block)
-    ids = [b.id for b in blocks] + [b.id for b in speed] + [b.id for b in batch]
+    timing = all_of(data.get("timing"), "timing", timing_block)
+    ids = [b.id for part in (blocks, speed, batch, timing) for b in part]
     check_different(ids, "blocks", "id")
     line = _line(data["line"]) if "line" in data else None
     first = first_use(data["first_use"]) if "first_use" in data else None
-    if not blocks and not speed and not batch and line is None and first is None:
+    if not (blocks or speed or batch or timing) and line is None and first is None:
         raise InvalidInput(
-            f"suite {name!r}", "neither blocks nor a line, speed, batch or first_use", "something to run"
+            f"suite {name!r}", "neither blocks nor a line, speed, batch, first_use or timing", "something to run"
         )
     check_count(data.get("seed", 0), "seed", 0)
     title = str(data.get("title", name))
-    return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, data)
+    return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, timing, data)
 
 
 def _block(data: dict[str, Any]) -> Block:
