@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik import se3
-from optik.check import check_count, check_number
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import LIMIT_TOLERANCE, Robot
+from planners.deviation import PathError, path_error
 from planners.paths.base import Path
-from planners.timing.base import DERIVATIVES, MotionLimits
+from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from planners.tool_speed import tool_speed
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -25,6 +26,10 @@ PERIODS = 1_000_000
 """Most periods of a controller that are all looked at."""
 
 
+EXACT = 1e-12
+"""What rounding may take from a ratio of exactly 1."""
+
+
 class Extreme(NamedTuple):
     """Exact worst absolute value of each joint (n,), over its limit (n,), and when [s] (n,)."""
 
@@ -33,17 +38,28 @@ class Extreme(NamedTuple):
     time: Array
 
 
-class PathError(NamedTuple):
-    """Worst distance and angle between tool and path over a dense grid of instants, and when.
+class ToolExtreme(NamedTuple):
+    """Greatest speed, proved, its ratio to the limit (NaN where there is none), and when it is nearly reached [s]."""
 
-    The largest of samples, not a proved bound: between them it may be larger by what the tool moves off in half a step.
+    value: float
+    ratio: float
+    time: float
+
+
+class Binding(NamedTuple):
+    """How fast along the path, and which joint and limit say no: for the m pieces of a motion, exact.
+
+    ``t`` and ``s`` (m + 1,) are times and places of their ends, ``speed`` (m,) is the mean of ds/dt. ``ratio`` (m,) is the
+    worst value over its limit on the piece, 0 where nothing is limited; ``limit`` (m,) names that limit and ``joint`` (m,)
+    its joint, ``"tool"`` for limits of the tool.
     """
 
-    distance: float
-    angle: float
-    t_distance: float
-    t_angle: float
-    instants: int
+    t: Array
+    s: Array
+    speed: Array
+    ratio: Array
+    limit: tuple[str, ...]
+    joint: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -67,13 +83,16 @@ class Certificate:
     position_margin : (n,) array
         Least room to the position limits, exact [rad or m]; negative where one is broken.
     path_error : PathError
-        Tool against path.
-    tool_speed : float
-        Greatest tool speed on the same instants [m/s].
-    rotation_speed : float
-        Greatest angular speed of the tool on them [rad/s].
+        Tool against path: proved bounds for every instant.
+    tolerance : (2,) tuple of float, or None
+        What the distance [m] and the angle [rad] are judged by; None where nobody asked.
+    tool_speed, rotation_speed : ToolExtreme
+        Greatest speed of the tool's point [m/s] and of its rotation [rad/s]: proved bounds, their ratios to the limits (NaN
+        where there is none) and when.
     singular_value, t_singular_value : float
-        Smallest singular value of the Jacobian on them, and when.
+        Smallest singular value of the Jacobian, and when: the least of a grid, refined around its least places.
+    binding : Binding
+        Which joint and limit say no, piece by piece along the path.
     continuous : int
         How many derivatives are continuous, standstill before a start and after an end at rest included: 0 to 3; −1
         where the position itself jumps.
@@ -92,23 +111,28 @@ class Certificate:
     rate: float
     position_margin: Array
     path_error: PathError
-    tool_speed: float
-    rotation_speed: float
+    tolerance: tuple[float, float] | None
+    tool_speed: ToolExtreme
+    rotation_speed: ToolExtreme
     singular_value: float
     t_singular_value: float
+    binding: Binding
     continuous: int
     rest: tuple[bool, bool]
 
     def worst(self, field: str) -> tuple[float, str, float]:
-        """Worst ratio of one of velocity, acceleration, jerk, its joint and its time; NaN without limits.
+        """Worst ratio of a limit, its joint (``"tool"`` for the tool's) and its time; NaN where nothing is limited.
 
         Raises
         ------
         InvalidInput
-            Another field.
+            No limit of that name.
         """
-        if field not in DERIVATIVES:
-            raise InvalidInput("field", repr(field), "velocity, acceleration or jerk")
+        if field not in ALL_LIMITS:
+            raise InvalidInput("field", repr(field), f"one of: {', '.join(ALL_LIMITS)}")
+        if field in TOOL_SPEEDS:
+            tool: ToolExtreme = getattr(self, field)
+            return tool.ratio, "tool", tool.time
         extreme: Extreme = getattr(self, field)
         if np.isnan(extreme.ratio).all():
             return float("nan"), "", float("nan")
@@ -121,13 +145,21 @@ class Certificate:
         words = []
         for field in self.keeps:
             ratio, joint, t = self.worst(field)
-            if ratio > 1.0:
+            if ratio > 1.0 + EXACT:
                 words.append(f"{field} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s")
         if self.continuous < 1:
             words.append(f"the {'position' if self.continuous < 0 else 'velocity'} jumps")
         margin = int(np.argmin(self.position_margin))
         if self.position_margin[margin] < -LIMIT_TOLERANCE:
-            words.append(f"{self.joint_names[margin]} passes its range by {-self.position_margin[margin]:.3g} rad")
+            words.append(
+                f"{self.joint_names[margin]} passes its range by {-self.position_margin[margin]:.3g} (rad or m)"
+            )
+        if self.tolerance is not None:
+            off = self.path_error
+            if off.distance > self.tolerance[0]:
+                words.append(f"the tool is up to {off.distance:.3g} m off its path at t = {off.t_distance:.6g} s")
+            if off.angle > self.tolerance[1]:
+                words.append(f"the tool is turned by up to {off.angle:.3g} rad at t = {off.t_angle:.6g} s")
         return tuple(words)
 
     @property
@@ -140,20 +172,28 @@ class Certificate:
         out: dict[str, Any] = {
             "law": self.law, "keeps": list(self.keeps), "holds": self.holds, "broken": list(self.broken),
             "duration": self.duration, "rate": self.rate, "continuous": self.continuous, "rest": list(self.rest),
-            "tool_speed": self.tool_speed, "rotation_speed": self.rotation_speed,
+            "tool_speed": _tool_dict(self.tool_speed), "rotation_speed": _tool_dict(self.rotation_speed),
             "singular_value": self.singular_value, "t_singular_value": self.t_singular_value,
             "path_error": self.path_error._asdict(), "joint_names": list(self.joint_names),
+            "tolerance": None if self.tolerance is None else list(self.tolerance),
         }  # fmt: skip
         for field in DERIVATIVES:
             out[field] = {k: plain(v) for k, v in getattr(self, field)._asdict().items()}
         out["sampled_jerk"] = plain(self.sampled_jerk)
         out["position_margin"] = plain(self.position_margin)
+        b = self.binding
+        out["binding"] = {k: plain(getattr(b, k)) for k in ("t", "s", "speed", "ratio")}
+        out["binding"] |= {"limit": list(b.limit), "joint": list(b.joint)}
         return out
 
 
 def plain(values: Array) -> list[float | None]:
     """List of numbers that JSON can hold: None for infinity (a jump) and for what is undefined (no limit)."""
     return [float(v) if np.isfinite(v) else None for v in values]
+
+
+def _tool_dict(tool: ToolExtreme) -> dict[str, float | None]:
+    return {"value": tool.value, "ratio": tool.ratio if np.isfinite(tool.ratio) else None, "time": tool.time}
 
 
 def certify(
@@ -163,11 +203,11 @@ def certify(
     limits: MotionLimits,
     *,
     law: str = "",
-    keeps: tuple[str, ...] = DERIVATIVES,
+    keeps: tuple[str, ...] = ALL_LIMITS,
     rate: float = 1000.0,
-    instants: int = 3001,
+    tolerance: tuple[float, float] | None = None,
 ) -> Certificate:
-    """Find what a trajectory keeps.
+    """Find what a trajectory keeps, between its samples too.
 
     Parameters
     ----------
@@ -185,8 +225,8 @@ def certify(
         What that law promises.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
-    instants : int
-        Size of the grid for the tool's distance, its speed and the singular values.
+    tolerance : (2,) tuple of float, optional
+        Largest distance [m] and angle [rad] to the path with which the certificate holds.
 
     Returns
     -------
@@ -196,11 +236,14 @@ def certify(
     Raises
     ------
     InvalidInput
-        A trajectory of another number of joints, fewer than 2 instants, a rate that is not above 0.
+        A trajectory of another number of joints, a rate or a tolerance that is not above 0, an unknown name in ``keeps``.
     """
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
-    check_count(instants, "instants", 2)
+    if unknown := [field for field in keeps if field not in ALL_LIMITS]:
+        raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(ALL_LIMITS)}")
+    if tolerance is not None:
+        tolerance = check_tolerance(tolerance)
     bound = limits.arrays(robot.n)
     extremes = {f: _extreme(trajectory, order, bound[f]) for order, f in enumerate(DERIVATIVES, start=1)}
     jumps = [_jumps(trajectory, order) for order in range(4)]
@@ -208,12 +251,9 @@ def certify(
         if jumps[order].any():
             extremes[field] = _infinite_at_jumps(trajectory, order, extremes[field], jumps[order], bound[field])
     reach = trajectory.extrema(0)
-    t = np.linspace(0.0, trajectory.end, instants)
-    q, dq = trajectory(t), trajectory(t, 1)
-    J = robot.jacobian(q)
-    twist = np.einsum("kij,kj->ki", J, dq)
-    smallest = np.linalg.svd(J, compute_uv=False)[:, -1]
-    k = int(np.argmin(smallest))
+    off, places = path_error(robot, path, trajectory)
+    speeds = tool_speed(robot, trajectory)
+    singular_value, t_singular_value = _smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
         law=law,
@@ -223,14 +263,63 @@ def certify(
         sampled_jerk=_sampled_jerk(trajectory, rate),
         rate=rate,
         position_margin=np.minimum(reach.least - robot.limits.lower, robot.limits.upper - reach.greatest),
-        path_error=_path_error(robot, path, t, q),
-        tool_speed=float(np.linalg.norm(twist[:, :3], axis=1).max()),
-        rotation_speed=float(np.linalg.norm(twist[:, 3:], axis=1).max()),
-        singular_value=float(smallest[k]),
-        t_singular_value=float(t[k]),
+        path_error=off,
+        tolerance=tolerance,
+        tool_speed=_tool_extreme(speeds.speed, limits.tool[0], speeds.t_speed),
+        rotation_speed=_tool_extreme(speeds.rotation, limits.tool[1], speeds.t_rotation),
+        singular_value=singular_value,
+        t_singular_value=t_singular_value,
+        binding=_binding(robot, path, trajectory, limits, places),
         continuous=next((order - 1 for order in range(4) if jumps[order].any()), 3),
-        rest=_rest(trajectory),
+        rest=rest(trajectory),
     )
+
+
+def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
+    """Return a tolerance (distance [m], angle [rad]), both above 0."""
+    expected = "two numbers above 0: a distance [m] and an angle [rad]"
+    if not isinstance(tolerance, tuple | list) or len(tolerance) != 2:
+        raise InvalidInput("tolerance", repr(tolerance)[:60], expected)
+    distance, angle = (check_number(x, "tolerance", expected, above=0.0) for x in tolerance)
+    return distance, angle
+
+
+def _tool_extreme(value: float, limit: float, time: float) -> ToolExtreme:
+    return ToolExtreme(value, value / limit if np.isfinite(limit) else float("nan"), time)
+
+
+def _binding(robot: Robot, path: Path, trajectory: Trajectory, limits: MotionLimits, places: Array) -> Binding:
+    """Worst ratio of every piece, its limit and its joint."""
+    bound, t = limits.arrays(robot.n), trajectory.knots
+    worst = [trajectory.piece_worst(order) / bound[f] for order, f in enumerate(DERIVATIVES, start=1)]
+    twist = np.einsum("kij,kj->ki", robot.jacobian(trajectory(t)), trajectory(t, 1))
+    for part, limit in zip((twist[:, :3], twist[:, 3:]), limits.tool, strict=True):
+        speed = np.linalg.norm(part, axis=1) / limit
+        worst.append(np.maximum(speed[:-1], speed[1:])[:, None])
+    ratios = np.concatenate(worst, axis=1)
+    joints = [*robot.joint_names * 3, "tool", "tool"]
+    names = [f for f in DERIVATIVES for _ in range(robot.n)] + list(TOOL_SPEEDS)
+    which = ratios.argmax(axis=1)
+    return Binding(
+        t=t,
+        s=places,
+        speed=np.diff(places) / np.diff(t),
+        ratio=ratios[np.arange(len(which)), which],
+        limit=tuple(names[i] for i in which),
+        joint=tuple(joints[i] for i in which),
+    )
+
+
+def _smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
+    """Least of a grid of instants, then of finer ones around the least of them."""
+    low, high, count = 0.0, trajectory.end, 201
+    while True:
+        t = np.linspace(low, high, count)
+        values = np.linalg.svd(robot.jacobian(trajectory(t)), compute_uv=False)[:, -1]
+        k = int(values.argmin())
+        if high - low <= 1e-6 * trajectory.end:
+            return float(values[k]), float(t[k])
+        low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], 17
 
 
 def _extreme(trajectory: Trajectory, order: int, bound: Array) -> Extreme:
@@ -273,15 +362,8 @@ def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
     return difference
 
 
-def _path_error(robot: Robot, path: Path, t: Array, q: Array) -> PathError:
-    tool = robot.fk(q)
-    e = se3.error(tool, path.pose(path.nearest(tool)))
-    distance, angle = np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
-    i, j = int(distance.argmax()), int(angle.argmax())
-    return PathError(float(distance[i]), float(angle[j]), float(t[i]), float(t[j]), t.size)
-
-
-def _rest(trajectory: Trajectory) -> tuple[bool, bool]:
+def rest(trajectory: Trajectory) -> tuple[bool, bool]:
+    """Whether a motion starts and ends at rest."""
     first, last = trajectory.ends(1)
     slow = 1e-9 * float(trajectory.extrema(1).worst.max())
     return bool((np.abs(first[0]) <= slow).all()), bool((np.abs(last[-1]) <= slow).all())
@@ -290,7 +372,7 @@ def _rest(trajectory: Trajectory) -> tuple[bool, bool]:
 def steps(trajectory: Trajectory, order: int) -> Array:
     """How far (m + 1, n) a derivative steps at all knots; an end at rest counts as standstill before or after it."""
     first, last = trajectory.ends(order)
-    start, end = _rest(trajectory) if order else (False, False)  # standstill is somewhere: q does not jump to it
+    start, end = rest(trajectory) if order else (False, False)  # standstill is somewhere: q does not jump to it
     before = first[:1] if start else np.zeros_like(first[:1])
     after = -last[-1:] if end else np.zeros_like(last[-1:])
     return np.concatenate([before, trajectory.jumps(order), after])

@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 @compiled
 def _value(c: Array, degree: int, x: float) -> float:
     """Horner's rule; coefficients lowest power first."""
-    y = c[degree]
+    y = float(c[degree])
     for i in range(degree - 1, -1, -1):
-        y = y * x + c[i]
+        y = y * x + float(c[i])
     return y
 
 

@@ -12,7 +12,7 @@ whether the step goes down.
 
 from __future__ import annotations
 
-from math import log, sqrt
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ def _stage(
     bound: Array, lam: Array, mu: float, delta: float, M: Array, m: Array,
 ) -> None:  # fmt: skip
     """Quadratic model of the barrier problem on interval k, over (v, a, τ, j, v⁺, a⁺): upper half of M (6, 6), and m (6,)."""
-    K, n = edge.shape[0], node.shape[1]
+    n = node.shape[1]
     v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
     w, b = z[k + 1, 0], z[k + 1, 1]
     for r in range(6):
@@ -173,7 +173,12 @@ def _sweep(
             r[f] = q[o] + N[pivot, i] * q[pivot]
             for j in range(3):
                 h = free if j == 2 else j
-                R[i, j] = Q[o, h] + N[pivot, i] * Q[pivot, h] + Q[o, pivot] * N[pivot, j] + N[pivot, i] * Q[pivot, pivot] * N[pivot, j]
+                R[i, j] = (
+                    Q[o, h]
+                    + N[pivot, i] * Q[pivot, h]
+                    + Q[o, pivot] * N[pivot, j]
+                    + N[pivot, i] * Q[pivot, pivot] * N[pivot, j]
+                )
         if not R[2, 2] > 1e-10:
             return False
         f0, f1, fr = -R[2, 0] / R[2, 2], -R[2, 1] / R[2, 2], -r[2] / R[2, 2]
@@ -236,7 +241,9 @@ def _slopes(z: Array, d: Array, node: Array, edge: Array, out: Array) -> None:
 
 
 @compiled
-def _merit(z: Array, top: Array, low: float, g: Array, c: Array, slack: Array, goal: Array, mu: float) -> tuple[float, float]:
+def _merit(
+    z: Array, top: Array, low: float, g: Array, c: Array, slack: Array, goal: Array, mu: float
+) -> tuple[float, float]:
     """Barrier objective, and the sum of what the equations leave."""
     K, n = g.shape[0], slack.shape[2] // 3
     objective, off = 0.0, abs(z[K, 0] - goal[0]) + abs(z[K, 1] - goal[1])
@@ -333,7 +340,7 @@ def solve(
                     ad = -keep * bound[k, i] / dbound[k, i]
         phi, off = _merit(z, top, low, g, c, slack, goal, mu)
         alpha = ap
-        for trial in range(12):
+        for _ in range(12):
             for k in range(K + 1):
                 for i in range(4):
                     zt[k, i] = z[k, i] + alpha * d[k, i]
@@ -342,7 +349,11 @@ def solve(
                         st[k, side, i] = slack[k, side, i] + alpha * dslack[k, side, i]
             values(zt, ds, node, edge, gt, ct)
             phi_t, off_t = _merit(zt, top, low, gt, ct, st, goal, mu)
-            if off_t <= (1.0 - 1e-4 * alpha) * off + 1e-11 or phi_t < phi - 1e-4 * off or (off_t < 1e-6 * K and phi_t <= phi + 1e-9 * abs(phi)):
+            if (
+                off_t <= (1.0 - 1e-4 * alpha) * off + 1e-11
+                or phi_t < phi - 1e-4 * off
+                or (off_t < 1e-6 * K and phi_t <= phi + 1e-9 * abs(phi))
+            ):
                 break
             alpha *= 0.5
         for k in range(K + 1):

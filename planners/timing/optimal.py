@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.check import check_count
-from optik.errors import InvalidInput, NoSolution
-from planners.extrema import piece_extrema
+from optik.errors import NoSolution
 from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through

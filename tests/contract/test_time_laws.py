@@ -137,9 +137,7 @@ def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, l
 @every_set
 def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: str) -> None:
     joint_path, bounds, keeps = joint_path_of(line), MotionLimits(*SETS[limits]), make_law(law).keeps
-    certificate = certify(
-        paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, keeps=keeps, instants=301
-    )
+    certificate = certify(paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, keeps=keeps)
     ratios = [certificate.worst(field)[0] for field in keeps]
     assert max(ratios, default=0.0) <= PROMISE.get(law, 1.0)
     assert certificate.holds == (max(ratios, default=0.0) <= 1.0)

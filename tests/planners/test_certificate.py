@@ -169,7 +169,7 @@ def test_the_position_margin_is_the_room_at_the_nearest_approach(joint: int, bey
     lower, upper = ROBOT.limits.lower, ROBOT.limits.upper
     assume(abs(beyond - 1e-9) > 1e-12)  # the tolerance itself
     size = (upper[joint] - START[joint] + beyond) if upward else (lower[joint] - START[joint] - beyond)
-    certificate = certified(step_of(joint, size, 2.0), instants=11)
+    certificate = certified(step_of(joint, size, 2.0))
     assert certificate.position_margin[joint] == pytest.approx(-beyond, abs=1e-12)
     assert certificate.holds == (beyond <= 1e-9)
     if beyond > 1e-9:
@@ -187,7 +187,7 @@ def test_a_position_limit_passed_between_the_samples_is_found() -> None:
     c[5, 0] = START
     room = ROBOT.limits.upper[4] - START[4]
     c[3, 0, 4], c[4, 0, 4] = -(room + 1e-6) / 0.25, (room + 1e-6) / 0.25  # a parabola that peaks at t = 0.5
-    certificate = certified(Trajectory(PPoly(c, [0.0, 1.0])), instants=4)
+    certificate = certified(Trajectory(PPoly(c, [0.0, 1.0])))
     assert certificate.position_margin[4] == pytest.approx(-1e-6, abs=1e-12)
     assert not certificate.holds
 
@@ -328,18 +328,95 @@ def paper_motion() -> Trajectory:
     return make_law("quintic").run(default_joint_path(), ROOMY)
 
 
-def test_the_path_error_of_a_motion_on_the_line_is_what_plain_kinematics_say() -> None:
-    trajectory, line = paper_motion(), default_line()
-    error = certified(trajectory, instants=301).path_error
-    assert error.instants == 301
+def assert_bounds(proved: float, truth: float) -> None:
+    """Never below the truth, and not far above it."""
+    assert truth <= proved <= 1.05 * max(truth, 1e-9)
+
+
+@pytest.mark.parametrize("law", ["quintic", "ruckig", "optimal"])
+def test_the_path_error_bounds_what_plain_kinematics_say(law: str) -> None:
+    line = default_line()
+    trajectory = make_law(law).run(default_joint_path(), MotionLimits(2.0, 10.0, 100.0))
+    error = certified(trajectory).path_error
     worst = np.zeros(2)
-    for t in np.linspace(0.0, trajectory.duration, 301):
+    for t in np.append(np.linspace(0.0, trajectory.duration, 1201), [error.t_distance, error.t_angle]):
         worst = np.maximum(worst, plain.off_line(line.start, line.goal, plain.fk(trajectory(t))))
-    np.testing.assert_allclose([error.distance, error.angle], worst, rtol=1e-6)
-    for t, part in ((error.t_distance, 0), (error.t_angle, 1)):
-        assert plain.off_line(line.start, line.goal, plain.fk(trajectory(t)))[part] == pytest.approx(
-            worst[part], rel=1e-6
-        )
+    assert_bounds(error.distance, worst[0])
+    assert_bounds(error.angle, worst[1])
+    for t, found, part in ((error.t_distance, error.found_distance, 0), (error.t_angle, error.found_angle, 1)):
+        at = plain.off_line(line.start, line.goal, plain.fk(trajectory(t)))[part]
+        assert at == pytest.approx(found, rel=1e-6, abs=1e-14)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-4, 0.3))
+def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: int, size: float) -> None:
+    trajectory = around_start(np.random.default_rng(seed), 3, size)
+    certificate = certified(trajectory)
+    assume((certificate.position_margin > 0.0).all())
+    line, error, slack = default_line(), certificate.path_error, 1.0 + 1e-9
+    worst = np.zeros(4)
+    for t in np.linspace(0.0, trajectory.duration, 301):
+        worst[:2] = np.maximum(worst[:2], plain.off_line(line.start, line.goal, plain.fk(trajectory(t))))
+        twist = plain.jacobian(trajectory(t)) @ trajectory(t, 1)
+        worst[2:] = np.maximum(worst[2:], [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
+    assert worst[0] <= slack * error.distance
+    assert worst[2] <= slack * certificate.tool_speed.value <= 1.01 * worst[2] + 1e-5
+    assert worst[3] <= slack * certificate.rotation_speed.value <= 1.01 * worst[3] + 1e-5
+
+
+def test_a_path_that_crosses_itself_is_followed_in_its_order() -> None:
+    """At the end the tool is where it was at the start, but turned: only the order along the path tells them apart."""
+    start = ROBOT.fk(START)
+    line = Line(start, plain.moved(start, np.zeros(3), np.array([0.0, 0.0, 0.4])))
+    trajectory = make_law("optimal").run(plain.followed_line(line.start, line.goal), MotionLimits(2.0, 10.0, 100.0))
+    certificate = certify(ROBOT, line, trajectory, ROOMY)
+    assert certificate.path_error.angle <= 2e-9
+    np.testing.assert_allclose(certificate.binding.s[[0, -1]], [0.0, 0.4], rtol=0.0, atol=1e-9)
+
+
+def test_a_tolerance_is_part_of_the_promise() -> None:
+    trajectory = paper_motion()
+    assert certified(trajectory, keeps=(), tolerance=(1e-5, 1e-5)).holds
+    words = certified(trajectory, keeps=(), tolerance=(1e-7, 1e-5)).broken
+    assert len(words) == 1
+    assert "off its path" in words[0]
+    words = certified(trajectory, keeps=(), tolerance=(1e-5, 1e-7)).broken
+    assert "turned" in words[0]
+
+
+@pytest.mark.parametrize("wrong", [0.0, (0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (1.0,), "tight", (1.0, np.inf)])
+def test_a_tolerance_that_cannot_be_meant_is_refused(wrong: Any) -> None:
+    with pytest.raises(InvalidInput) as info:
+        certified(paper_motion(), tolerance=wrong)
+    assert info.value.argument == "tolerance"
+
+
+def test_limits_of_the_tool_are_judged() -> None:
+    trajectory = paper_motion()
+    fastest = certified(trajectory).tool_speed.value
+    slow = certified(trajectory, MotionLimits(tool_speed=0.5 * fastest), keeps=("tool_speed",))
+    assert slow.worst("tool_speed")[:2] == (pytest.approx(2.0), "tool")
+    assert slow.broken[0].startswith("tool_speed of tool is 2")
+    assert certified(trajectory, MotionLimits(tool_speed=1.001 * fastest), keeps=("tool_speed",)).holds
+
+
+def test_the_binding_limit_is_that_of_the_worst_joint_of_each_piece() -> None:
+    limits = MotionLimits(2.0, 10.0, 100.0)
+    trajectory = make_law("optimal").run(default_joint_path(), limits)
+    binding = certified(trajectory, limits).binding
+    assert np.isclose(binding.ratio.max(), 1.0, atol=1e-3)
+    assert binding.ratio.max() <= 1.0
+    assert (np.diff(binding.s) > 0.0).all()
+    for k in range(0, len(binding.ratio), 7):
+        u = np.linspace(binding.t[k], binding.t[k + 1], 41)[1:-1]
+        worst = {
+            (field, joint): float(np.abs([plain.value(trajectory, t, order, k)[j] for t in u]).max()) / bound
+            for order, (field, bound) in enumerate(zip(DERIVATIVES, (2.0, 10.0, 100.0), strict=True), start=1)
+            for j, joint in enumerate(NAMES)
+        }
+        assert binding.ratio[k] >= max(worst.values()) - 1e-12
+        assert worst[binding.limit[k], binding.joint[k]] >= max(worst.values()) - 0.02
 
 
 def test_a_motion_one_millimetre_beside_the_line_is_reported_so() -> None:
@@ -379,24 +456,26 @@ def test_tool_speed_and_rotation_speed_are_those_of_the_moving_tool() -> None:
     start = ROBOT.fk(START)
     line = Line(start, plain.moved(start, np.array([0.05, 0.03, -0.04]), np.array([0.1, -0.2, 0.15])))
     trajectory = make_law("quintic").run(plain.followed_line(line.start, line.goal), ROOMY)
-    certificate = certify(ROBOT, line, trajectory, ROOMY, instants=301)
+    certificate = certify(ROBOT, line, trajectory, ROOMY)
     fastest = np.zeros(2)
     h = 1e-5
-    for t in np.linspace(0.0, trajectory.duration, 301)[1:-1]:  # at rest at both ends
+    near = [certificate.tool_speed.time, certificate.rotation_speed.time]
+    for t in [*np.linspace(0.0, trajectory.duration, 301)[1:-1], *near]:  # at rest at both ends
         twist = plain.twist_to(plain.fk(trajectory(t - h)), plain.fk(trajectory(t + h))) / (2 * h)
         fastest = np.maximum(fastest, [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
-    assert certificate.tool_speed == pytest.approx(fastest[0], rel=1e-6)
-    assert certificate.rotation_speed == pytest.approx(fastest[1], rel=1e-6)
+    for proved, found in zip((certificate.tool_speed.value, certificate.rotation_speed.value), fastest, strict=True):
+        assert found * (1.0 - 1e-6) <= proved <= found * (1.0 + 1e-4)
 
 
 def test_the_smallest_singular_value_and_when() -> None:
     trajectory = paper_motion()
-    certificate = certified(trajectory, instants=101)
+    certificate = certified(trajectory)
     t = np.linspace(0.0, 3.0, 101)
     values = [np.linalg.svd(plain.jacobian(trajectory(w)), compute_uv=False)[-1] for w in t]
-    assert certificate.singular_value == pytest.approx(min(values), rel=1e-8)
+    assert certificate.singular_value <= min(values) * (1.0 + 1e-9)
+    assert certificate.singular_value == pytest.approx(min(values), rel=1e-3)
     assert certificate.singular_value > 0.22
-    assert certificate.t_singular_value == t[int(np.argmin(values))]
+    assert certificate.t_singular_value == pytest.approx(t[int(np.argmin(values))], abs=0.03)
 
 
 # ---------------------------------------------------------------- plain data
@@ -420,7 +499,7 @@ def test_plain_data_are_strict_json_and_say_what_the_certificate_says(limits: Mo
 
 
 def test_what_it_is_a_certificate_of() -> None:
-    certificate = certified(paper_motion(), law="quintic", keeps=(), rate=500.0, instants=11)
+    certificate = certified(paper_motion(), law="quintic", keeps=(), rate=500.0)
     assert (certificate.law, certificate.keeps, certificate.duration) == ("quintic", (), 3.0)
     assert certificate.joint_names == tuple(NAMES)
 
@@ -432,10 +511,10 @@ def test_a_rate_that_is_not_above_zero_is_refused(rate: float) -> None:
     assert info.value.argument == "rate"
 
 
-@pytest.mark.parametrize("wrong", ["joints", "instants"])
-def test_a_motion_of_another_arm_and_no_instants_are_refused_by_name(wrong: str) -> None:
-    with pytest.raises(InvalidInput):
-        if wrong == "joints":
-            certified(plain.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
-        else:
-            certified(paper_motion(), instants=0)
+def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> None:
+    with pytest.raises(InvalidInput) as info:
+        certified(plain.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
+    assert info.value.argument == "trajectory"
+    with pytest.raises(InvalidInput) as info:
+        certified(paper_motion(), keeps=("velocty",))
+    assert info.value.argument == "keeps"

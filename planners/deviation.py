@@ -1,0 +1,256 @@
+"""How far a motion's tool leaves its path at most, at every instant: a proved bound beside the largest value found."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+from optik.robot import Robot
+from planners.motion_bounds import Instants, MotionBounds, hermite_bound
+from planners.paths.base import Path
+from planners.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Side = TypeVar("Side", Instants, "_Places")
+
+LOOSE = 1.05
+"""A bound may be so many times the largest value found…"""
+FLOOR = 1e-9
+"""…or this [m or rad], where all values are smaller."""
+MOST = 400_000
+"""Intervals at most; a motion that needs more keeps the bound it has then."""
+GRID = 512
+"""Places of a path on a first look for the one that the tool is at."""
+TURN = 0.1
+"""Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
+ROUNDING = 2e-15
+"""What rounding may take from a computed distance [m] or angle [rad]."""
+
+
+class PathError(NamedTuple):
+    """Bounds on the tool's distance [m] from its path and on its angle [rad] to it, proved for every instant.
+
+    The largest values that were found, and when, stand beside them: the truth is between.
+    """
+
+    distance: float
+    angle: float
+    found_distance: float
+    found_angle: float
+    t_distance: float
+    t_angle: float
+
+
+class _Places(NamedTuple):
+    """Where on the path (k,) the tool is at some instants, how fast it goes there, and the path's pose and twist."""
+
+    s: Array
+    speed: Array
+    poses: Array
+    twist: Array
+
+
+def path_error(robot: Robot, path: Path, trajectory: Trajectory) -> tuple[PathError, Array]:
+    """Bound the distance and the angle between the tool and its path at every instant of a motion.
+
+    The tool is compared with the path at s(t), which follows the nearest place: so the path is run through in its order,
+    and a path that crosses itself is not taken for its other branch. Between instants the error is bounded by its cubic
+    and the fourth derivatives of both motions (`planners.motion_bounds`); intervals are halved until the bound is at most
+    1.05 times the largest value found, or 1 nm (1 nrad).
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        What its tool should follow.
+    trajectory : Trajectory
+        Its motion.
+
+    Returns
+    -------
+    PathError
+        Distances in metres, angles in radians.
+    (m + 1,) array
+        Places s on the path at the trajectory's knots.
+    """
+    bounds = MotionBounds(robot, trajectory)
+    knots = trajectory.knots
+    piece = np.arange(knots.size - 1)
+    left, right = bounds.at(piece, knots[:-1]), bounds.at(piece, knots[1:])
+    tracked = _track(path, np.concatenate([left.poses, right.poses[-1:]]))
+    here, there = _places(path, left, tracked[:-1]), _places(path, right, tracked[1:])
+    found, when, proved = np.zeros(2), np.zeros(2), np.zeros(2)
+    for instants, places in ((left, here), (right, there)):
+        _note(instants, places, found, when)
+    limits, at_knots = path.derivative_bounds(), np.append(here.s, there.s[-1])
+    kept = 0
+    while True:
+        between = _between(limits, path.end, bounds, left, right, here, there)
+        loose = (between > (LOOSE - 0.002) * np.maximum(found, FLOOR)).any(axis=1)
+        loose &= (right.t - left.t > 1e-9 * trajectory.end) & (kept + loose.sum() <= MOST)
+        proved = np.maximum(proved, between[~loose].max(axis=0, initial=0.0))
+        if not loose.any():
+            break
+        kept += int(np.count_nonzero(~loose))
+        piece = piece[loose]
+        left, right = (Instants(*(x[loose] for x in side)) for side in (left, right))
+        here, there = (_Places(*(x[loose] for x in side)) for side in (here, there))
+        h = right.t - left.t
+        middle = bounds.at(piece, left.t + 0.5 * h)
+        guess = 0.5 * (here.s + there.s) + 0.125 * h * (here.speed - there.speed)
+        at = _places(path, middle, guess)
+        _note(middle, at, found, when)
+        piece = np.concatenate([piece, piece])
+        left, right = _joined(left, middle), _joined(middle, right)
+        here, there = _joined(here, at), _joined(at, there)
+    proved = np.maximum(proved, found) + ROUNDING
+    return PathError(*(float(x) for x in (*proved, *found, *when))), at_knots
+
+
+def _joined(a: Side, b: Side) -> Side:
+    return type(a)(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
+
+
+def _errors(instants: Instants, places: _Places) -> tuple[Array, Array]:
+    """Position error (k, 3), and the turn E = R_tool R_pathᵀ as E − I (k, 9): its norm is 2√2 sin(angle / 2)."""
+    position = instants.poses[:, :3, 3] - places.poses[:, :3, 3]
+    turn = instants.poses[:, :3, :3] @ places.poses[:, :3, :3].transpose(0, 2, 1) - np.eye(3)
+    return position, turn.reshape(-1, 9)
+
+
+def _angle(norm: Array) -> Array:
+    return np.asarray(2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0)))
+
+
+def _note(instants: Instants, places: _Places, found: Array, when: Array) -> None:
+    """Keep the largest distance and angle found."""
+    position, turn = _errors(instants, places)
+    for i, size in enumerate((np.linalg.norm(position, axis=1), _angle(np.linalg.norm(turn, axis=1)))):
+        k = int(size.argmax())
+        if size[k] > found[i]:
+            found[i], when[i] = size[k], instants.t[k]
+
+
+def _between(
+    limits: Array, end: float, bounds: MotionBounds, left: Instants, right: Instants, here: _Places, there: _Places
+) -> Array:
+    """Bounds (k, 2) on distance and angle within the intervals.
+
+    s(t) is the cubic through its ends; rates are cut so that its Bézier points stay on the path.
+    """
+    h = right.t - left.t
+    first = np.clip(here.speed, -3.0 * here.s / h, 3.0 * (end - here.s) / h)
+    last = np.clip(there.speed, -3.0 * (end - there.s) / h, 3.0 * there.s / h)
+    position, turn = zip(_errors(left, here), _errors(right, there), strict=True)
+    rates = [_rates(x, p, v) for x, p, v in ((left, here, first), (right, there, last))]
+    moves, turns, _ = bounds.between(left, h)
+    path_moves, path_turns = _path_bounds(limits, here.s, there.s, first, last, h)
+    fourth = moves[:, 4] + path_moves[:, 4]
+    distance = hermite_bound(position[0], rates[0][0], position[1], rates[1][0], h, fourth)
+    fourth = (turns[:, :5] * path_turns[:, ::-1]) @ np.array([1.0, 4.0, 6.0, 4.0, 1.0])
+    angle = hermite_bound(turn[0], rates[0][1], turn[1], rates[1][1], h, np.sqrt(3.0) * fourth)
+    return np.stack([distance, _angle(angle)], axis=1)
+
+
+def _rates(instants: Instants, places: _Places, speed: Array) -> tuple[Array, Array]:
+    """How fast the errors of `_errors` change, the path being run through at a speed."""
+    twist, path_twist = instants.motion[:, 0], places.twist * speed[:, None]
+    turn = instants.poses[:, :3, :3] @ places.poses[:, :3, :3].transpose(0, 2, 1)
+    rate = _cross_matrix(twist[:, 3:]) @ turn - turn @ _cross_matrix(path_twist[:, 3:])
+    return twist[:, :3] - path_twist[:, :3], rate.reshape(-1, 9)
+
+
+def _cross_matrix(w: Array) -> Array:
+    out = np.zeros((len(w), 3, 3))
+    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
+    return out - out.transpose(0, 2, 1)
+
+
+def _path_bounds(limits: Array, s0: Array, s1: Array, v0: Array, v1: Array, h: Array) -> tuple[Array, Array]:
+    """Bounds (k, 5) on the derivatives in time of the path's position and rotation (Faà di Bruno) at a cubic s(t)."""
+    slope = (s1 - s0) / h
+    a0, a1 = (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, (2.0 * v0 + 4.0 * v1 - 6.0 * slope) / h
+    j = np.abs(a1 - a0) / h
+    v = np.maximum(np.abs(v0), np.abs(v1)) + j * h * h / 8.0
+    a = np.maximum(np.abs(a0), np.abs(a1))
+    out = []
+    for b1, b2, b3, b4 in limits:
+        second, third = b1 * a + b2 * v * v, b1 * j + 3.0 * b2 * v * a + b3 * v**3
+        fourth = b2 * (4.0 * v * j + 3.0 * a * a) + 6.0 * b3 * v * v * a + b4 * v**4
+        out.append(np.stack([np.ones_like(v), b1 * v, second, third, fourth], axis=1))
+    return out[0], out[1]
+
+
+def _places(path: Path, instants: Instants, guess: Array) -> _Places:
+    """Nearest places to the tool near a guess: by position where the path moves there, by rotation where it only turns."""
+    s = np.clip(guess, 0.0, path.end)
+    part = _Part(path)
+    for _ in range(20):
+        poses, twist = path.pose(s), path.twist(s)
+        position = instants.poses[:, :3, 3] - poses[:, :3, 3]
+        turn = instants.poses[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
+        step = part.along(twist, position, 0.5 * _vee(turn - turn.transpose(0, 2, 1)))
+        after = np.clip(s + step, 0.0, path.end)
+        moved, s = np.abs(after - s).max(initial=0.0), after
+        if moved <= 1e-9 * path.end:
+            break
+    poses, twist = path.pose(s), path.twist(s)
+    return _Places(s, part.along(twist, instants.motion[:, 0, :3], instants.motion[:, 0, 3:]), poses, twist)
+
+
+class _Part:
+    """What tells how far along a path something is: its position, or its rotation where the position stands."""
+
+    def __init__(self, path: Path) -> None:
+        self._least = 1e-3 * path.derivative_bounds()[0, 0]
+
+    def along(self, twist: Array, linear: Array, angular: Array) -> Array:
+        """Distance in s (k,) that a small motion (linear, angular) of the tool makes, to first order."""
+        moving = np.linalg.norm(twist[:, :3], axis=1) > self._least
+        direction = np.where(moving[:, None], twist[:, :3], twist[:, 3:])
+        motion = np.where(moving[:, None], linear, angular)
+        size = np.einsum("ki,ki->k", direction, direction)
+        return np.asarray(np.einsum("ki,ki->k", direction, motion) / np.where(size > 0.0, size, np.inf))
+
+
+def _vee(w: Array) -> Array:
+    return np.stack([w[:, 2, 1], w[:, 0, 2], w[:, 1, 0]], axis=1)
+
+
+def _track(path: Path, poses: Array) -> Array:
+    """Places (k,) of poses along a path on a grid, in their order: the nearest to the first, then each near the one before."""
+    s = np.union1d(np.linspace(0.0, path.end, GRID + 1), path.breaks)
+    index = np.empty(len(poses), dtype=np.int64)
+    _descend(path.pose(s), poses, index)
+    return s[index]
+
+
+@compiled
+def _apart(A: Array, B: Array) -> float:
+    total = 0.0
+    for i in range(3):
+        total += (A[i, 3] - B[i, 3]) ** 2
+        for j in range(3):
+            total += 0.5 * (TURN * (A[i, j] - B[i, j])) ** 2
+    return total
+
+
+@compiled
+def _descend(grid: Array, poses: Array, index: NDArray[np.int64]) -> None:
+    at, least = 0, np.inf
+    for i in range(grid.shape[0]):
+        if _apart(grid[i], poses[0]) < least:
+            at, least = i, _apart(grid[i], poses[0])
+    for k in range(poses.shape[0]):
+        least = _apart(grid[at], poses[k])
+        for way in (1, -1):
+            while 0 <= at + way < grid.shape[0]:
+                beside = _apart(grid[at + way], poses[k])
+                if beside > least:
+                    break
+                at, least = at + way, beside
+        index[k] = at
