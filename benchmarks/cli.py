@@ -234,8 +234,8 @@ def print_certificate(planned: Any) -> None:
             table.add_row(field, f"{ratio:.8g}", joint, f"{t:.4f}", promised)
     out_console.print(table)
     out_console.print(
-        f"tool off the line at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (of {off.instants} instants), "
-        f"tool speed {proof.tool_speed:.3g} m/s, smallest singular value {proof.singular_value:.3g} "
+        f"tool off the line at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
+        f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g} "
         f"at {proof.t_singular_value:.3f} s, C{proof.continuous}",
         highlight=False,
     )

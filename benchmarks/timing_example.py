@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -16,7 +15,6 @@ from optik.ik import make_solver
 from planners.follow import JointPath, follow
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
-from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -27,24 +25,28 @@ PLACES = 401
 
 
 def run_example(block: TimingBlock, line: DrawnLine, folder: RunFolder, name: Callable[[str], str]) -> None:
-    """Write the motions of all laws (``motions``), and last the curves over s (``curve``), which mark the end."""
+    """Write the motions of all laws and who says no, and last the curves over s (``curve``), which mark the end."""
     limits = next(part.limits for part in block.limits if part.label == block.example.limits)
     solver = make_solver(line.robot, block.ik)
-    frames = []
+    motions, bindings = [], []
     for entry in block.laws:
         law = make_law(entry.law, **entry.options)
         planned = plan(line.robot, line.path, line.q_start, ik=solver, timing=law, limits=limits, samples=block.samples)
         if planned:
-            frames.append(motion_frame(planned, planned.trajectory, limits).with_columns(law=pl.lit(entry.label)))
-    if frames:
-        folder.write(name("motions"), pl.concat(frames))
+            motions.append(motion_frame(planned, limits).with_columns(law=pl.lit(entry.label)))
+            bindings.append(binding_frame(planned).with_columns(law=pl.lit(entry.label)))
     joints = follow(solver, line.path, line.q_start, samples=block.samples).joint_path
-    folder.write(name("curve"), curve_frame(joints, limits) if joints is not None else pl.DataFrame({"s": []}))
+    if motions and joints is not None:
+        folder.write(name("motions"), pl.concat(motions))
+        folder.write(name("binding"), pl.concat(bindings))
+        folder.write(name("curve"), curve_frame(joints, limits))
+    else:
+        folder.write(name("curve"), pl.DataFrame({"s": []}))
 
 
-def motion_frame(planned: Plan, motion: Trajectory, limits: MotionLimits) -> pl.DataFrame:
-    """One row an instant: s, ṡ, and for each of velocity, acceleration and jerk the worst value over limit and its joint."""
-    robot, path = planned.robot, planned.path
+def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
+    """One row an instant: s, ṡ, and the worst value over limit of each of velocity, acceleration and jerk."""
+    robot, path, motion = planned.robot, planned.path, planned.trajectory
     t = np.linspace(0.0, motion.end, INSTANTS)
     q = motion(t)
     s = path.nearest(robot.fk(q))
@@ -52,12 +54,18 @@ def motion_frame(planned: Plan, motion: Trajectory, limits: MotionLimits) -> pl.
     part = slice(3, 6) if path.unit == "rad" else slice(0, 3)
     speed = np.einsum("ki,ki->k", tool[:, part], twist[:, part]) / np.einsum("ki,ki->k", twist[:, part], twist[:, part])
     bound = limits.arrays(robot.n)
-    columns: dict[str, Any] = {"t": t, "s": s, "speed": speed}
-    for order, field in enumerate(DERIVATIVES, start=1):
-        ratio = np.abs(motion(t, order)) / bound[field]
-        columns[field] = ratio.max(axis=1)
-        columns[f"{field}_joint"] = [robot.joint_names[i] for i in ratio.argmax(axis=1)]
-    return pl.DataFrame(columns)
+    ratios = {
+        field: (np.abs(motion(t, order)) / bound[field]).max(axis=1) for order, field in enumerate(DERIVATIVES, start=1)
+    }
+    return pl.DataFrame({"t": t, "s": s, "speed": speed, **ratios})
+
+
+def binding_frame(planned: Plan) -> pl.DataFrame:
+    """One row a piece of the motion: from where to where on the path, and which joint and limit say no there."""
+    b = planned.certificate.binding
+    return pl.DataFrame(
+        {"from": b.s[:-1], "to": b.s[1:], "ratio": b.ratio, "limit": list(b.limit), "joint": list(b.joint)}
+    )
 
 
 def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:

@@ -12,7 +12,7 @@ from optik.robot import LIMIT_TOLERANCE, Robot
 from planners.certificate import Certificate
 from planners.fit import stretch
 from planners.paths.base import Path
-from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.trajectory import Trajectory
 
 INSTANTS = 4999
@@ -25,17 +25,15 @@ COLUMNS = (
     "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
 )  # fmt: skip
 """Of a row, beside those of its line. Ratios are worst values over limits, exact."""
-WORDS = {"law", "entry", "status", "reason", "broken", "breaks", "velocity_joint", "acceleration_joint", "jerk_joint"}
-SCHEMA = {
-    name: pl.String
-    if name in WORDS
-    else pl.Boolean
-    if name == "holds"
-    else pl.Int64
-    if name == "continuous"
-    else pl.Float64
-    for name in COLUMNS
+KINDS = {
+    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in DERIVATIVES)),
+    pl.Boolean: ("holds",),
+    pl.Int64: ("continuous",),
 }
+"""Of the columns that are no numbers."""
+SCHEMA = {name: next((kind for kind, some in KINDS.items() if name in some), pl.Float64) for name in COLUMNS}
+EXACT_DIGITS = 11
+"""Ratios are rounded to so many decimals: rounding takes 1e-12 from one of exactly 1."""
 
 
 def blank(law: str, entry: str) -> dict[str, Any]:
@@ -47,22 +45,22 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
     """What a motion keeps, by its certificate, and what brute force finds of its deviation."""
     facts: dict[str, Any] = {
         "status": SOLVED, "duration": motion.duration, "holds": proof.holds, "broken": "; ".join(proof.broken),
-        "breaks": ", ".join(breaks(proof, limits)), "tool_speed": proof.tool_speed,
-        "rotation_speed": proof.rotation_speed, "distance": proof.path_error.distance,
+        "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
+        "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
         "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
         "sampled_jerk": float(proof.sampled_jerk.max()),
         "least_duration": motion.duration * stretch(robot, motion, limits),
     }  # fmt: skip
     for field in DERIVATIVES:
-        facts[field], facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
+        ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
+        facts[field] = round(ratio, EXACT_DIGITS)
     facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
     return facts
 
 
-def breaks(proof: Certificate, limits: MotionLimits) -> list[str]:
+def breaks(proof: Certificate) -> list[str]:
     """The limits that a motion exceeds, promised or not."""
-    found = [field for field in DERIVATIVES if proof.worst(field)[0] > 1.0]
-    found += [field for field, limit in zip(TOOL_SPEEDS, limits.tool, strict=True) if getattr(proof, field) > limit]
+    found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], EXACT_DIGITS) > 1.0]
     return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
 
 

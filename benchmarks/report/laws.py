@@ -119,7 +119,7 @@ def _row(p: dict[str, Any], run: Run) -> dict[str, Any]:
         "ratios": {f: ratio_words(worst(c, f)) for f in FIELDS},
         "sampled_jerk": number(c["sampled_jerk"][sampled]), "sampled_joint": c["joint_names"][sampled], "rate": c["rate"],
         "distance": number(1e6 * c["path_error"]["distance"]), "angle": number(1e6 * c["path_error"]["angle"]),
-        "speed": number(1e3 * c["tool_speed"]), "continuous": c["continuous"], "rest": c["rest"],
+        "speed": number(1e3 * c["tool_speed"]["value"]), "continuous": c["continuous"], "rest": c["rest"],
         "keeps": c["keeps"], "holds": c["holds"], "broken": c["broken"], "breaks": broken_limits(c),
         "end_error": number(p["end_error"]),
     }  # fmt: skip
