@@ -102,10 +102,15 @@ class Outcome:
 
 def outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
     """Every target of a suite, in its order."""
+    timing = [o for block in suite.timing for o in timing_outcomes(block, folder)]
+    return speed_outcomes(suite, folder) + timing
+
+
+def speed_outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
+    """Every target of single calls, batches and first use."""
     found = [o for block in suite.speed for o in _calls(block, folder)]
     found += [o for batch in suite.batch for o in _batch(batch, folder)]
-    found += _first(suite.first_use, folder) if suite.first_use is not None else []
-    return found + [o for block in suite.timing for o in timing_outcomes(block, folder)]
+    return found + (_first(suite.first_use, folder) if suite.first_use is not None else [])
 
 
 def timing_outcomes(block: TimingBlock, folder: RunFolder) -> list[Outcome]:

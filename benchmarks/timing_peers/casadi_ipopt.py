@@ -1,20 +1,23 @@
-"""The programme one writes oneself, by IPOPT, every option left as it is."""
+"""The programme one writes oneself, by IPOPT as it comes."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from benchmarks.timing_peers._casadi_programme import PLACES, CasadiProgramme
+from benchmarks.timing_peers._casadi_programme import ITERATIONS, PLACES, CasadiProgramme
 
 
 class CasadiIPOPT(CasadiProgramme):
     """``nlpsol("timing", "ipopt", …)``; only its printing is off."""
 
     solver = "ipopt"
-    options: ClassVar[dict[str, Any]] = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes"}}
+    options: ClassVar[dict[str, Any]] = {
+        "print_time": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS},
+    }
     settings = (
         f"nlpsol with ipopt: states ṡ and s̈ at {PLACES + 1} fixed places, free time steps, constant s⃛ between; limits at "
-        "the places; from a quintic rest-to-rest motion; every option of IPOPT left as it is"
+        f"the places; from a quintic rest-to-rest motion; at most {ITERATIONS} iterations, every other option left as it is"
     )
 
 
