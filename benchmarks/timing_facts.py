@@ -49,13 +49,20 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
         "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
         "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
         "sampled_jerk": float(proof.sampled_jerk.max()),
-        "least_duration": motion.duration * stretch(robot, motion, limits),
+        "least_duration": least_duration(robot, motion, proof, limits),
     }  # fmt: skip
     for field in DERIVATIVES:
         ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
         facts[field] = round(ratio, EXACT_DIGITS)
     facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
     return facts
+
+
+def least_duration(robot: Robot, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
+    """Duration [s] at which the same motion, scaled in time uniformly, just keeps every limit; infinite where none does."""
+    if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
+        return float("inf")
+    return motion.duration * stretch(robot, motion, limits)
 
 
 def breaks(proof: Certificate) -> list[str]:

@@ -59,7 +59,7 @@ def timing_rows(folder: RunFolder, block: TimingBlock) -> pl.DataFrame | None:
     """All rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*; None where nothing was run.
 
     T* is the least duration on that line within those limits of the reference and of every motion that keeps all
-    limits exactly.
+    limits exactly. ``kept_over_optimum`` is the same ratio after the motion was slowed, uniformly, until it keeps them.
     """
     files = sorted((folder.path / "timing").glob(f"{slug(block.id)}--*.parquet"))
     frames = [part for file in files if (part := folder.read(f"timing/{file.name}")) is not None]
@@ -72,7 +72,10 @@ def timing_rows(folder: RunFolder, block: TimingBlock) -> pl.DataFrame | None:
     optimum = pl.when(counts).then(pl.col("duration")).min().over("line", "limits")
     return (
         rows.with_columns(solved, keeps_all=keeps, optimum=optimum)
-        .with_columns(over_optimum=pl.col("duration") / pl.col("optimum"))
+        .with_columns(
+            over_optimum=pl.col("duration") / pl.col("optimum"),
+            kept_over_optimum=pl.max_horizontal("duration", "least_duration") / pl.col("optimum"),
+        )
         .sort("line", "limits", maintain_order=True)
     )
 

@@ -20,7 +20,7 @@ from planners.timing.base import DERIVATIVES
 
 EVERY = "every line"
 CURVE = np.linspace(0.0, 1.0, 201)
-TICKS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5, 2, 3, 4, 6, 10, 20, 50)
+TICKS = (0.3, 0.5, 0.7, 1.0, 1.5, 2, 3, 5, 10, 20, 50)
 NEAREST = 0.01
 """Excess over T* [%] that is drawn for all that come nearer."""
 
@@ -99,7 +99,7 @@ def _law_row(label: str, about: dict[str, Any], rows: pl.DataFrame, run: Run) ->
         "keeps": share(int(good["keeps_all"].sum()), len(good))[0],
         "holds": share(int(good["holds"].sum()), len(good))[0] if about["keeps"] else "no promise",
         "slowed": f"{float(slowed.max()):.6g}" if len(slowed) else "–",
-        "jerk": tuple(number(x) for x in (float(np.median(good["sampled_jerk"])), float(good["sampled_jerk"].max()))),  # type: ignore[arg-type]
+        "jerk": [number(float(pick(good["sampled_jerk"].to_numpy()))) for pick in (np.median, np.max)],
         "distance": number(1e6 * float(good["distance"].to_numpy().max())),
         "angle": number(1e6 * float(good["angle"].to_numpy().max())),
     }
@@ -130,11 +130,12 @@ def _broken(b: TimingRows, run: Run) -> list[dict[str, Any]]:
         for field in DERIVATIVES:
             values = rows[field].to_numpy()
             share_ = 100.0 * float((values > 1.0).mean())
-            fields.append((f"{share_:.0f} %", number(float(np.median(values))), number(float(values.max()))))
+            fields.append((f"{share_:.0f} %", number(float(np.median(values))), ratio_words(float(values.max()))))
         least, optimum = broken["least_duration"].to_numpy(), broken["optimum"].to_numpy()
         found.append(
             {
-                "label": label, "limits": limits, "colour": run.timing_colour(str(label)), "count": len(rows), "fields": fields,
+                "label": label, "kind": b.entries[str(label)]["kind"], "colour": run.timing_colour(str(label)),
+                "limits": limits, "count": len(rows), "fields": fields,
                 "now": number(float(np.median(rows["duration"].to_numpy()))),
                 "least": tuple(number(float(x)) for x in (np.median(least), least.max())),
                 "over": number(float(np.median(least / optimum))),
@@ -181,7 +182,7 @@ def _durations(b: TimingRows, run: Run) -> Board:
         {"xaxis": _ticked("T / T*", TICKS), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     kept = Plot(
-        "timing-profile", "Lines with a motion that keeps every limit, at most so much longer than T*",
+        "timing-profile", "The same, slowed until every limit is kept: at most so much longer than T*",
         {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(b.block.robots) if len(b.block.robots) > 1 else [])
@@ -193,14 +194,15 @@ def _durations(b: TimingRows, run: Run) -> Board:
                 continue
             look = _look(label, about, run)
             _steps(plain, label, look, rows.filter("solved")["over_optimum"].to_numpy(), len(rows), group, "× T*")
-            excess = 100.0 * (rows.filter("keeps_all")["over_optimum"].to_numpy() - 1.0)
+            slowed = rows.filter("solved")["kept_over_optimum"].to_numpy()
+            excess = 100.0 * (slowed[np.isfinite(slowed)] - 1.0)
             _steps(kept, label, look, np.maximum(excess, NEAREST), len(rows), group, "% longer")
     names = [(g, g.replace("_", "-") + (" lines" if g in b.block.kinds else "")) for g in groups]
     return Board(
         f"{b.block.id}-durations", (plain, kept), (Control("group", "Lines", tuple(names)),), _legend(b, run),
-        "Left: all motions, also those that break a limit: these may be shorter than T*. Right: only motions whose exact "
-        "velocity, acceleration and jerk are within the limits; a curve ends at the share of lines on which there is one. "
-        f"What comes nearer than {NEAREST:g} % is drawn there. Solid: ours; dotted: peers.",
+        "First: all motions as they are; one that breaks a limit may be shorter than T*. Then: the duration to which a motion "
+        "must be slowed, uniformly, until its exact velocity, acceleration and jerk keep the limits. A law whose acceleration "
+        f"jumps has none. What comes nearer than {NEAREST:g} % is drawn there. Solid: ours; dotted: peers.",
     )  # fmt: skip
 
 
