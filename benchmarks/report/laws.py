@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.report.numbers import number
+from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
 from optik.robot import LIMIT_TOLERANCE
 
@@ -74,12 +74,7 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
 
 def ratio_words(w: Worst) -> str:
     """Value over limit; near 1 with as many digits as show how near."""
-    if w.ratio is None:
-        return "no limit"
-    off = w.ratio - 1.0
-    if 0.0 < abs(off) < 5e-4:
-        return f"{w.ratio:.{min(1 - math.floor(math.log10(abs(off))), 12)}f}"
-    return number(w.ratio)
+    return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
 def laws(run: Run) -> dict[str, Any] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import polars as pl
 
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
-from benchmarks.report.numbers import number
+from benchmarks.report.numbers import number, ratio
 from benchmarks.report.run import Run, TimingRows
 from benchmarks.report.speed import outcome_row, share
 from benchmarks.report.timing_example import example_boards
@@ -95,7 +94,7 @@ def _law_row(label: str, about: dict[str, Any], rows: pl.DataFrame, run: Run) ->
     slowed = good["slowed"].drop_nulls().to_numpy()
     return row | {
         "optimum": (float(np.median(good["over_optimum"].to_numpy())), float(good["over_optimum"].to_numpy().max())),
-        "worst": {field: (ratio_words(value), value > 1.0) for field, value in worst.items()},
+        "worst": {field: (ratio(value), value > 1.0) for field, value in worst.items()},
         "keeps": share(int(good["keeps_all"].sum()), len(good))[0],
         "holds": share(int(good["holds"].sum()), len(good))[0] if about["keeps"] else "no promise",
         "slowed": f"{float(slowed.max()):.6g}" if len(slowed) else "–",
@@ -110,14 +109,6 @@ def _spread(column: pl.Series) -> tuple[float, float]:
     return float(np.median(values)), float(np.quantile(values, 0.95))
 
 
-def ratio_words(value: float) -> str:
-    """Value over limit; near 1 with as many digits as show on which side."""
-    off = value - 1.0
-    if math.isfinite(value) and 0.0 < abs(off) < 5e-4:
-        return f"{value:.{min(1 - math.floor(math.log10(abs(off))), 11)}f}"
-    return number(value)
-
-
 def _broken(b: TimingRows, run: Run) -> list[dict[str, Any]]:
     """For every law and limits under which it breaks some: how often, how far, and the duration at which it would not."""
     found = []
@@ -130,7 +121,7 @@ def _broken(b: TimingRows, run: Run) -> list[dict[str, Any]]:
         for field in DERIVATIVES:
             values = rows[field].to_numpy()
             share_ = 100.0 * float((values > 1.0).mean())
-            fields.append((f"{share_:.0f} %", number(float(np.median(values))), ratio_words(float(values.max()))))
+            fields.append((f"{share_:.0f} %", number(float(np.median(values))), ratio(float(values.max()))))
         least, optimum = broken["least_duration"].to_numpy(), broken["optimum"].to_numpy()
         found.append(
             {
