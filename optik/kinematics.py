@@ -13,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
+from optik._linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 from optik.se3 import pose_error
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+LOST = 3e-5
+"""A Jacobian whose last pivot is below this share of its first has lost rank: derivatives have lost their meaning."""
 
 
 @compiled
@@ -282,13 +286,133 @@ def tool_motion_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, dq:
 
 
 @compiled
+def singular_values_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+    """Smallest singular value of the Jacobian (of n where n < 6, else of 6) at configurations (k, n), into out (k,)."""
+    n = q.shape[1]
+    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    for k in range(q.shape[0]):
+        frames(fixed, prismatic, q[k], frame)
+        tool_pose(frame, tool, T)
+        jacobian_from(frame, prismatic, T, J)
+        out[k] = smallest_singular_value(J)
+
+
+@compiled
+def _stack(J: Array, rows: Array, A: Array) -> None:
+    """[J; rows] into A (6 + d, n)."""
+    for j in range(A.shape[1]):
+        for i in range(6):
+            A[i, j] = J[i, j]
+        for i in range(rows.shape[0]):
+            A[6 + i, j] = rows[i, j]
+
+
+@compiled
+def put_on(
+    fixed: Array, prismatic: Bools, tool: Array, target: Array, rows: Array, values: Array, steps: int, q: Array
+) -> tuple[float, float]:
+    """Undamped Newton, in place, on q (n,) for a target (4, 4) and rows · q = values, until rounding stops it.
+
+    For n ≤ 6 joints there are no rows (0, n), and steps are least squares where n < 6; for n > 6 there are n − 6, which
+    say where on its curve of solutions q shall be. Returns the largest error left [m, rad or values] and |r_nn / r_11|
+    of the last system, which is 0 where rank is lost.
+    """
+    n, d = q.shape[0], rows.shape[0]
+    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
+    e, dq, best = np.empty(6 + d), np.empty(n), q.copy()
+    smallest, worst, rank = np.inf, np.inf, 1.0
+    for _ in range(steps + 1):
+        frames(fixed, prismatic, q, frame)
+        tool_pose(frame, tool, T)
+        pose_error(T, target, e)
+        for i in range(d):
+            e[6 + i] = values[i]
+            for j in range(n):
+                e[6 + i] -= rows[i, j] * q[j]
+        size, largest = 0.0, 0.0
+        for i in range(6 + d):
+            size += e[i] * e[i]
+            largest = max(largest, abs(e[i]))
+        if not size < smallest:
+            break
+        smallest, worst = size, largest
+        copy_vector(q, best)
+        if size < 1e-30:
+            break
+        jacobian_from(frame, prismatic, T, J)
+        _stack(J, rows, A)
+        rank = qr_factor(A, beta, order)
+        if rank == 0.0:
+            break
+        qr_solve(A, beta, order, e, dq)
+        for i in range(n):
+            q[i] += dq[i]
+    copy_vector(best, q)
+    return worst, rank
+
+
+@compiled
+def derivatives_at(
+    fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, rows: Array, values: Array, dq: Array
+) -> tuple[float, float]:
+    """q', q'', q''' into dq (3, n) at q (n,), of a motion with tool twists (3, 6) and rows(s) · q(s) = values(s); exact.
+
+    J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on. rows (4, d, n) and values (4, d)
+    hold their own derivatives of order 0 to 3; d = 0 for n ≤ 6 joints, n − 6 otherwise, and [J; rows] is square. Returns
+    |r_nn / r_11| of the system, and the smallest singular value of J.
+    """
+    n, d = q.shape[0], rows.shape[1]
+    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
+    e, made = np.empty(6 + d), np.empty((3, 6))
+    frames(fixed, prismatic, q, frame)
+    tool_pose(frame, tool, T)
+    jacobian_from(frame, prismatic, T, J)
+    _stack(J, rows[0], A)
+    rank = qr_factor(A, beta, order)
+    singular = 0.0
+    if d > 0:
+        singular = smallest_singular_value(J)
+    elif rank > 0.0:  # A is J
+        singular = smallest_of_factor(A)
+    for k in range(3):
+        for i in range(n):
+            dq[k, i] = 0.0
+    if rank == 0.0:
+        return rank, singular
+    for k in range(3):
+        if k > 0:
+            tool_motion(frame, T, prismatic, fixed, q, dq, made)
+        for i in range(6):
+            e[i] = twists[k, i] - (made[k, i] if k > 0 else 0.0)
+        for i in range(d):  # Leibniz: the derivative of order k + 1 of rows · q, less its term rows · q⁽ᵏ⁺¹⁾
+            e[6 + i] = values[k + 1, i]
+            for j in range(n):
+                part = rows[k + 1, i, j] * q[j]
+                if k == 1:
+                    part += 2.0 * rows[1, i, j] * dq[0, j]
+                elif k == 2:
+                    part += 3.0 * (rows[2, i, j] * dq[0, j] + rows[1, i, j] * dq[1, j])
+                e[6 + i] -= part
+        qr_solve(A, beta, order, e, dq[k])
+    return rank, singular
+
+
+@compiled
 def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets: Array, steps: int) -> None:
-    """Undamped Newton, in place, on q (k, n) that nearly solve targets (k, 4, 4), until rounding stops it."""
+    """Undamped Newton, in place, on q (k, n) that nearly solve targets (k, 4, 4), until rounding stops it.
+
+    Steps are least squares where n < 6, and the shortest where n > 6.
+    """
     n = q.shape[1]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
-    best = np.empty(n)
+    best, no_rows, no_values = np.empty(n), np.empty((0, n)), np.empty(0)
     for k in range(q.shape[0]):
+        if n <= 6:
+            put_on(fixed, prismatic, tool, targets[k], no_rows, no_values, steps, q[k])
+            continue
         smallest = np.inf
         for _ in range(steps + 1):
             frames(fixed, prismatic, q[k], frame)
@@ -315,14 +439,20 @@ def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
 def path_derivatives(fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, dq: Array) -> int:
     """q', q'', q''' of configurations (k, n) that follow twists (k, 3, 6), into dq (k, 3, n); exact, no differences.
 
-    J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on. Returns the index of the first
-    configuration whose Jacobian has lost rank, or −1.
+    As `derivatives_at`, where n ≤ 6; twists that an arm of fewer joints cannot make are met as least squares. Where
+    n > 6, the shortest that make the twists: not the derivatives of one another, see `derivatives_at` for those. Returns
+    the index of the first configuration whose Jacobian has lost rank, or −1.
     """
     n = q.shape[1]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y, e = np.empty((6, 6)), np.empty(6), np.empty(6)
-    made = np.empty((3, 6))
+    made, no_rows, no_values = np.empty((3, 6)), np.empty((4, 0, n)), np.empty((4, 0))
     for k in range(q.shape[0]):
+        if n <= 6:
+            rank, _ = derivatives_at(fixed, prismatic, tool, q[k], twists[k], no_rows, no_values, dq[k])
+            if rank < LOST:
+                return k
+            continue
         frames(fixed, prismatic, q[k], frame)
         tool_pose(frame, tool, T)
         jacobian_from(frame, prismatic, T, J)
@@ -333,7 +463,6 @@ def path_derivatives(fixed: Array, prismatic: Bools, tool: Array, q: Array, twis
             tool_motion(frame, T, prismatic, fixed, q[k], dq[k], made)
             for i in range(6):
                 e[i] = twists[k, order, i] - made[order, i]
-            # J Jᵀ has squared singular values: a share of 1e-9 is a ratio of 3e-5, where derivatives lose their meaning
-            if not damped_step(J, e, 0.0, A, y, dq[k, order], 1e-9):
+            if not damped_step(J, e, 0.0, A, y, dq[k, order], LOST * LOST):  # J Jᵀ has squared singular values
                 return k
     return -1

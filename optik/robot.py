@@ -194,7 +194,10 @@ class Robot:
         object.__setattr__(self, "prismatic", prismatic)
         object.__setattr__(self, "tool", _frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"))
         object.__setattr__(self, "joint_names", joint_names)
-        object.__setattr__(self, "gravity", _frozen(gravity / np.linalg.norm(gravity), "gravity"))
+        norm = float(np.linalg.norm(gravity))
+        if abs(norm - 1.0) > 1e-14:  # a direction is kept to the last bit, so that a copy of the robot equals it
+            gravity = gravity / norm
+        object.__setattr__(self, "gravity", _frozen(gravity, "gravity"))
 
     # ------------------------------------------------------------ conventions
 
@@ -298,6 +301,27 @@ class Robot:
         from optik.urdf import write_urdf
 
         return write_urdf(self, path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the arm as plain data that JSON holds; `from_dict` reads it back to the last bit, infinite limits too."""
+        from optik.plain import robot_to_dict
+
+        return robot_to_dict(self)
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Robot:
+        """Return the arm that `to_dict` wrote, equal to it and with the same fingerprint.
+
+        Raises
+        ------
+        InvalidInput
+            Missing or unknown keys, wrong lengths, or what is no number.
+        RobotModelError
+            No serial arm.
+        """
+        from optik.plain import robot_from_dict
+
+        return robot_from_dict(data)
 
     # ------------------------------------------------------------ identity
 

@@ -247,9 +247,10 @@ def certify(
     bound = limits.arrays(robot.n)
     extremes = {f: _extreme(trajectory, order, bound[f]) for order, f in enumerate(DERIVATIVES, start=1)}
     jumps = [_jumps(trajectory, order) for order in range(4)]
-    for order, field in enumerate(DERIVATIVES):  # what jumps has an infinite derivative
+    for order in range(3):  # what jumps has infinite derivatives, of every higher order
         if jumps[order].any():
-            extremes[field] = _infinite_at_jumps(trajectory, order, extremes[field], jumps[order], bound[field])
+            for field in DERIVATIVES[order:]:
+                extremes[field] = _infinite_at_jumps(trajectory, order, extremes[field], jumps[order], bound[field])
     reach = trajectory.extrema(0)
     off, places = path_error(robot, path, trajectory)
     speeds = tool_speed(robot, trajectory)

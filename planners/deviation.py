@@ -86,7 +86,7 @@ def path_error(robot: Robot, path: Path, trajectory: Trajectory) -> tuple[PathEr
     found, when, proved = np.zeros(2), np.zeros(2), np.zeros(2)
     for instants, places in ((left, here), (right, there)):
         _note(instants, places, found, when)
-    limits, at_knots = path.derivative_bounds(), np.append(here.s, there.s[-1])
+    limits, at_knots = _PieceBounds(path), np.append(here.s, there.s[-1])
     kept = 0
     while True:
         between = _between(limits, path.end, bounds, left, right, here, there)
@@ -136,7 +136,13 @@ def _note(instants: Instants, places: _Places, found: Array, when: Array) -> Non
 
 
 def _between(
-    limits: Array, end: float, bounds: MotionBounds, left: Instants, right: Instants, here: _Places, there: _Places
+    limits: _PieceBounds,
+    end: float,
+    bounds: MotionBounds,
+    left: Instants,
+    right: Instants,
+    here: _Places,
+    there: _Places,
 ) -> Array:
     """Bounds (k, 2) on distance and angle within the intervals.
 
@@ -170,7 +176,24 @@ def _cross_matrix(w: Array) -> Array:
     return out - out.transpose(0, 2, 1)
 
 
-def _path_bounds(limits: Array, s0: Array, s1: Array, v0: Array, v1: Array, h: Array) -> tuple[Array, Array]:
+class _PieceBounds:
+    """The bounds on a path's derivatives on stretches of it: the largest of the smooth pieces that each one touches."""
+
+    def __init__(self, path: Path) -> None:
+        self._breaks, self._bounds = path.breaks, path.piece_bounds()
+
+    def between(self, low: Array, high: Array) -> Array:
+        """Bounds (2, 4, k) on the stretches from low to high (k,)."""
+        last = len(self._bounds) - 1
+        first = np.clip(np.searchsorted(self._breaks, low, side="left") - 1, 0, last)
+        final = np.clip(np.searchsorted(self._breaks, high, side="right") - 1, 0, last)
+        found = self._bounds[first]
+        for more in range(1, int((final - first).max(initial=0)) + 1):
+            found = np.maximum(found, self._bounds[np.minimum(first + more, final)])
+        return np.moveaxis(found, 0, -1)
+
+
+def _path_bounds(limits: _PieceBounds, s0: Array, s1: Array, v0: Array, v1: Array, h: Array) -> tuple[Array, Array]:
     """Bounds (k, 5) on the derivatives in time of the path's position and rotation (Faà di Bruno) at a cubic s(t)."""
     slope = (s1 - s0) / h
     a0, a1 = (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, (2.0 * v0 + 4.0 * v1 - 6.0 * slope) / h
@@ -178,7 +201,8 @@ def _path_bounds(limits: Array, s0: Array, s1: Array, v0: Array, v1: Array, h: A
     v = np.maximum(np.abs(v0), np.abs(v1)) + j * h * h / 8.0
     a = np.maximum(np.abs(a0), np.abs(a1))
     out = []
-    for b1, b2, b3, b4 in limits:
+    hull = np.stack([s0, s0 + v0 * h / 3.0, s1 - v1 * h / 3.0, s1])
+    for b1, b2, b3, b4 in limits.between(hull.min(axis=0), hull.max(axis=0)):
         second, third = b1 * a + b2 * v * v, b1 * j + 3.0 * b2 * v * a + b3 * v**3
         fourth = b2 * (4.0 * v * j + 3.0 * a * a) + 6.0 * b3 * v * v * a + b4 * v**4
         out.append(np.stack([np.ones_like(v), b1 * v, second, third, fourth], axis=1))

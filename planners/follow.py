@@ -1,134 +1,45 @@
-"""Follow a Cartesian path with the joints: IK sample by sample, checked steps, exact derivatives along s."""
+"""Follow a Cartesian path with the joints: one branch tracked and proved, exact derivatives along s, the method judged."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
-from functools import cached_property
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik import kinematics, se3
+from optik import kinematics
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.ik import IKResult, IKSolver, IKStatus
+from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
 from optik.ik._problem import check_start
-from optik.robot import Robot
-from planners.curve import Curve
-from planners.hermite import through
+from optik.reach import reach_bound
+from optik.robot import LIMIT_TOLERANCE, Robot
+from optik.task import POSE
+from planners import _march
+from planners._ends import FollowStatus, Stop, jumped, no_ik, unit, why_ended
+from planners._track import Ended, Guide, Nodes, Track, nodes_at, track, unguided
+from planners.branches import branches
+from planners.joint_path import IKRecord, JointPath, apart
 from planners.paths.base import Path
+from planners.redundancy import guides
+
+__all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 START_TOLERANCE = 1e-4
 """How far the tool may stand from the path's start [m and rad]: a real arm's reading, not another place."""
-LARGEST_STEP = 0.25
-"""Largest joint motion between two samples [rad or m]; the midpoint alone lets q4 turn against q6."""
-PATH_TOLERANCE = 1e-5
-"""Largest distance [m] and angle [rad] between samples; a branch flip leaves the path by centimetres."""
-SMALLEST_SINGULAR_VALUE = 1e-4
-"""Below this the joint speed for a tool speed of 1 m/s passes 10,000 rad/s: no motion follows the path there."""
-POLISHED = 1e-10
-"""Error that the polish must leave behind [m and rad]; it reaches 1e-15 unless the Jacobian has lost rank."""
 
-
-POLISH_MOVES = 0.02
-"""Largest joint motion of the polish [rad or m]: more would be another configuration."""
-
-
-AT_LIMIT = 1e-3
-"""How near a joint stands to its limit to be named as what stops a path [rad or m]."""
-
-
-APART = 2e-4
-"""Least distance of spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3 in the third derivative."""
-
+SAME_BRANCH = 0.02
+"""How far a method's answer may stand from the tracked configuration [rad or m]; farther, it is polished and compared."""
 
 MOST_SAMPLES = 100_000
 """More would only take time."""
 
-
-class FollowStatus(StrEnum):
-    """How following a path ended."""
-
-    SOLVED = "solved"
-    NO_IK = "no_ik"
-    OUTSIDE_LIMITS = "outside_limits"
-    BRANCH_JUMP = "branch_jump"
-    SINGULAR = "singular"
-
-
-@dataclass(frozen=True)
-class Stop:
-    """Where and why a motion ended early."""
-
-    status: StrEnum
-    s: float
-    joint: str | None
-    reason: str
-    advice: str
-
-
-class IKRecord(NamedTuple):
-    """What the IK method itself did at each sample (k,), before the polish: errors [m, rad] and iterations."""
-
-    position_error: Array
-    rotation_error: Array
-    iterations: NDArray[np.int64]
-
-
-class JointPath(Curve):
-    """Configurations q(s) along a path: quintic Hermite between polished samples with exact q', q''.
-
-    Attributes
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        What it follows; s has its unit.
-    knots : (k,) array
-        The samples in s.
-    nodes : (m,) array
-        The knots that the spline passes through: those at least `APART` from each other, so that rounding in q does not
-        show in q'''.
-    q : (k, n) array
-        Configurations there.
-    derivatives : (k, 3, n) array
-        Exact q', q'', q''' there.
-    singular_values : (k,) array
-        Smallest singular value of the Jacobian there.
-    ik : IKRecord
-        What the method left before the polish.
-    """
-
-    parameter = "s"
-
-    def __init__(self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord) -> None:
-        self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
-        self.singular_values = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
-        chosen = _apart(knots)
-        self.nodes = knots[chosen]
-        spline = through(self.nodes, q[chosen], derivatives[chosen, 0], derivatives[chosen, 1])
-        self._orders = [spline, *(spline.derivative(order) for order in (1, 2, 3))]
-
-    @property
-    def end(self) -> float:
-        """Last s: the path's own end, or where the good part of it ends."""
-        return float(self.knots[-1])
-
-    def _evaluate(self, x: Array, order: int) -> Array:
-        values: Array = self._orders[order](x)
-        return values
-
-    @cached_property
-    def deviation(self) -> tuple[float, float]:
-        """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
-        worst = _between(self.robot, self.path, self._orders[0], np.arange(1, 8) / 8.0)
-        return float(worst[:, 0].max()), float(worst[:, 1].max())
+DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
+"""What the tool's deviation between samples is proved to stay within; 151 samples of a regular line stay 1e4 times below."""
 
 
 class Followed(NamedTuple):
@@ -141,23 +52,39 @@ class Followed(NamedTuple):
         return self.stop is None
 
 
-def follow(solver: IKSolver, path: Path, q_start: ArrayLike, *, samples: int = 151) -> Followed:
-    """Turn a Cartesian path into a joint path, with the previous sample as the start of each solve.
+def follow(
+    solver: IKSolver,
+    path: Path,
+    q_start: ArrayLike | None = None,
+    *,
+    branch: str | None = None,
+    samples: int = 151,
+    tolerance: Tolerance = DEFAULT_TOLERANCE,
+) -> Followed:
+    """Turn a Cartesian path into a joint path.
 
-    Every sample is polished by Newton before derivatives are taken (1e-6 of noise would multiply the third derivative
-    by 400). A step between samples is accepted only if the joints move little AND the tool between the samples is on
-    the path.
+    One branch of configurations is tracked: predicted from exact derivatives, corrected by Newton to rounding, each step
+    accepted only if the joints move little and the quintic between is proved to keep the tool on the path and the joints
+    inside their limits; otherwise it is halved. So knots are the samples, the path's breaks, and more where needed. The
+    IK method solves the samples one from another, as it would alone; it is recorded, and judged by the tracked branch.
 
     Parameters
     ----------
     solver : IKSolver
-        Built for the arm.
+        Built for the arm, for whole poses.
     path : Path
-        Where the tool goes.
-    q_start : (n,) array
+        Where the tool goes. One that is given in the joints is taken as it is, singular or not.
+    q_start : (n,) array, optional
         Configuration at the path's start.
+    branch : {"start", "best"}, optional
+        ``"start"`` keeps the branch and winding of ``q_start``, the default where one is given. ``"best"``, the default
+        without one, tries every configuration of the path's start, every winding, and takes the best that goes all the
+        way (`planners.branches`); a ``q_start``, which may then be anywhere, is one to start near. For an arm with more
+        than six joints the free motion is chosen along the path (`planners.redundancy`).
     samples : int
         Equally spaced in s, ends included; 151 for the paper's line.
+    tolerance : Tolerance
+        Bound on the tool's deviation from the path between samples [m, rad].
 
     Returns
     -------
@@ -167,161 +94,248 @@ def follow(solver: IKSolver, path: Path, q_start: ArrayLike, *, samples: int = 1
     Raises
     ------
     InvalidInput
-        A path without length, a start off the path, outside the limits or not finite, fewer than 2 samples.
+        A path without length, a start off the path, outside the limits or not finite, fewer than 2 samples, another
+        branch, a tolerance that is none, a solver for part of the pose.
     """
+    robot = solver.robot
+    q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
+    grid = np.linspace(0.0, path.end, samples)
+    given = path.configurations(robot, grid)
+    if given is not None:
+        return _given(robot, path, grid, given, q)
+    knots = np.union1d(grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
+    if robot.n > 6:
+        return _redundant(solver, path, grid, knots, q, branch, tolerance)
+    guide = unguided(robot.n)
+    nodes = nodes_at(path, knots[apart(knots, path.breaks)], guide)
+    if branch == "start":
+        assert q is not None
+        way = track(robot, path, nodes, q, guide, tolerance)
+        return _finished(solver, path, grid, way, guide, branch, q)
+    return _best(solver, path, grid, nodes, guide, tolerance, q)
+
+
+def _checked(
+    solver: IKSolver, path: Path, q_start: ArrayLike | None, branch: str | None, samples: int, tolerance: Tolerance
+) -> tuple[Array | None, str]:
     robot = solver.robot
     check_count(samples, "samples", 2)
     if samples > MOST_SAMPLES:
         raise InvalidInput("samples", samples, f"at most {MOST_SAMPLES}; 151 hold a line to a nanometre")
-    q = check_start(robot, q_start, "q_start")
+    if not isinstance(tolerance, Tolerance):
+        raise InvalidInput("tolerance", repr(tolerance)[:60], "a Tolerance(position=…, rotation=…)")
+    if not solver.task.is_pose:
+        raise InvalidInput("solver", f"one for the task {solver.task}", "one for the whole pose")
+    branch = branch or ("best" if q_start is None else "start")
+    if branch not in ("start", "best"):
+        raise InvalidInput("branch", repr(branch)[:60], '"start" or "best"')
+    if branch == "start" and q_start is None:
+        raise InvalidInput("q_start", "None", 'a configuration, whose branch is kept; without one branch="best"')
+    q = None if q_start is None else check_start(robot, q_start, "q_start")
     if not path.end > 0.0:
         raise InvalidInput("path", "a length of 0", "a path whose ends differ")
-    off = robot.errors(q, path.pose(0.0))
-    distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
-    if max(distance, angle) > START_TOLERANCE:
-        raise InvalidInput(
-            "q_start",
-            f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start",
-            f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)",
+    if branch == "start" and q is not None and path.configurations(robot, np.zeros(1)) is None:
+        off = robot.errors(q, path.pose(0.0))
+        distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
+        if max(distance, angle) > START_TOLERANCE:
+            raise InvalidInput(
+                "q_start",
+                f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start",
+                f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)",
+            )
+    return q, branch
+
+
+# ---------------------------------------------------------------- paths given in the joints
+
+
+def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | None) -> Followed:
+    """A path in joint space: nothing to solve."""
+    if q_start is not None and np.abs(q_start - q[0]).max() > START_TOLERANCE:
+        i = int(np.abs(q_start - q[0]).argmax())
+        came = f"{robot.joint_names[i]} {abs(q_start[i] - q[0, i]):.3g} {unit(robot, i)} from the path's start"
+        raise InvalidInput("q_start", came, "the configuration where the path starts, or None")
+    knots = np.union1d(grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
+    orders = [path.configurations(robot, knots, order) for order in range(4)]
+    q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
+    lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
+    leaves = [_march.leaves(knots, q, dq, lower, upper, i) for i in range(robot.n)]
+    i = int(np.argmin(leaves))
+    stop, good = None, len(knots)
+    if leaves[i] <= path.end:
+        good = int(np.searchsorted(knots, leaves[i]))
+        sigma = float("nan")
+        low, high = robot.limits.lower[i], robot.limits.upper[i]
+        name = robot.joint_names[i]
+        reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {unit(robot, i)} at s = {leaves[i]:.6g}"
+        stop = Stop(
+            FollowStatus.OUTSIDE_LIMITS, leaves[i], name, reason, "a way in joint space inside the limits", sigma
         )
-    knots = np.linspace(0.0, path.end, samples)
-    poses = path.pose(knots)
-    found, record, stop = _solve_samples(solver, knots, poses, q)
-    return _checked(robot, path, knots[: len(found)], found, poses, record, stop)
-
-
-def _solve_samples(solver: IKSolver, knots: Array, poses: Array, q: Array) -> tuple[Array, IKRecord, Stop | None]:
-    found, errors, iterations, stop = [], [], [], None
-    for s, target in zip(knots, poses, strict=True):
-        result = solver.solve(target, q)
-        if not result:
-            stop = _no_ik(solver, s, target, result, q)
-            break
-        q = result.q
-        found.append(q)
-        errors.append((result.position_error, result.rotation_error))
-        iterations.append(result.iterations)
-    e = np.array(errors).reshape(-1, 2)
-    return np.array(found).reshape(-1, solver.robot.n), IKRecord(e[:, 0], e[:, 1], np.array(iterations, np.int64)), stop
-
-
-def _no_ik(solver: IKSolver, s: float, target: Array, result: IKResult, before: Array) -> Stop:
-    """Why no configuration was found: a joint that stands at its limit, a singular arm, or just the method's word."""
-    robot, limits = solver.robot, solver.robot.limits
-    J = robot.jacobian(before)
-    smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
-    wanted = before + np.linalg.lstsq(J, robot.errors(before, target), rcond=None)[0]  # to first order
-    beyond = np.maximum(limits.lower - wanted, wanted - limits.upper)
-    joint = robot.joint_names[int(np.argmax(beyond))] if beyond.max() > -AT_LIMIT else None
-    reason = (
-        f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
-        f"{np.degrees(result.rotation_error):.3g}° away); {joint + ' stands at its limit; ' if joint else ''}"
-        f"smallest singular value just before: {smallest:.2g}"
-    )
-    kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.NO_IK
-    return Stop(kind, float(s), joint, reason, "a shorter line, or another start configuration")
-
-
-def _checked(
-    robot: Robot, path: Path, knots: Array, q: Array, poses: Array, record: IKRecord, stop: Stop | None
-) -> Followed:
-    """Polish, check and differentiate the samples; keep those before the first that is wrong."""
-    raw, poses = q.copy(), poses[: len(q)]
-    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, q, poses, 6)
-    residual = np.abs(robot.errors(q, poses)).max(axis=1, initial=0.0)
-    moved = np.abs(q - raw).max(axis=1, initial=0.0)
-    singular = np.linalg.svd(robot.jacobian(q), compute_uv=False)[:, -1]
-    lost: Bools = (residual > POLISHED) | (moved > POLISH_MOVES) | (singular < SMALLEST_SINGULAR_VALUE)
-    step = np.abs(np.diff(q, axis=0, prepend=q[:1]))
-    checks: tuple[tuple[Bools, Callable[[int], Stop]], ...] = (
-        (lost, lambda i: _singular(knots[i], singular[i])),
-        (np.logical_not(robot.limits.contains(q)), lambda i: _outside(robot, knots[i], q[i])),
-        (np.asarray((step > LARGEST_STEP).any(axis=1)), lambda i: _jump(robot, knots[i], step[i])),
-    )
-    good = len(q)
-    for wrong, why in checks:
-        good, stop = _before_first(wrong[:good], why, stop)
     if good < 2:
         return Followed(None, stop)
-    derivatives = np.empty((good, 3, robot.n))
-    twists = np.stack([path.twist(knots[:good], order) for order in (1, 2, 3)], axis=1)
-    kinematics.path_derivatives(robot.fixed, robot.prismatic, robot.tool, q[:good], twists, derivatives)
-    spline = through(knots[:good], q[:good], derivatives[:, 0], derivatives[:, 1])
-    off = np.r_[0.0, _between(robot, path, spline, np.array([0.5])).max(axis=1)]
-    kept, stop = _before_first(off > PATH_TOLERANCE, lambda i: _off(knots[i], off[i]), stop)
-    if kept < 2:
+    at = knots[:good]
+    record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
+    chosen = np.isin(np.arange(good), apart(at, path.breaks))
+    return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), stop)
+
+
+# ---------------------------------------------------------------- the best branch
+
+
+def _best(
+    solver: IKSolver, path: Path, grid: Array, nodes: Nodes, guide: Guide, tolerance: Tolerance, near: Array | None
+) -> Followed:
+    """The best branch that goes all the way; where none does, the one that goes farthest."""
+    robot = solver.robot
+    ranked = branches(robot, path, near)
+    best: Track | None = None
+    for candidate in ranked:
+        if candidate.ended is not None and best is not None:
+            break
+        way = track(robot, path, nodes, candidate.q, guide, tolerance)
+        if best is None or way.s[-1] > best.s[-1]:
+            best = way
+        if way.ended is None:
+            break
+    if best is None:
+        return Followed(None, _no_start(solver, path, near))
+    return _finished(solver, path, grid, best, guide, "best", best.q[0])
+
+
+def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
+    """Why there is no regular configuration at the path's start."""
+    robot = solver.robot
+    middle = robot.limits.clip(np.zeros(robot.n)) if near is None else near
+    result = solve_ik(robot, path.pose(0.0), middle)
+    if result:
+        ended = Ended(_march.SINGULAR, 0.0, 0.0, -1)
+        stop = why_ended(robot, path, reach_bound(robot, POSE), ended, result.q)
+        return replace(stop, advice="a path that begins away from the singularity")
+    kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
+    said = "; ".join(word for word in (str(result.status), result.message) if word)
+    reason = f"no configuration inside the limits was found for the path's start ({said})"
+    advice = "a path that begins within reach; optik.solve_ik with closest=True says how near"
+    return Stop(kind, 0.0, None, reason, advice)
+
+
+# ---------------------------------------------------------------- redundant arms
+
+
+def _redundant(
+    solver: IKSolver, path: Path, grid: Array, knots: Array, q: Array | None, branch: str, tolerance: Tolerance
+) -> Followed:
+    """Choose the free motion, then track it; the first choice that goes all the way, or the one that goes farthest."""
+    robot, best = solver.robot, None
+    for start, guide in guides(robot, path, q, branch):
+        nodes = nodes_at(path, knots[apart(knots, path.breaks)], guide)
+        way = track(robot, path, nodes, start, guide, tolerance)
+        if best is None or way.s[-1] > best[0].s[-1]:
+            best = way, guide
+        if way.ended is None:
+            break
+    if best is None:
+        return Followed(None, _no_start(solver, path, q))
+    return _finished(solver, path, grid, *best, branch, best[0].q[0] if q is None else q)
+
+
+# ---------------------------------------------------------------- samples, the method's record, the joint path
+
+
+def _finished(
+    solver: IKSolver, path: Path, grid: Array, way: Track, guide: Guide, branch: str, q_start: Array
+) -> Followed:
+    """Put the samples among the nodes, let the method solve them, and cut both where either ends."""
+    robot = solver.robot
+    samples = grid[grid <= way.s[-1]]
+    (knots, q, dq, sigma), node = _with_samples(robot, path, way, samples, guide)
+    at = np.searchsorted(knots, samples)
+    record, stop = _solve_samples(solver, path, samples, q[at], q_start)
+    good = len(record.iterations)
+    if stop is None and way.ended is not None:
+        stop = why_ended(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
+    elif stop is not None:
+        last = int(at[good - 1]) + 1 if good else 0
+        knots, q, dq, sigma, node = knots[:last], q[:last], dq[:last], sigma[:last], node[:last]
+        if last:
+            node[-1] = True
+    if stop is not None and not stop.advice:
+        stop = replace(stop, advice=_advice(solver, path, stop, branch))
+    if len(knots) < 2:
         return Followed(None, stop)
-    return Followed(JointPath(robot, path, knots[:kept], q[:kept], derivatives[:kept], _cut(record, kept)), stop)
+    return Followed(JointPath(robot, path, knots, q, dq, record, node, sigma), stop)
 
 
-def _before_first(wrong: Bools, why: Callable[[int], Stop], stop: Stop | None) -> tuple[int, Stop | None]:
-    """How many samples come before the first wrong one, and the reason; the old reason where none is wrong."""
-    if not wrong.any():
-        return wrong.size, stop
-    i = int(np.argmax(wrong))
-    return i, why(i)
+def _with_samples(
+    robot: Robot, path: Path, way: Track, samples: Array, guide: Guide
+) -> tuple[tuple[Array, Array, Array, Array], Bools]:
+    """Knots, q, derivatives, singular values, and which are nodes: samples too close to be nodes are solved from these."""
+    more = np.setdiff1d(samples, way.s) if len(way.s) > 1 else samples[:0]
+    tracked = way.s, way.q, way.dq, way.singular
+    node = np.arange(len(way.s) + len(more)) < len(way.s)
+    if not more.size:
+        return tracked, node
+    points, n = nodes_at(path, more, guide), robot.n
+    dq, sigma = np.empty((len(more), 3, n)), np.empty(len(more))
+    i = np.clip(np.searchsorted(way.s, more, side="right") - 1, 0, len(way.s) - 2)
+    h = (more - way.s[i])[:, None]
+    q = way.q[i] + h * (way.dq[i, 0] + 0.5 * h * (way.dq[i, 1] + h * way.dq[i, 2] / 3.0))
+    arm = robot.fixed, robot.prismatic, robot.tool
+    for k in range(len(more)):
+        kinematics.put_on(*arm, points.poses[k], points.rows[k, 0], points.values[k, 0], 8, q[k])
+        at = points.twists[k], points.rows[k], points.values[k]
+        _, sigma[k] = kinematics.derivatives_at(*arm, q[k], *at, dq[k])
+    order = np.argsort(np.concatenate([way.s, more]), kind="stable")
+    s, qs, dqs, sigmas = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq, sigma), strict=True))
+    return (s, qs, dqs, sigmas), node[order]
 
 
-def _apart(knots: Array) -> NDArray[np.int64]:
-    """Indices of knots that stand apart; the ends always."""
-    chosen = [0]
-    for i in range(1, len(knots) - 1):
-        if knots[i] - knots[chosen[-1]] >= APART and knots[-1] - knots[i] >= APART:
-            chosen.append(i)
-    return np.array([*chosen, len(knots) - 1])
+def _solve_samples(
+    solver: IKSolver, path: Path, samples: Array, tracked: Array, q_start: Array
+) -> tuple[IKRecord, Stop | None]:
+    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch.
+
+    For a redundant arm, where answers may drift along their curves of solutions, from the tracked one before.
+    """
+    robot, stop = solver.robot, None
+    solve, redundant = solver.solve, robot.n > 6
+    results: list[Any] = []
+    q = q_start
+    for i, target in enumerate(path.pose(samples)):
+        result = solve(target, q)
+        if not result:
+            stop = no_ik(solver, float(samples[i]), result, q)
+            break
+        results.append(result)
+        q = tracked[i] if redundant else result.q
+    good = len(results)
+    found = np.array([result.q for result in results]).reshape(-1, robot.n)
+    away = np.abs(found - tracked[:good]).max(axis=1, initial=0.0)
+    for i in map(int, np.flatnonzero(away > (_march.LARGEST_STEP if redundant else SAME_BRANCH))):
+        x = found[i : i + 1].copy()  # a loose tolerance near a singularity moves the joints far
+        kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, path.pose(samples[i : i + 1]), 10)
+        if redundant or np.abs(x[0] - tracked[i]).max() > 1e-6:
+            stop = jumped(solver, float(samples[i]), found[i] - tracked[i], tracked[max(i - 1, 0)])
+            good = i
+            break
+    position = np.array([result.position_error for result in results[:good]])
+    rotation = np.array([result.rotation_error for result in results[:good]])
+    iterations = np.array([result.iterations for result in results[:good]], np.int64)
+    return IKRecord(position, rotation, iterations, samples[:good]), stop
 
 
-def _cut(record: IKRecord, k: int) -> IKRecord:
-    return IKRecord(record.position_error[:k], record.rotation_error[:k], record.iterations[:k])
-
-
-def _between(robot: Robot, path: Path, spline: Any, fractions: Array) -> Array:
-    """Worst distance [m] and angle [rad] to the path at the same s in each interval of a spline, (k − 1, 2)."""
-    s = (spline.x[:-1, None] + np.diff(spline.x)[:, None] * fractions).ravel()
-    e = se3.error(robot.fk(spline(s)), path.pose(s))
-    norms = np.stack([np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)], axis=1)
-    worst: Array = norms.reshape(-1, fractions.size, 2).max(axis=1)
-    return worst
-
-
-def _singular(s: float, value: float) -> Stop:
-    return Stop(
-        FollowStatus.SINGULAR,
-        float(s),
-        None,
-        f"the arm is singular at s = {s:.6g} (smallest singular value {value:.2g})",
-        "another start configuration, or a line that keeps away from the singularity",
-    )
-
-
-def _outside(robot: Robot, s: float, q: Array) -> Stop:
-    lower, upper = robot.limits.lower, robot.limits.upper
-    i = int(np.argmax(np.maximum(lower - q, q - upper)))
-    return Stop(
-        FollowStatus.OUTSIDE_LIMITS,
-        float(s),
-        robot.joint_names[i],
-        f"{robot.joint_names[i]} leaves its range [{lower[i]:.4g}, {upper[i]:.4g}] at s = {s:.6g}",
-        "a shorter line or another start configuration",
-    )
-
-
-def _jump(robot: Robot, s: float, step: Array) -> Stop:
-    i = int(np.argmax(step))
-    return Stop(
-        FollowStatus.BRANCH_JUMP,
-        float(s),
-        robot.joint_names[i],
-        f"{robot.joint_names[i]} moves {step[i]:.3g} rad in one step at s = {s:.6g}: a branch jump, or too few samples",
-        "more samples; if it stays, another start configuration",
-    )
-
-
-def _off(s: float, distance: float) -> Stop:
-    return Stop(
-        FollowStatus.BRANCH_JUMP,
-        float(s),
-        None,
-        f"between samples the tool leaves the path by {distance:.2g} (m or rad) before s = {s:.6g}",
-        "more samples; if it stays, another start configuration",
-    )
+def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
+    """What would work, looked at before it is said."""
+    robot = solver.robot
+    shorter = f"a path that ends before s = {stop.s:.6g}" if stop.s > 0.0 else "another start configuration or path"
+    if branch == "best":
+        return f"no other branch goes farther; {shorter}" if robot.n <= 6 else shorter
+    if robot.n > 6:
+        return f'branch="best" may find other free motion; {shorter}'
+    if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
+        return f"no branch goes all the way: no configuration was found for the path's end; {shorter}"
+    ways = branches(robot, path)
+    if ways and ways[0].ended is None:
+        start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
+        return f'branch="best": another start configuration goes all the way, {start}; or {shorter}'
+    farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > stop.s + 1e-3 * path.end else ""
+    return f"{farther}no branch goes all the way; {shorter}"

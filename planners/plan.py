@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,14 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.files import write_whole
 from optik.ik import IKSolver, make_solver
+from optik.ik._problem import check_start
 from optik.registry import build_method, names
 from optik.robot import Robot
-from planners.certificate import Certificate, certify, plain
+from planners.certificate import Certificate, certify, check_tolerance
+from planners.fit import fitted, stretch
 from planners.follow import FollowStatus, JointPath, Stop, follow
+from planners.motion import Motion
+from planners.motion_file import save
 from planners.paths.base import Path
+from planners.paths.joint_line import JointLine
+from planners.paths.line import Line
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -26,7 +31,10 @@ Array = NDArray[np.float64]
 
 
 class PlanStatus(StrEnum):
-    """How planning ended: as following the path did, or in timing."""
+    """How planning ended: as following the path did, or in timing.
+
+    LIMITS_EXCEEDED is the answer of ``strict=True`` where the law's own motion passes a limit that it promises to keep.
+    """
 
     SOLVED = FollowStatus.SOLVED
     NO_IK = FollowStatus.NO_IK
@@ -34,6 +42,7 @@ class PlanStatus(StrEnum):
     BRANCH_JUMP = FollowStatus.BRANCH_JUMP
     SINGULAR = FollowStatus.SINGULAR
     TIMING_INFEASIBLE = "timing_infeasible"
+    LIMITS_EXCEEDED = "limits_exceeded"
 
 
 @dataclass(frozen=True)
@@ -54,6 +63,8 @@ class Plan:
         The joint path, or on failure the good part of it.
     stop : Stop or None
         Where and why it failed: s, joint, reason, advice.
+    slowed : float
+        By which factor the law's motion was slowed so that it keeps what the law promises; 1 where it kept it by itself.
     """
 
     robot: Robot
@@ -66,6 +77,7 @@ class Plan:
     stop: Stop | None
     _trajectory: Trajectory | None
     _certificate: Certificate | None
+    slowed: float = 1.0
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
@@ -104,7 +116,7 @@ class Plan:
             "status": str(self.status),
             "ik": self.ik,
             "law": self.law,
-            "limits": {k: plain(v) for k, v in self.limits.arrays(self.robot.n).items()},
+            "limits": self.limits.to_dict(self.robot.n),
             "path": getattr(self.path, "to_dict", dict)(),
         }
         if self.stop is not None:
@@ -118,21 +130,31 @@ class Plan:
         t = motion.knots
         return out | {
             "duration": motion.duration,
+            "slowed": self.slowed,
             "joint_names": list(self.robot.joint_names),
             "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
             "coefficients": motion.coefficients.tolist(),
             "certificate": self.certificate.to_dict(),
         }
 
+    @property
+    def motion(self) -> Motion:
+        """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
+        return Motion(self.robot, self.path, self.limits, self.trajectory, self.law, self.certificate.keeps)
+
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write `to_dict` as JSON, whole or not at all.
+        """Write the motion, whole or not at all, as NPZ, JSON or CSV by the file's suffix: `planners.load_motion` reads it.
 
         Raises
         ------
+        NoSolution
+            The plan failed: there is no motion. `to_dict` says why.
+        InvalidInput
+            Another suffix.
         OutputError
             The file cannot be written.
         """
-        write_whole(file, lambda part: part.write_text(json.dumps(self.to_dict(), allow_nan=False)))
+        save(self.motion, file)
 
 
 def laws() -> tuple[str, ...]:
@@ -156,23 +178,27 @@ def make_law(law: str, **options: Any) -> TimeLaw:
 
 def plan(
     robot: Robot,
-    path: Path,
-    q_start: ArrayLike,
+    path: Path | ArrayLike,
+    q_start: ArrayLike | None = None,
     *,
-    ik: str | IKSolver = "dls",
-    timing: str | TimeLaw = "ruckig",
+    ik: str | IKSolver = "lm",
+    timing: str | TimeLaw = "optimal",
     limits: MotionLimits | None = None,
     samples: int = 151,
+    duration: float | None = None,
+    strict: bool = False,
+    tolerance: tuple[float, float] = (1e-5, 1e-5),
+    rate: float = 1000.0,
 ) -> Plan:
-    """Plan the joint motion that takes the tool along a path.
+    """Plan the joint motion that takes the tool along a path, and prove what it keeps.
 
     Parameters
     ----------
     robot : Robot
         The arm.
-    path : Path
-        Where the tool goes.
-    q_start : (n,) array
+    path : Path, or (4, 4) array, or (n,) array
+        Where the tool goes. A pose is a straight line there from the start; joints are a motion there in joint space.
+    q_start : (n,) array, optional
         Configuration at the path's start.
     ik : str or IKSolver
         Method, by name or built.
@@ -182,6 +208,15 @@ def plan(
         The robot's own by default.
     samples : int
         Of the path, equally spaced.
+    duration : float, optional
+        Seconds that the motion shall take: the law's motion, uniformly slowed.
+    strict : bool
+        Refuse a motion that passes a limit which its law promises to keep. By default it is slowed uniformly until it
+        keeps it, on the same path, and `Plan.slowed` says by how much.
+    tolerance : (2,) tuple of float
+        Largest distance [m] and angle [rad] between tool and path; a motion beyond is a certificate that does not hold.
+    rate : float
+        The controller's rate [1/s], for `Certificate.sampled_jerk`.
 
     Returns
     -------
@@ -198,27 +233,123 @@ def plan(
     solver = make_solver(robot, ik) if isinstance(ik, str) else ik
     law = make_law(timing) if isinstance(timing, str) else timing
     limits = MotionLimits.of(robot) if limits is None else limits
-    for argument, value, kind in (
-        ("path", path, Path), ("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits),
-    ):  # fmt: skip
+    for argument, value, kind in (("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+    path = path if isinstance(path, Path) else path_to(robot, path, q_start)
+    tolerance = check_tolerance(tolerance)
+    if duration is not None:
+        check_number(duration, "duration", "seconds above 0", above=0.0)
+    if not isinstance(strict, bool):
+        raise InvalidInput("strict", repr(strict)[:60], "True or False")
     if solver.robot != robot:
         raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
     law.need(limits, robot)
     followed = follow(solver, path, q_start, samples=samples)
+    asked = Asked(robot, path, limits, solver.name, law, tolerance, rate)
     if followed.stop is not None:
-        status = PlanStatus(followed.stop.status)
-        return Plan(robot, path, limits, status, solver.name, law.name, followed.joint_path, followed.stop, None, None)
+        return asked.failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
     assert followed.joint_path is not None
-    return _timed(robot, path, limits, solver.name, law, followed.joint_path)
+    return _timed(asked, followed.joint_path, duration, strict)
 
 
-def _timed(robot: Robot, path: Path, limits: MotionLimits, ik: str, law: TimeLaw, joints: JointPath) -> Plan:
+def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None) -> Path:
+    """Path from a configuration to a goal: a straight line to a pose, a motion in joint space to joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    goal : (4, 4) or (n,) array
+        A pose of the tool, or joints.
+    q_start : (n,) array
+        Where the arm stands.
+
+    Raises
+    ------
+    InvalidInput
+        Neither of them, or no start.
+    """
+    expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
     try:
-        trajectory = law.run(joints, limits)
-    except NoSolution as error:
+        array = np.asarray(goal, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput("path", repr(goal)[:60], expected) from None
+    if array.shape not in ((4, 4), (robot.n,)):
+        raise InvalidInput("path", f"shape {array.shape}", expected)
+    if q_start is None:
+        raise InvalidInput("q_start", "None", "the configuration that the path to a goal starts from")
+    if array.shape == (robot.n,):
+        return JointLine(robot, q_start, array)
+    return Line(robot.fk(check_start(robot, q_start, "q_start")), array)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was asked of a plan, and its ways to end."""
+
+    robot: Robot
+    path: Path
+    limits: MotionLimits
+    ik: str
+    law: TimeLaw
+    tolerance: tuple[float, float]
+    rate: float
+
+    def failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
+        """A plan without a motion."""
+        return Plan(self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None)
+
+    def solved(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
+        """A plan with its motion, certified."""
+        proof = certify(
+            self.robot, self.path, trajectory, self.limits,
+            law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
+        )  # fmt: skip
+        return Plan(
+            self.robot, self.path, self.limits, PlanStatus.SOLVED, self.ik, self.law.name, joints, None, trajectory, proof,
+            slowed,
+        )  # fmt: skip
+
+    def refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
+        """A motion that passes a limit, and strict was asked."""
+        field = max(self.law.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
+        ratio, joint, t = proof.worst(field)
+        place = float(np.interp(t, proof.binding.t, proof.binding.s))
+        what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
+        if not ratio > 1.0:
+            what = proof.broken[0]
+        stop = Stop(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
+        return self.failed(PlanStatus.LIMITS_EXCEEDED, joints, stop)
+
+    def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
+        """A law that found no motion."""
         stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
-        return Plan(robot, path, limits, PlanStatus.TIMING_INFEASIBLE, ik, law.name, joints, stop, None, None)
-    proof = certify(robot, path, trajectory, limits, law=law.name, keeps=law.keeps)
-    return Plan(robot, path, limits, PlanStatus.SOLVED, ik, law.name, joints, None, trajectory, proof)
+        return self.failed(PlanStatus.TIMING_INFEASIBLE, joints, stop)
+
+
+def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool) -> Plan:
+    try:
+        raw = asked.law.run(joints, asked.limits)
+        factor = stretch(asked.robot, raw, asked.limits, asked.law.keeps)
+        exceeded = factor > 1.0
+        if exceeded and strict:
+            proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=asked.law.keeps)
+            return asked.refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
+        trajectory = fitted(asked.robot, raw, asked.limits, asked.law.keeps) if exceeded else raw
+        slowed = trajectory.duration / raw.duration
+        if duration is not None:
+            trajectory = _lasting(trajectory, duration, asked.law)
+    except NoSolution as error:
+        return asked.infeasible(joints, error)
+    return asked.solved(joints, trajectory, slowed)
+
+
+def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
+    """The motion, slowed to a duration; a law that promises nothing may be hastened too."""
+    if law.keeps and duration < trajectory.duration:
+        raise NoSolution(
+            f"{duration:.6g} s is shorter than the least duration that {law.name} finds, {trajectory.duration:.9g} s",
+            advice="a longer duration, or higher limits",
+        )
+    return trajectory.slowed(duration / trajectory.duration)

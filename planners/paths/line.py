@@ -2,43 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
-from planners.paths.base import Path
+from optik.robot import Robot
+from planners.paths._rotation import NO_MOTION, angle_about, poses, shortest_turn, turned
+from planners.paths.base import Path, fields
 
 Array = NDArray[np.float64]
-
-NO_MOTION = 1e-12
-"""Chords [m] and angles [rad] below this are rounding, not motion."""
 
 
 class Line(Path):
     """From one pose to another; s is the distance travelled [m], or the angle turned [rad] where the tool only turns.
 
     The paper's eq. 14 without its misprints: T(s) = [exp(s ω) R₀, P₀ + s v; 0 1]. The paper's own line keeps its
-    orientation; any other goal is turned to about one fixed axis, the shortest way.
+    orientation; any other goal is turned to about one fixed axis, the shortest way. Equal poses make a line of length
+    0, which no motion follows.
 
     Parameters
     ----------
     start, goal : (4, 4) array
-        T_base_tool at both ends.
+        T_base_tool at both ends; their rotations are taken to the nearest exact ones.
 
     Raises
     ------
     InvalidInput
-        An argument that is no pose.
+        An argument that is no pose, or a turn within 1e-6 rad of 180°, to which no shortest way exists.
     """
 
     name: ClassVar[str] = "line"
 
     def __init__(self, start: ArrayLike, goal: ArrayLike) -> None:
-        self.start = se3.check_pose(start, "start").copy()
-        self.goal = se3.check_pose(goal, "goal").copy()
-        e = se3.error(self.start, self.goal)
+        self.start = se3.nearest_pose(se3.check_pose(start, "start")).copy()
+        self.goal = se3.nearest_pose(se3.check_pose(goal, "goal")).copy()
+        e = np.concatenate([self.goal[:3, 3] - self.start[:3, 3], shortest_turn(self.start, self.goal, "goal")])
         chord, angle = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
         # a chord of rounding beside a real turn is no length to count in
         self.turns_only = chord <= NO_MOTION or (chord <= 1e-6 and angle > chord)
@@ -54,36 +55,38 @@ class Line(Path):
 
     def _evaluate(self, x: Array, order: int) -> Array:
         if order == 0:
-            return se3.interpolate(self.start, self.goal, x / self._end if self._end else np.zeros_like(x))
+            R = turned(self.start[:3, :3], self._twist[3:], x)
+            return poses(R, self.start[:3, 3] + x[:, None] * self._twist[:3])
         if order == 1:
             return np.tile(self._twist, (x.size, 1))
         return np.zeros((x.size, 6))  # v and ω are constant in the base frame
 
-    def nearest(self, poses: Array) -> Array:
-        """Where on the line (k,) the poses (k, 4, 4) are nearest: by position, or by rotation where it only turns."""
-        part = slice(3, 6) if self.turns_only else slice(0, 3)
-        direction = self._twist[part]
-        norm2 = float(direction @ direction)
-        if not norm2:
-            return np.zeros(len(poses))
-        # seen from the middle, no place on the line is a half turn away, where the rotation vector changes sign
+    def _nearest(self, poses: Array) -> Array:
+        """Closed form: by position, or by rotation where it only turns."""
+        # seen from the middle, no place on the line is a half turn away, where the angle changes sign
         middle = 0.5 * self._end
-        offset = se3.error(self.pose(middle), poses)[..., part]
-        return np.clip(middle + offset @ direction / norm2, 0.0, self._end)
+        T = self.pose(middle)
+        if self.turns_only:
+            axis = self._twist[3:] / np.linalg.norm(self._twist[3:])
+            offset = angle_about(axis, poses[:, :3, :3] @ T[:3, :3].T) / np.linalg.norm(self._twist[3:])
+        else:
+            v = self._twist[:3]
+            offset = (poses[:, :3, 3] - T[:3, 3]) @ v / (v @ v)
+        return np.clip(middle + offset, 0.0, self._end)
+
+    def derivative_bounds(self) -> Array:
+        """Bounds (2, 4) on the derivatives of position and rotation: constant velocity, constant turning."""
+        speed, turning = np.linalg.norm(self._twist[:3]), np.linalg.norm(self._twist[3:])
+        return np.array([[speed, 0.0, 0.0, 0.0], turning ** np.arange(1, 5)])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files."""
         return {"path": self.name, "start": self.start.tolist(), "goal": self.goal.tolist()}
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Self:
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
         """The line that `to_dict` wrote."""
-        return cls(data["start"], data["goal"])
-
-    def derivative_bounds(self) -> Array:
-        """Bounds (2, 4) on the derivatives of position and rotation: constant velocity, constant turning."""
-        speed, turning = np.linalg.norm(self._twist[:3]), np.linalg.norm(self._twist[3:])
-        return np.array([[speed, 0.0, 0.0, 0.0], turning ** np.arange(1, 5)])
+        return cls(*fields(data, cls.name, "start", "goal"))
 
 
 METHOD = Line

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,11 +74,29 @@ class MotionLimits:
         free = np.full(n, np.inf)
         return {f: free if (v := getattr(self, f)) is None else positive(v, n, f) for f in DERIVATIVES}
 
+    def scaled(self, share: float) -> MotionLimits:
+        """Return the same limits, so many times as wide."""
+        wider: dict[str, Any] = {f: share * np.asarray(v) for f in ALL_LIMITS if (v := getattr(self, f)) is not None}
+        return replace(self, **{f: float(v) if f in TOOL_SPEEDS else v for f, v in wider.items()})
+
+    def to_dict(self, n: int) -> dict[str, Any]:
+        """Plain data for files: lists of n numbers, None where free."""
+        arrays = {f: [float(x) if np.isfinite(x) else None for x in a] for f, a in self.arrays(n).items()}
+        return arrays | {f: getattr(self, f) for f in TOOL_SPEEDS}
+
     @property
     def tool(self) -> tuple[float, float]:
         """Greatest tool speed [m/s] and rotation speed [rad/s], infinity where free."""
         speed, rotation = (getattr(self, f) for f in TOOL_SPEEDS)
         return (np.inf if speed is None else float(speed), np.inf if rotation is None else float(rotation))
+
+
+class PathState(NamedTuple):
+    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there."""
+
+    s: float
+    speed: float
+    acceleration: float
 
 
 class TimeLaw(ABC):
@@ -99,6 +117,18 @@ class TimeLaw(ABC):
         NoSolution
             No timing exists within the limits.
         """
+
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
+        """Time the rest of the joint path from a moving state to its end, or to rest as soon as may be.
+
+        Raises
+        ------
+        InvalidInput
+            The law starts at rest only, or a limit that it needs is missing.
+        NoSolution
+            No timing exists within the limits from that state.
+        """
+        raise InvalidInput("timing", self.name, "a law that can start from a moving state: optimal")
 
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
         """Return the limits as arrays, or say which one the law needs and does not have."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+import ruckig
 from numpy.typing import NDArray
 
 from optik.check import check_count
@@ -13,7 +14,7 @@ from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum, _reach
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, TimeLaw, speed_bound
+from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw, speed_bound
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -24,8 +25,17 @@ GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
+FIRST, AGAIN = 0.1, 1.5e-3
+"""First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
+STARTS = ((1.0, 1.0), (0.5, 1.0), (2.0, 1.0), (1.0, 10.0), (1.0, 0.1), (0.25, 10.0), (4.0, 10.0))
+"""Widths of the start's filter over the usual one, and first barrier weights over the usual one, tried in turn."""
+MOST = 100
+"""Iterations; 12 to 22 are usual."""
 CLOSE = 1e-4
 """What may be left to the slow-down: a share of the limits."""
+
+WIDER = (1.0, 1.001, 1.003, 1.01)
+"""Shares of the limits that are tried from a moving state."""
 
 
 class Optimal(TimeLaw):
@@ -66,64 +76,167 @@ class Optimal(TimeLaw):
             The iteration found no motion.
         """
         self.need(limits, joint_path.robot)
-        programme = _programme(joint_path, limits, self.intervals)
-        z = _inside(programme, programme.start, 0.9)
-        mu = 6.4 / programme.ds.size
-        for _ in range(PASSES):
-            if not _solve(programme, z, mu):
-                raise NoSolution(
-                    "the interior-point iteration found no motion", advice="another number of intervals, or another law"
-                )
-            trajectory = _motion(joint_path, programme, z)
-            if not _tighten(joint_path, programme, trajectory, limits):
-                break
-            z = _inside(programme, z, 0.98)
-            mu = 0.1 / programme.ds.size
-        return fitted(joint_path.robot, trajectory, limits, self.keeps)
+        for width, weight in STARTS:
+            programme = _programme(joint_path, limits, self.intervals, width=width)
+            trajectory = None if programme is None else _solved(joint_path, programme, limits, CLOSE, weight)
+            if trajectory is not None:
+                return fitted(joint_path.robot, trajectory, limits, self.keeps)
+        raise NoSolution(
+            "the interior-point iteration found no motion", advice="another number of intervals, or another law"
+        )
+
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
+        """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
+
+        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly. Where
+        the state leaves no such motion (one at its limits often misses them by rounding), limits up to 1 % wider are tried:
+        the certificate shows what is passed.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Which the state itself must keep.
+        state : PathState
+            Where and how fast the motion is.
+        stop : bool
+            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first.
+
+        Raises
+        ------
+        InvalidInput
+            Velocity, acceleration or jerk limits are missing.
+        NoSolution
+            No motion from that state keeps the limits.
+        """
+        self.need(limits, joint_path.robot)
+        ends = _stopping_places(joint_path, limits, state) if stop else [joint_path.end]
+        for share in WIDER:
+            wider = limits.scaled(share)
+            for end in ends:
+                programme = _programme(joint_path, wider, self.intervals, state, end)
+                trajectory = None if programme is None else _solved(joint_path, programme, wider, 0.0)
+                if trajectory is not None:
+                    return trajectory
+        raise NoSolution(
+            f"no motion from this state {'comes to rest' if stop else 'ends at rest'} on the path within the limits",
+            s=state.s,
+            advice="higher limits" if stop else "stop=True, or higher limits",
+        )
+
+
+def _stopping_places(joint_path: JointPath, limits: MotionLimits, state: PathState) -> list[float]:
+    """Places at which a motion might come to rest, from what the limits would allow on a straight joint path."""
+    bound = limits.arrays(joint_path.robot.n)
+    q1 = np.maximum(np.abs(joint_path(state.s, 1)), 1e-12)
+    a, j = float((bound["acceleration"] / q1).min()), float((bound["jerk"] / q1).min())
+    problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    problem.control_interface = ruckig.ControlInterface.Velocity
+    problem.current_velocity, problem.current_acceleration = [state.speed], [state.acceleration]
+    problem.target_velocity, problem.max_acceleration, problem.max_jerk = [0.0], [max(a, 1e-9)], [max(j, 1e-9)]
+    ruckig.Ruckig(1).calculate(problem, answer)
+    distance = max(answer.at_time(answer.duration)[0][0], 1e-6 * joint_path.end)
+    places = [state.s + distance * factor for factor in (1.02, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0)]
+    return [s for s in places if s < joint_path.end] + [joint_path.end]
+
+
+def _solved(
+    joint_path: JointPath, programme: _Programme, limits: MotionLimits, close: float, weight: float = 1.0
+) -> Trajectory | None:
+    """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
+    problem = programme.problem
+    K, n = problem.ds.size, problem.node.shape[1]
+    z = programme.start if programme.moving else _inside(problem, programme.start, 0.9)
+    mu, trajectory = weight * FIRST * UNITS / K, None
+    for _ in range(PASSES if close else 2 * PASSES):
+        if _optimum.solve(problem, z, mu, GAP * UNITS / (6.0 * n * K), MOST) < 0:
+            return trajectory if close else None
+        trajectory = _motion(joint_path, programme, z)
+        if not _tighten(joint_path, programme, trajectory, limits, close):
+            return trajectory
+        if not programme.moving:
+            z = _inside(problem, z, 0.98)
+        mu = AGAIN * UNITS / K
+    return trajectory if close else None
 
 
 class _Programme(NamedTuple):
-    """The numbers of the nonlinear programme; see `planners.timing._optimum`."""
+    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time."""
 
+    problem: _optimum.Problem
     s: Array
-    ds: Array
-    top: Array
-    node: Array
-    edge: Array
     start: Array
     units: tuple[float, float]
+    moving: bool
 
 
-def _programme(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> _Programme:
+def _programme(
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0,
+    *, width: float = 1.0,
+) -> _Programme | None:  # fmt: skip
+    """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
-    end = joint_path.end
-    s = np.linspace(0.0, end, 2 * max(100, joint_path.knots.size) + 1)
+    begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
+    s = np.linspace(begin, end, 2 * max(100, joint_path.knots.size) + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     speed = speed_bound(joint_path, limits, s)
-    _reach.fastest(s, joint_path(s, 1), joint_path(s, 2), speed, bound["acceleration"], 0.0, 0.0, x)
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    acceleration, ramp = _ramps(bound, q1, s)
+    good = _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x)
+    if not good:
+        return None
     _reach.in_time(s, x, t)
-    with np.errstate(invalid="ignore"):
-        ramps = bound["acceleration"] / bound["jerk"]
-    width = 1.2 * float(ramps[np.isfinite(ramps)].max(initial=1e-3 * t[-1]))
-    duration = float(t[-1]) + width
+    width *= ramp
+    v, since = np.sqrt(x), 0.0
+    if first > 0.0:  # the filter looks back on a motion that came in at its speed
+        t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
+        since = _when(t, s, v, width, begin)
+    duration = float(t[-1]) + width - since
     count = intervals or int(np.clip(round(14.0 * duration / width), 160, 2000))
     smooth = np.empty((3, count + 1))
-    _reach.filtered(t, s, np.sqrt(x), width, np.linspace(0.0, duration, count + 1), smooth)
+    _reach.filtered(t, s, v, width, np.linspace(since, since + duration, count + 1), smooth)
     at, v, a = smooth
-    at[0], at[-1] = 0.0, end
-    v[0] = v[-1] = a[0] = a[-1] = 0.0
-    units = end / UNITS, duration / UNITS
-    return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units)
+    at[0], at[-1] = begin, end
+    v[-1] = a[-1] = 0.0
+    v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
+    units = (end - begin) / UNITS, duration / UNITS
+    return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units, state is not None)
+
+
+def _ramps(bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, float]:
+    """Accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+
+    With a jerk J, a joint that may not pass the velocity V, and moves by D in all, never gets beyond (J V)^½ and (J² D)^⅓.
+    """
+    V, A, J = (bound[field] for field in DERIVATIVES)
+    D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
+    with np.errstate(invalid="ignore"):
+        least = np.fmin(np.fmin(A, np.sqrt(J * V)), np.cbrt(J * J * np.maximum(D, 1e-9)))
+        ramps = least / J
+    moving = np.isfinite(ramps) & (1e-6 * D.max() < D)
+    return np.asarray(least), 1.2 * float(ramps[moving].max(initial=1e-9))
+
+
+def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
+    """When the filtered motion passes a place."""
+    low, high, out = 0.0, float(t[-1]) + width, np.empty((3, 1))
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        _reach.filtered(t, s, v, width, np.array([middle]), out)
+        low, high = (middle, high) if out[0, 0] < place else (low, middle)
+    return high
 
 
 def _numbers(
-    joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float]
-) -> _Programme:
+    joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
+    moving: bool,
+) -> _Programme:  # fmt: skip
     bound = limits.arrays(joint_path.robot.n)
     A, J = bound["acceleration"], bound["jerk"]
     length, time = units
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    beside = 1e-9 * joint_path.end  # q''' may jump at a node of the path: each interval has its own
+    beside = 1e-9 * (s[-1] - s[0])  # q''' may jump at a node of the path: each interval has its own
     q3 = np.stack([joint_path(s[:-1] + beside, 3), joint_path(s[1:] - beside, 3)], axis=1)
     ends1, ends2 = np.stack([q1[:-1], q1[1:]], axis=1), np.stack([q2[:-1], q2[1:]], axis=1)
     v1, v2, v3 = length / time, length**2 / time**2, length**3 / time**3
@@ -133,31 +246,23 @@ def _numbers(
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
-    return _Programme(s, np.diff(s) / length, top, node, edge, start, units)
+    problem = _optimum.Problem(np.diff(s) / length, top, node, edge, np.zeros(2))
+    return _Programme(problem, s, start, units, moving)
 
 
-def _inside(programme: _Programme, z: Array, share: float) -> Array:
+def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
     """The motion z, so much slower that it uses at most a share of every limit."""
-    K, n = programme.ds.size, programme.node.shape[1]
+    K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
-    _optimum.values(z, programme.ds, programme.node, programme.edge, g, c)
+    _optimum.values(problem, z, g, c)
     factor = max(
         1.0,
-        float((z[1:-1, 0] / programme.top[1:-1]).max()) / share,
+        float((z[1:-1, 0] / problem.top[1:-1]).max()) / share,
         np.sqrt(np.abs(c[:, :n]).max() / share),
         np.cbrt(np.abs(c[:, n:]).max() / share),
     )
     slower: Array = z / np.array([factor, factor**2, 1.0 / factor, factor**3])
     return slower
-
-
-def _solve(programme: _Programme, z: Array, mu: float) -> bool:
-    K, n = programme.ds.size, programme.node.shape[1]
-    least = GAP * UNITS / (6.0 * n * K)
-    taken: int = _optimum.solve(
-        z, np.zeros(2), programme.ds, programme.top, programme.node, programme.edge, mu, least, 100
-    )
-    return taken > 0
 
 
 def _motion(joint_path: JointPath, programme: _Programme, z: Array) -> Trajectory:
@@ -169,20 +274,23 @@ def _motion(joint_path: JointPath, programme: _Programme, z: Array) -> Trajector
     return Trajectory(through(t, q, q1 * v, q1 * a + q2 * v * v))
 
 
-def _tighten(joint_path: JointPath, programme: _Programme, trajectory: Trajectory, limits: MotionLimits) -> bool:
+def _tighten(
+    joint_path: JointPath, programme: _Programme, trajectory: Trajectory, limits: MotionLimits, close: float
+) -> bool:
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
     bound = limits.arrays(joint_path.robot.n)
     over = [trajectory.piece_worst(order) / bound[field] for order, field in enumerate(DERIVATIVES, start=1)]
-    if max(float(o.max()) for o in over) <= 1.0 + CLOSE:
+    if max(float(o.max()) for o in over) <= 1.0 + close:
         return False
-    speed, acceleration, jerk = (np.maximum(o, 1.0) for o in over)
-    joints = np.maximum(acceleration, 1.0)
-    programme.node[:-1] *= joints[:, :, None]
-    programme.node[1:] *= joints[:, :, None]
-    programme.edge[...] *= jerk[:, None, :, None]
+    spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
+    speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
+    problem = programme.problem
+    problem.node[:-1] *= acceleration[:, :, None]
+    problem.node[1:] *= acceleration[:, :, None]
+    problem.edge[...] *= jerk[:, None, :, None]
     slow = speed.max(axis=1)
-    programme.top[:-1] /= slow
-    programme.top[1:] /= slow
+    problem.top[:-1] /= slow
+    problem.top[1:] /= slow
     return True
 
 

@@ -348,7 +348,7 @@ def test_the_path_error_bounds_what_plain_kinematics_say(law: str) -> None:
         assert at == pytest.approx(found, rel=1e-6, abs=1e-14)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-4, 0.3))
 def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: int, size: float) -> None:
     trajectory = around_start(np.random.default_rng(seed), 3, size)
@@ -356,7 +356,7 @@ def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: i
     assume((certificate.position_margin > 0.0).all())
     line, error, slack = default_line(), certificate.path_error, 1.0 + 1e-9
     worst = np.zeros(4)
-    for t in np.linspace(0.0, trajectory.duration, 301):
+    for t in np.linspace(0.0, trajectory.duration, 101):
         worst[:2] = np.maximum(worst[:2], plain.off_line(line.start, line.goal, plain.fk(trajectory(t))))
         twist = plain.jacobian(trajectory(t)) @ trajectory(t, 1)
         worst[2:] = np.maximum(worst[2:], [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])

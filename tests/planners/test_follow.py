@@ -256,8 +256,22 @@ def check_stopped(followed: Followed, status: FollowStatus, s: float, line: Line
     check_good(followed.joint_path, line.start, line.goal)
 
 
-def first_sample_after(s: float, line: Line) -> float:
-    return float(np.ceil(s / (line.end / 150)) * line.end / 150)
+def check_ended(followed: Followed, status: FollowStatus, s: float, line: Line, within: float = 2e-6) -> None:
+    """The arm itself ended there, for that reason, and all up to that place is kept and good."""
+    assert not followed
+    assert followed.stop is not None
+    assert followed.stop.status is status
+    assert followed.stop.s == pytest.approx(s, abs=within * line.end)
+    assert followed.stop.reason
+    assert followed.stop.advice
+    joint_path = followed.joint_path
+    assert joint_path is not None
+    assert followed.stop.s - 1.1e-6 * line.end <= joint_path.end <= followed.stop.s
+    np.testing.assert_allclose(joint_path.ik.s, np.linspace(0.0, line.end, 151)[: len(joint_path.ik.s)], atol=1e-15)
+    assert joint_path.end - joint_path.ik.s[-1] < line.end / 150
+    assert np.isin(joint_path.ik.s, joint_path.knots).all()
+    assert max(joint_path.bound) <= 1e-5
+    check_good(joint_path, line.start, line.goal)
 
 
 @pytest.mark.parametrize("direction", [(-0.25, -0.23, 0.94), (-0.69, -0.23, 0.69), (0.17, 0.97, -0.18)])
@@ -265,8 +279,12 @@ def test_a_line_that_leaves_the_workspace_stops_where_the_arm_is_stretched(direc
     line = line_from_start(direction)
     w, v = wrist(START), line(0.0, 1)[:3]
     leaves = -w @ v + np.sqrt((w @ v) ** 2 + REACH**2 - w @ w)  # |w + s v| = reach; the orientation does not change
-    followed = follow(make_solver(ROBOT, "dls"), line, START)
-    check_stopped(followed, FollowStatus.NO_IK, first_sample_after(leaves, line), line)
+    robot = wide(ROBOT)
+    followed = follow(make_solver(robot, "dls"), line, START)
+    check_ended(followed, FollowStatus.UNREACHABLE, leaves, line)
+    assert followed.stop is not None
+    assert followed.stop.singular_value < 2e-3
+    assert followed.stop.joint is None
 
 
 @cache
@@ -306,17 +324,11 @@ def test_a_line_through_a_joint_limit_stops_at_the_limit(direction: Any) -> None
     line = line_from_start(direction)
     s, joint = crossing(direction)
     followed = follow(make_solver(ROBOT, "dls"), line, START)
-    check_stopped(followed, FollowStatus.NO_IK, first_sample_after(s, line), line)
-    assert followed.stop is not None
-    assert followed.stop.joint in (None, ROBOT.joint_names[joint])
-
-
-def test_a_stop_at_a_joint_limit_names_the_joint() -> None:
-    for direction in THROUGH_LIMITS:
-        line = line_from_start(direction)
-        stop = follow(make_solver(ROBOT, "dls"), line, START).stop
-        assert stop is not None
-        assert stop.joint == ROBOT.joint_names[crossing(direction)[1]]
+    check_ended(followed, FollowStatus.OUTSIDE_LIMITS, s, line)
+    assert followed.stop is not None and followed.joint_path is not None
+    assert followed.stop.joint == ROBOT.joint_names[joint]
+    at = followed.joint_path.q[-1, joint]
+    assert min(abs(at - LIMITS.lower[joint]), abs(at - LIMITS.upper[joint])) < 1e-6
 
 
 class Free(IKSolver):
@@ -332,17 +344,17 @@ def test_a_configuration_outside_the_limits_is_said_to_be_outside_the_limits() -
     line = line_from_start(THROUGH_LIMITS[0])
     s, joint = crossing(THROUGH_LIMITS[0])
     followed = follow(Free(ROBOT), line, START)
-    check_stopped(followed, FollowStatus.OUTSIDE_LIMITS, first_sample_after(s, line), line)
+    check_ended(followed, FollowStatus.OUTSIDE_LIMITS, s, line)
     assert followed.stop is not None
     assert followed.stop.joint == ROBOT.joint_names[joint]
 
 
-def test_a_sample_that_only_a_loose_tolerance_keeps_inside_is_found_outside_by_the_polish() -> None:
+def test_a_loose_tolerance_does_not_carry_a_joint_past_its_limit() -> None:
     line = line_from_start(THROUGH_LIMITS[0])
     s, joint = crossing(THROUGH_LIMITS[0])
     solver = DLS(ROBOT, tolerance=Tolerance(3e-3, 1e-2))
     followed = follow(solver, line, START)
-    check_stopped(followed, FollowStatus.OUTSIDE_LIMITS, first_sample_after(s, line), line)
+    check_ended(followed, FollowStatus.OUTSIDE_LIMITS, s, line)
     assert followed.stop is not None
     assert followed.stop.joint == ROBOT.joint_names[joint]
 
@@ -405,7 +417,9 @@ def test_a_line_through_a_singular_pose_stops_there() -> None:
     line = Line(plain.moved(middle, -twist[:3], -twist[3:]), plain.moved(middle, twist[:3], twist[3:]))
     start = plain.newton(line.start, q - 0.1 * speed)
     followed = follow(make_solver(ROBOT, "dls"), line, start)
-    check_stopped(followed, FollowStatus.SINGULAR, 0.5 * line.end, line)
+    check_ended(followed, FollowStatus.SINGULAR, 0.5 * line.end, line, 5e-3)
+    assert followed.stop is not None
+    assert 1e-4 <= followed.stop.singular_value < 1.1e-4, "it stops where the singular value comes to 1e-4"
 
 
 # ---------------------------------------------------------------- branch jumps
@@ -460,7 +474,7 @@ def test_a_jump_to_another_branch_is_caught(other: Any, joint: str) -> None:
 
 
 @pytest.mark.parametrize("length", [0.04, 0.001])
-def test_a_small_jump_is_caught_because_the_tool_leaves_the_path_between_samples(length: float) -> None:
+def test_a_small_jump_is_caught(length: float) -> None:
     q = np.array([0.3, -0.4, STRETCHED + 0.06, 0.4, 0.8, 0.2])
     start, w = ROBOT.fk(q), wrist(q)
     aside = np.cross(w, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(w, [0.0, 0.0, 1.0]))
@@ -473,23 +487,23 @@ def test_a_small_jump_is_caught_because_the_tool_leaves_the_path_between_samples
     followed = follow(flip(ROBOT, line, other_elbow), line, q)
     assert followed.stop is not None
     assert followed.joint_path is not None
-    if length > 0.03:
-        check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
-    else:  # samples nearer to each other than the spline's nodes: what lies around the jump is left out with it
-        assert followed.stop.status is FollowStatus.BRANCH_JUMP
-        assert 0.0 <= 76 / 150 * line.end - followed.stop.s <= 2.1e-4
-        check_good(followed.joint_path, line.start, line.goal)
+    check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
     jump = np.abs(other_elbow(line(0.5 * line.end), followed.joint_path.q[-1]) - followed.joint_path.q[-1]).max()
-    assert 0.05 < jump < 0.25, "small enough for the step, so it was caught by the midpoint"
+    assert 0.05 < jump < 0.25, "small enough for a step of the joints"
 
 
-def test_too_few_samples_are_no_motion_that_can_be_trusted() -> None:
-    followed = follow(make_solver(ROBOT, "dls"), default_line(), START, samples=2)
-    assert followed.joint_path is None
-    assert followed.stop is not None
-    assert followed.stop.status is FollowStatus.BRANCH_JUMP
-    assert followed.stop.s == pytest.approx(default_line().end)
-    assert "more samples" in followed.stop.advice
+@pytest.mark.parametrize("samples", [2, 3, 7])
+def test_too_few_samples_are_filled_up_until_the_bound_holds(samples: int) -> None:
+    line = default_line()
+    joint_path = follow(make_solver(ROBOT, "dls"), line, START, samples=samples).joint_path
+    assert joint_path is not None
+    assert len(joint_path.ik.iterations) == len(joint_path.ik.s) == samples < len(joint_path.knots) < 40
+    assert max(joint_path.deviation) <= max(joint_path.bound) <= 1e-5
+    tight = follow(make_solver(ROBOT, "dls"), line, START, samples=samples, tolerance=Tolerance(1e-9, 1e-9)).joint_path
+    assert tight is not None
+    assert len(tight.knots) > len(joint_path.knots)
+    assert max(tight.deviation) <= max(tight.bound) <= 1e-9
+    check_good(joint_path, line.start, line.goal)
 
 
 # ---------------------------------------------------------------- misuse
@@ -502,19 +516,21 @@ def test_too_few_samples_are_no_motion_that_can_be_trusted() -> None:
         ("q_start", {"q_start": START + np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0])}),  # outside its limits
         ("q_start", {"q_start": START * np.nan}),
         ("q_start", {"q_start": START[:5]}),
-        ("q_start", {"q_start": None}),
         ("path", {"path": Line(default_line().start, default_line().start)}),
         ("samples", {"samples": 1}),
         ("samples", {"samples": 0}),
         ("samples", {"samples": -5}),
         ("samples", {"samples": 10.0}),
         ("samples", {"samples": True}),
+        ("branch", {"branch": "other"}),
+        ("q_start", {"q_start": None, "branch": "start"}),
+        ("tolerance", {"tolerance": 1e-5}),
     ],
 )
 def test_misuse_is_an_error_that_names_the_argument(argument: str, change: dict[str, Any]) -> None:
     given = {"path": default_line(), "q_start": START, "samples": 151} | change
     with pytest.raises(InvalidInput) as info:
-        follow(make_solver(ROBOT, "dls"), given["path"], given["q_start"], samples=given["samples"])
+        follow(make_solver(ROBOT, "dls"), given.pop("path"), given.pop("q_start"), **given)
     assert info.value.argument == argument
 
 

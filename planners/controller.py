@@ -1,0 +1,95 @@
+"""What a robot's controller makes of a motion that it gets as points at a fixed rate: it interpolates between them again."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline, PPoly
+
+from optik.check import check_number
+from optik.errors import InvalidInput
+from planners.hermite import through
+from planners.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+INTERPOLATIONS = ("linear", "cubic", "quintic")
+"""Through positions; positions and velocities; positions, velocities and accelerations."""
+
+SAME = 1e-9
+"""Instants this near to a knot are at it [s]: controllers count in nanoseconds."""
+
+POINTS = 1_000_000
+"""Most points that are sent."""
+
+
+def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Trajectory:
+    """Return the motion that a controller executes which gets points at n / rate and at the end.
+
+    Certify it to see what the arm will do: ``certify(robot, path, executed(trajectory, 125.0, "cubic"), limits)``.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion that is sent. Its exact q, q̇ and q̈ are the points; where q̈ jumps at one, the mean of both sides.
+    rate : float
+        Points per second [1/s].
+    interpolation : str
+        ``"linear"`` through positions: velocities jump, so accelerations are infinite. ``"cubic"`` through positions
+        and velocities: accelerations jump. ``"quintic"`` through positions, velocities and accelerations.
+
+    Returns
+    -------
+    Trajectory
+        Of the same duration.
+
+    Raises
+    ------
+    InvalidInput
+        A rate that is not above 0 or gives more than 1,000,000 points, or another interpolation.
+    """
+    check_number(rate, "rate", "points per second, above 0", above=0.0)
+    periods = trajectory.end * rate
+    if periods > POINTS:
+        raise InvalidInput("rate", f"{rate:.9g}, {periods:.3g} points", f"at most {POINTS} points")
+    t = np.arange(int(periods) + 1) / rate
+    t = t[: 1 + np.count_nonzero(t[1:] < trajectory.end - 1e-6 / rate)]  # no period of rounding before the end
+    t = np.append(t, trajectory.end)
+    return interpolated(t, *states(trajectory, t)[: points_of(interpolation)])
+
+
+def points_of(interpolation: str) -> int:
+    """How many of q, q̇, q̈ an interpolation goes through.
+
+    Raises
+    ------
+    InvalidInput
+        Another interpolation.
+    """
+    if interpolation not in INTERPOLATIONS:
+        raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
+    return INTERPOLATIONS.index(interpolation) + 1
+
+
+def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+    """q, q̇, q̈ (k, n) at t (k,), by the pieces before and after: their mean, which differs from both only at a jump."""
+    x, c = trajectory.knots, trajectory.coefficients
+    sides = []
+    for beside in (t - SAME, t + SAME):
+        piece = np.clip(np.searchsorted(x, beside, side="right") - 1, 0, x.size - 2)
+        u = (t - x[piece])[:, None]
+        q = v = a = np.zeros((t.size, trajectory.n))
+        for power in c[:, piece]:  # Horner, with both derivatives
+            a, v, q = a * u + v, v * u + q, q * u + power
+        sides.append((q, v, 2.0 * a))
+    q, v, a = (0.5 * (before + after) for before, after in zip(*sides, strict=True))
+    return q, v, a
+
+
+def interpolated(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
+    """Motion through positions (k, n) at t (k,), and through velocities, and accelerations, where they are given."""
+    if v is None:
+        return Trajectory(PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
+    if a is None:
+        return Trajectory(PPoly(CubicHermiteSpline(t, q, v).c, t))
+    return Trajectory(through(t, q, v, a))

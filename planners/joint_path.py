@@ -1,0 +1,128 @@
+"""JointPath: configurations along a path, quintic between nodes with exact derivatives, and how far the tool is off."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import kinematics, se3
+from optik.robot import Robot
+from planners._march import pieces_bound
+from planners.curve import Curve
+from planners.hermite import through
+from planners.paths.base import Path
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+APART = 2e-4
+"""Least distance of equal samples that are spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3
+in the third derivative."""
+
+
+class IKRecord(NamedTuple):
+    """What the IK method itself did at each sample (k,), before the polish: errors [m, rad], iterations, and where."""
+
+    position_error: Array
+    rotation_error: Array
+    iterations: Ints
+    s: Array = np.empty(0)
+
+
+class JointPath(Curve):
+    """Configurations q(s) along a path: quintic Hermite between polished samples with exact q', q''.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        What it follows; s has its unit.
+    knots : (k,) array
+        The samples in s, the path's breaks, and what had to be added between them.
+    nodes : (m,) array
+        The knots that the spline passes through: of samples only those at least `APART` from each other, so that
+        rounding in q does not show in q'''.
+    q : (k, n) array
+        Configurations at the knots.
+    derivatives : (k, 3, n) array
+        Exact q', q'', q''' there; at a break of the path, where q''' jumps, one of its two values.
+    singular_values : (k,) array
+        Smallest singular value of the Jacobian there.
+    ik : IKRecord
+        What the method left before the polish, at the samples.
+    """
+
+    parameter = "s"
+
+    def __init__(
+        self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord,
+        nodes: NDArray[np.bool_] | None = None, singular_values: Array | None = None,
+    ) -> None:  # fmt: skip
+        self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
+        if singular_values is None:
+            singular_values = np.empty(len(knots))
+            kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q, singular_values)
+        self.singular_values = singular_values
+        self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
+        self.nodes = knots[self._chosen]
+        self._orders = [through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1))]
+
+    @property
+    def end(self) -> float:
+        """Last s: the path's own end, or where the good part of it ends."""
+        return float(self.knots[-1])
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        while len(self._orders) <= order:
+            self._orders.append(self._orders[-1].derivative())
+        values: Array = self._orders[order](x)
+        return values
+
+    @cached_property
+    def deviation(self) -> tuple[float, float]:
+        """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
+        s = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * (np.arange(1, 8) / 8.0)).ravel()
+        e = se3.error(self.robot.fk(self(s)), self.path.pose(s))
+        return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
+
+    @cached_property
+    def bound(self) -> tuple[float, float]:
+        """Proved bound on distance [m] and angle [rad] to the path at the same s, everywhere, but for rounding."""
+        robot, i = self.robot, self._chosen
+        out = np.empty((len(i) - 1, 2))
+        pieces_bound(
+            robot.fixed, robot.prismatic, robot.tool, self.nodes, self.q[i], self.derivatives[i],
+            fourth_bounds(self.path, self.nodes), out,
+        )  # fmt: skip
+        return float(out[:, 0].max()), float(out[:, 1].max())
+
+
+def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
+    """Indices of knots that stand `APART`; both ends and those to keep always."""
+    if len(knots) < 2 or np.diff(knots).min() >= APART:
+        return np.arange(len(knots))
+    kept = np.isin(knots, keep)
+    kept[[0, -1]] = True
+    fixed = knots[kept]
+    chosen, last = [0], knots[0]
+    for i in range(1, len(knots)):
+        following = fixed[np.searchsorted(fixed, knots[i], side="right") :][:1]
+        if kept[i] or (knots[i] - last >= APART and not (following - knots[i] < APART).any()):
+            chosen.append(i)
+            last = knots[i]
+    return np.array(chosen)
+
+
+def fourth_bounds(path: Path, s: Array) -> Array:
+    """Bounds (k, 2) on the fourth derivatives of position and rotation from each of the nodes s (k,) to the next."""
+    pieces = getattr(path, "piece_bounds", None)
+    if pieces is None:
+        return np.tile(path.derivative_bounds()[:, 3], (len(s), 1))
+    breaks, bounds = path.breaks, pieces()
+    i = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(bounds) - 1)
+    fourth: Array = np.ascontiguousarray(bounds[i, :, 3])
+    return fourth

@@ -1,0 +1,77 @@
+"""Motion: a trajectory with all that judges it, the arm, the path and the limits; what files hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from optik.errors import InvalidInput
+from optik.robot import Robot
+from planners.certificate import Certificate, certify
+from planners.paths.base import Path
+from planners.timing.base import ALL_LIMITS, MotionLimits
+from planners.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from planners.plan import Plan
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A timed motion and what it is judged by.
+
+    Parameters
+    ----------
+    robot, path, limits
+        The arm, what its tool should follow, and within what.
+    trajectory : Trajectory
+        The motion of its joints.
+    law : str
+        Name of the law that made it.
+    keeps : tuple of str
+        Which limits that law promises; by default all.
+
+    Raises
+    ------
+    InvalidInput
+        Things of another kind, another number of joints, a limit that does not exist.
+    """
+
+    robot: Robot
+    path: Path
+    limits: MotionLimits
+    trajectory: Trajectory
+    law: str = ""
+    keeps: tuple[str, ...] = ALL_LIMITS
+
+    def __post_init__(self) -> None:
+        kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
+        for argument, kind in kinds.items():
+            value = getattr(self, argument)
+            if not isinstance(value, kind):
+                raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+        if self.trajectory.n != self.robot.n:
+            raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
+        self.limits.arrays(self.robot.n)
+        if not isinstance(self.keeps, tuple) or any(k not in ALL_LIMITS for k in self.keeps):
+            raise InvalidInput("keeps", repr(self.keeps)[:120], f"a tuple of some of {', '.join(ALL_LIMITS)}")
+
+    def certify(self, **options: Any) -> Certificate:
+        """Find what the motion keeps, anew; options as `planners.certify`."""
+        return certify(self.robot, self.path, self.trajectory, self.limits, law=self.law, keeps=self.keeps, **options)
+
+
+def motion_of(thing: Motion | Plan) -> Motion:
+    """Return the motion of a plan; a motion is its own.
+
+    Raises
+    ------
+    NoSolution
+        The plan failed: with s, joint, reason and advice.
+    InvalidInput
+        Neither of them.
+    """
+    motion = thing if isinstance(thing, Motion) else getattr(thing, "motion", None)
+    if not isinstance(motion, Motion):
+        raise InvalidInput("motion", repr(thing)[:60], "a Motion or a Plan")
+    return motion

@@ -1,0 +1,239 @@
+"""The circular arc: through three points, or about an axis by an angle; the rotation at constant rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import ceil, pi
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import se3
+from optik.check import check_number, real_array
+from optik.errors import InvalidInput
+from optik.robot import Robot
+from planners.paths._nearest import TURN
+from planners.paths._rotation import poses, shortest_turn, turned
+from planners.paths.base import Path, fields
+
+Array = NDArray[np.float64]
+
+SAME_PLACE = 1e-9
+"""Nearer to each other than this [m], two points give no direction."""
+DEGENERATE = 1e-6
+"""Sides shorter than this part of the longest, and turns by less than this angle [rad], are measuring noise."""
+MOST_TURNS = 10
+"""More is an angle in degrees."""
+
+
+class Circle(NamedTuple):
+    """Part of a circle from the start on: unit vectors (3,) along it and to its centre, radius [m], angle [rad] > 0."""
+
+    along: Array
+    inward: Array
+    radius: float
+    angle: float
+
+
+class Arc(Path):
+    """Part of a circle, built by `through` or `about`; s is the length of the arc [m].
+
+    p(s) = p₀ + r sin(s/r) t + 2 r sin²(s/2r) m with t along the arc and m to the centre at the start: exact for the
+    largest radius too, where p = centre + … would cancel. R(s) = exp(s ω) R₀ with constant ω in the base frame.
+
+    Attributes
+    ----------
+    start : (4, 4) array
+        T_base_tool at s = 0.
+    circle : Circle
+        Its shape.
+    """
+
+    name: ClassVar[str] = "arc"
+
+    def __init__(self, start: Array, circle: Circle, turn: Array, source: dict[str, Any]) -> None:
+        self.start, self.circle, self._source = start, circle, source
+        self._w: Array = turn / self.end
+
+    @classmethod
+    def through(cls, start: ArrayLike, via: ArrayLike, goal: ArrayLike) -> Self:
+        """From start to goal through a point between; the rotation goes the shortest way from start to goal.
+
+        Parameters
+        ----------
+        start, goal : (4, 4) array
+            T_base_tool at both ends.
+        via : (3,) or (4, 4) array
+            A point [m] on the arc; of a pose, only the position counts.
+
+        Raises
+        ------
+        InvalidInput
+            No pose or point, two of the three at one place, all three on a straight line, a half turn.
+        """
+        first, last = (se3.nearest_pose(se3.check_pose(T, n)).copy() for T, n in ((start, "start"), (goal, "goal")))
+        point = se3.check_pose(via, "via")[:3, 3] if np.shape(via) == (4, 4) else _vector(via, "via", "a point [m]")
+        circle = _circle_through(first[:3, 3], point, last[:3, 3])
+        data = {"start": first.tolist(), "via": point.tolist(), "goal": last.tolist()}
+        return cls(first, circle, shortest_turn(first, last, "goal"), data)
+
+    @classmethod
+    def about(
+        cls, start: ArrayLike, centre: ArrayLike, axis: ArrayLike, angle: float, *, orientation: ArrayLike = "fixed"
+    ) -> Self:
+        """From start about an axis, by an angle that may be several turns.
+
+        Parameters
+        ----------
+        start : (4, 4) array
+            T_base_tool at s = 0.
+        centre : (3,) array
+            A point [m] on the axis.
+        axis : (3,) array
+            Direction of the axis, of any length; the arc turns about it by the right hand.
+        angle : float
+            [rad], negative for the other way round, at most 10 turns.
+        orientation : str or (3, 3) array
+            ``"fixed"``: the tool keeps its orientation. ``"arc"``: it turns with the arc, as if held by the axis. A
+            rotation matrix: that of the goal, reached the shortest way from the start's.
+
+        Raises
+        ------
+        InvalidInput
+            No pose, point or direction, a start on the axis, an angle of 0 or above 10 turns, a half turn to the
+            goal's orientation.
+        """
+        first = se3.nearest_pose(se3.check_pose(start, "start")).copy()
+        point, direction = _vector(centre, "centre", "a point [m]"), _vector(axis, "axis", "a direction")
+        size = float(np.abs(direction).max())
+        if not size > 0.0:
+            raise InvalidInput("axis", "a vector of length 0", "a direction")
+        check_number(angle, "angle", "a number [rad]")
+        if not 0.0 < abs(angle) <= 2.0 * pi * MOST_TURNS:
+            raise InvalidInput("angle", f"{angle:.6g}", f"radians other than 0, at most {MOST_TURNS} turns (62.8 rad)")
+        unit = direction / size
+        unit /= np.copysign(np.linalg.norm(unit), angle)
+        outward = first[:3, 3] - point
+        outward = outward - (outward @ unit) * unit
+        radius = float(np.linalg.norm(outward))
+        if radius <= SAME_PLACE:
+            raise InvalidInput(
+                "start", f"{radius:.3g} m from the axis", "a start off the axis: a Line turns on the spot"
+            )
+        inward = -outward / radius
+        circle = Circle(_cross(inward, unit), inward, radius, abs(float(angle)))
+        turn, kept = _turn(first, orientation, circle.angle * unit)
+        data = {"start": first.tolist(), "centre": point.tolist(), "axis": direction.tolist(), "angle": float(angle)}
+        return cls(first, circle, turn, data | {"orientation": kept})
+
+    @property
+    def end(self) -> float:
+        """Length of the arc [m]."""
+        return self.circle.radius * self.circle.angle
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        along, inward, r, _ = self.circle
+        turn = (x / r)[:, None]
+        if order == 0:
+            p = self.start[:3, 3] + (r * np.sin(turn)) * along + (2.0 * r * np.sin(0.5 * turn) ** 2) * inward
+            return poses(turned(self.start[:3, :3], self._w, x), p)
+        out = np.zeros((x.size, 6))
+        if order == 1:
+            out[:, 3:] = self._w
+            out[:, :3] = np.cos(turn) * along + np.sin(turn) * inward
+        elif order == 2:
+            out[:, :3] = (np.cos(turn) * inward - np.sin(turn) * along) / r
+        else:
+            out[:, :3] = (np.cos(turn) * along + np.sin(turn) * inward) / -(r * r)
+        return out
+
+    def _nearest(self, poses: Array) -> Array:
+        """Closed form: by position; of places that it does not tell apart, the one whose rotation is nearest, or the first."""
+        along, inward, r, angle = self.circle
+        offset = poses[:, :3, 3] - self.start[:3, 3]
+        a, b = offset @ along, offset @ inward
+        first = np.arctan2(a, r - b) % (2.0 * pi)
+        first[first > 2.0 * pi - 1e-12] = 0.0
+        turns = first + 2.0 * pi * np.arange(ceil(angle / (2.0 * pi)))[:, None]
+        theta = np.concatenate([np.minimum(turns, angle), np.tile([[0.0], [angle]], len(poses))])
+        # half the squared distance, less what all places share
+        cost = 2.0 * r * np.sin(0.5 * theta) ** 2 * (r - b) - r * np.sin(theta) * a
+        if self._w.any():
+            R = turned(self.start[:3, :3], self._w, r * theta.ravel()).reshape(*theta.shape, 3, 3)
+            cost -= 0.5 * TURN**2 * np.einsum("tkij,kij->tk", R, poses[:, :3, :3])
+        cost[: len(turns)][turns > angle] = np.inf
+        # the ends come last: rounding in the cost shall not draw a place near an end to it
+        rounding = 1e-14 * ((r * min(angle, 2.0)) ** 2 + np.einsum("ki,ki->k", offset, offset))
+        chosen = np.argmax(cost <= cost.min(axis=0) + rounding, axis=0)
+        return np.asarray(r * theta[chosen, np.arange(len(poses))])
+
+    def derivative_bounds(self) -> Array:
+        """Bounds (2, 4) on the derivatives of position and rotation: curvature 1/r, constant turning."""
+        k = np.arange(1, 5)
+        return np.array([self.circle.radius ** (1.0 - k), np.linalg.norm(self._w) ** k])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files: what the arc was built from."""
+        return {"path": self.name} | self._source
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
+        """The arc that `to_dict` wrote."""
+        if isinstance(data, Mapping) and "via" in data:
+            return cls.through(*fields(data, cls.name, "start", "via", "goal"))
+        *given, orientation = fields(data, cls.name, "start", "centre", "axis", "angle", "orientation")
+        return cls.about(*given, orientation=orientation)
+
+
+def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
+    """By the angle δ between the chords start–via and via–goal: the arc turns by 2δ, and the chord is 2 r sin δ."""
+    first, second, chord = via - start, goal - via, goal - start
+    sides = np.array([np.linalg.norm(v) for v in (first, second, chord)])
+    least = max(SAME_PLACE, DEGENERATE * sides.max())
+    for side, argument, other in zip(sides, ("via", "via", "goal"), ("start", "goal", "start"), strict=True):
+        if side <= least:
+            full = "; a full circle is Arc.about" if argument == "goal" else ""
+            raise InvalidInput(argument, f"a point {side:.3g} m from {other}", f"three points that stand apart{full}")
+    normal = _cross(first, second)
+    area = float(np.linalg.norm(normal))
+    delta = float(np.arctan2(area, first @ second))
+    if not DEGENERATE <= delta <= pi - DEGENERATE:
+        raise InvalidInput(
+            "via",
+            f"three points on a straight line (within {DEGENERATE:g} rad)",
+            "a point off the line from start to goal; for the straight way take Line",
+        )
+    normal /= area
+    chord /= sides[2]
+    along = np.cos(delta) * chord - np.sin(delta) * _cross(normal, chord)
+    return Circle(along, _cross(normal, along), float(sides[2] / (2.0 * np.sin(delta))), 2.0 * delta)
+
+
+def _turn(start: Array, orientation: ArrayLike, with_arc: Array) -> tuple[Array, Any]:
+    """Rotation vector (3,) of the whole arc, and the orientation as plain data."""
+    if isinstance(orientation, str):
+        if orientation not in ("fixed", "arc"):
+            raise InvalidInput("orientation", repr(orientation)[:60], "'fixed', 'arc' or a rotation matrix (3, 3)")
+        return (with_arc if orientation == "arc" else np.zeros(3)), orientation
+    R = real_array(orientation, "orientation", "'fixed', 'arc' or a rotation matrix (3, 3)")
+    if R.shape != (3, 3):
+        raise InvalidInput("orientation", f"shape {R.shape}", "'fixed', 'arc' or a rotation matrix (3, 3)")
+    goal = se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))
+    return shortest_turn(start, goal, "orientation"), goal[:3, :3].tolist()
+
+
+def _vector(value: ArrayLike, argument: str, what: str) -> Array:
+    vector = real_array(value, argument, f"{what} of shape (3,)")
+    if vector.shape != (3,):
+        raise InvalidInput(argument, f"shape {vector.shape}", f"{what} of shape (3,)")
+    if not (np.abs(vector) <= se3.FARTHEST).all():
+        raise InvalidInput(argument, vector.tolist(), f"{what} of finite numbers up to 1e6")
+    return vector.copy()
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+METHOD = Arc

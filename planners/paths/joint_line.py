@@ -1,0 +1,220 @@
+"""Point to point in joint space: all joints at constant rates, the way to where a Cartesian path begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import kinematics, se3
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import solve_ik
+from optik.ik._problem import check_start
+from optik.robot import Robot
+from planners.curve import Curve
+from planners.paths._rotation import turning
+from planners.paths.base import Path, fields
+
+Array = NDArray[np.float64]
+
+SAMPLES = 32
+"""For the bounds: in a radian or metre, and at least."""
+
+
+class _Joints(Curve):
+    """q(s) = q_start + s q'."""
+
+    parameter = "s"
+
+    def __init__(self, q: Array, rate: Array, end: float) -> None:
+        self.q, self.rate, self._end = q, rate, end
+
+    @property
+    def end(self) -> float:
+        return self._end
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        if order == 0:
+            return self.q + x[:, None] * self.rate
+        return np.tile(self.rate if order == 1 else np.zeros_like(self.rate), (x.size, 1))
+
+
+class JointLine(Path):
+    """From one configuration to another; s is the length of the way in joint space [rad; m if only sliding joints move].
+
+    q(s) = q_start + s q' with a constant q' of length 1, in which a radian counts as much as a metre; `configurations`
+    gives it. The tool goes where the joints take it: poses and twists are exact, by forward kinematics. Equal
+    configurations make a path of length 0, which no motion follows.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q_start, q_goal : (n,) array
+        Configurations inside the limits [rad, m]; so all between are inside, too.
+
+    Raises
+    ------
+    InvalidInput
+        No arm, wrong lengths, NaN, a configuration outside the limits.
+    """
+
+    name: ClassVar[str] = "joint_line"
+
+    def __init__(self, robot: Robot, q_start: ArrayLike, q_goal: ArrayLike) -> None:
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        self.robot = robot
+        self.q_start = check_start(robot, q_start, "q_start").copy()
+        self.q_goal = check_start(robot, q_goal, "q_goal").copy()
+        move = self.q_goal - self.q_start
+        end = float(np.linalg.norm(move))
+        self.unit = "m" if end and not move[~robot.prismatic].any() else "rad"
+        self._joints = _Joints(self.q_start, move / end if end else np.zeros(robot.n), end)
+
+    @classmethod
+    def to_pose(cls, robot: Robot, q_start: ArrayLike, pose: ArrayLike, *, solver: str = "lm", **options: Any) -> Self:
+        """From a configuration to one whose tool has a pose, found by an IK method from the start.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        q_start : (n,) array
+            Configuration inside the limits.
+        pose : (4, 4) array
+            T_base_tool at the goal.
+        solver : str
+            A name from `optik.ik.solvers`.
+        **options
+            Of that method.
+
+        Raises
+        ------
+        NoSolution
+            The method found no configuration; with its status and error.
+        InvalidInput
+            An argument that cannot be meant.
+        UnknownName
+            No such method.
+        """
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        q = check_start(robot, q_start, "q_start")
+        target = se3.nearest_pose(se3.check_pose(pose, "pose"))
+        result = solve_ik(robot, target, q, solver, **options)
+        if not result:
+            raise NoSolution(
+                f"{solver} found no configuration for the pose ({result.status}: {1e3 * result.position_error:.3g} mm "
+                f"and {np.degrees(result.rotation_error):.3g}° away)",
+                advice="another pose, or a q_start nearer to it",
+            )
+        exact = np.ascontiguousarray(result.q[None]).copy()
+        kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, exact, target[None], 6)
+        # an arm that is singular there may be sent far away by the last step of rounding
+        near = np.abs(exact[0] - result.q).max() <= 1e-3 and bool(robot.limits.contains(exact[0]))
+        return cls(robot, q, robot.limits.clip(exact[0]) if near else result.q)
+
+    @property
+    def end(self) -> float:
+        """Length of the way in joint space [rad, or m]."""
+        return self._joints.end
+
+    def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
+        """Configurations at s, (n,) for a scalar or (k, n), or their derivatives: q' is constant.
+
+        Raises
+        ------
+        InvalidInput
+            Another arm than the one this path was made for, s outside the path, another order.
+        """
+        if robot != self.robot:
+            raise InvalidInput("robot", f"{robot!r}", f"the arm this path was made for, {self.robot!r}")
+        return self._joints(s, order)
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        robot, q, rate = self.robot, self._joints(x), self._joints.rate
+        if order == 0:
+            return robot.fk(q)
+        if order == 1:
+            return np.asarray(robot.jacobian(q) @ rate)
+        return self._twists(q)[:, order - 1]
+
+    def _twists(self, q: Array) -> Array:
+        """Twists and their first two derivatives (k, 3, 6) at configurations (k, n) of the way."""
+        robot = self.robot
+        derivatives, twists = np.zeros((len(q), 3, robot.n)), np.empty((len(q), 3, 6))
+        derivatives[:, 0] = self._joints.rate
+        kinematics.tool_motion_batch(robot.fixed, robot.prismatic, robot.tool, q, derivatives, twists)
+        return twists
+
+    def derivative_bounds(self) -> Array:
+        """Bounds (2, 4): what samples show, and what it may grow to between them.
+
+        The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance of
+        the samples times the bound above it.
+        """
+        return self._bounds.copy()
+
+    @cached_property
+    def _bounds(self) -> Array:
+        bounds = self._by_reach()
+        if not self.end:
+            return bounds
+        cells = int(np.clip(np.ceil(SAMPLES * self.end), SAMPLES, 64 * SAMPLES))
+        twists = self._twists(self._joints(np.linspace(0.0, self.end, cells + 1)))
+        sampled = np.stack([
+            np.linalg.norm(twists[:, :, :3], axis=2).max(axis=0),
+            turning(*np.swapaxes(twists[:, :, 3:], 0, 1)).max(axis=0),
+        ])  # fmt: skip
+        for k in (2, 1, 0):
+            between = (1.0 + 1e-12) * sampled[:, k] + 0.5 * self.end / cells * bounds[:, k + 1]
+            bounds[:, k] = np.minimum(bounds[:, k], between)
+        return bounds
+
+    def _by_reach(self) -> Array:
+        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it.
+
+        A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
+        since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'| Wᵏ⁻¹.
+        """
+        robot, rate = self.robot, np.abs(self._joints.rate)
+        W = np.concatenate([[0.0], np.cumsum(np.where(robot.prismatic, 0.0, rate))])  # before joint i
+        links = np.concatenate([robot.fixed, robot.tool[None]])[:, :3, 3]
+        farthest = np.maximum(np.abs(self.q_start), np.abs(self.q_goal))
+        k = np.arange(1, 5)
+        position = np.zeros(4)
+        for i, link in enumerate(links):
+            position += float(np.hypot(link[0], link[1])) * W[i] ** k + abs(link[2]) * W[max(i - 1, 0)] ** k
+            if i < robot.n and robot.prismatic[i]:
+                position += farthest[i] * W[i] ** k + k * rate[i] * W[i] ** (k - 1)
+        return np.stack([position, W[-1] ** k])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files; of the arm its name and fingerprint."""
+        return {
+            "path": self.name, "robot": self.robot.name, "fingerprint": self.robot.fingerprint,
+            "q_start": self.q_start.tolist(), "q_goal": self.q_goal.tolist(),
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
+        """The path that `to_dict` wrote, for the arm that it was made for.
+
+        Raises
+        ------
+        InvalidInput
+            Data that describe no such path, no arm, another arm.
+        """
+        name, fingerprint, start, goal = fields(data, cls.name, "robot", "fingerprint", "q_start", "q_goal")
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}: the path is given in its joints")
+        if robot.fingerprint != fingerprint:
+            raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
+        return cls(robot, start, goal)
+
+
+METHOD = JointLine

@@ -1,0 +1,300 @@
+"""Straight segments through many poses, their corners rounded inside a tolerance: C³ in position and rotation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import se3
+from optik.check import real_array
+from optik.errors import InvalidInput
+from optik.robot import Robot
+from planners.paths._rotation import poses, shortest_turn
+from planners.paths.base import Path, fields
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+METRES_PER_RADIAN = 0.1
+"""Length [m] that a turn of 1 rad counts for, where a segment turns more than it moves: that of a hand's tool."""
+SAME_POSE = 1e-9
+"""Waypoints nearer than this [m and rad] to the one before are the same pose to any arm."""
+MIDDLE = 5.0 / 64.0
+"""∫f over half a corner: at its middle the path is 2h·5/64·|d₂ − d₁| from the waypoint."""
+
+
+class Pieces(NamedTuple):
+    """What the path is between two breaks, m pieces; a straight one is the corner's formula with nothing before it.
+
+    p = base + d₂ b − d₁ a and R = exp(w₂ b) exp(−w₁ a) R_base, where a is what is left of the segment before the
+    waypoint, and b what is done of the one behind it.
+    """
+
+    corner: NDArray[np.bool_]
+    begin: Array
+    width: Array
+    position: Array
+    rotation: Array
+    d1: Array
+    d2: Array
+    w1: Array
+    w2: Array
+
+
+class Polyline(Path):
+    """Through poses by straight segments; near each waypoint one segment fades into the next.
+
+    s counts a segment as long as its chord [m], or as 0.1 m per rad where it turns more than that; in radians where the
+    whole path only turns. Along a segment of length L everything is at constant rate: dp/ds = d, ω = w. Around a
+    waypoint, over 2h in s, the rate of the one segment goes down from 1 to 0 as 1 − f(u) and that of the next one up as
+    f(u) = 10u³ − 15u⁴ + 6u⁵: both motions are added, p by p, turn after turn. So position, rotation and twist have
+    continuous derivatives up to the third of the pose, and |dp/ds| ≤ 1.
+
+    The tolerance holds both ways. At u the path is at most min(F(u), F(1 − u))·2h·|d₂ − d₁| ≤ 2h·5/64·|d₂ − d₁| from a
+    place of the sharp polyline (F = ∫f), which runs over all places of the sharp corner as u goes from 0 to 1, and is
+    turned against it by at most 2h·5/64·|w₂ − w₁| (the exponential map of SO(3) does not stretch). h is the largest
+    that keeps both within the tolerance, and at most half of either segment.
+
+    A reversal is a corner like others: the tool slows to dp/ds = 0 short of the waypoint by the tolerance, and returns.
+
+    Parameters
+    ----------
+    waypoints : (k, 4, 4) array
+        T_base_tool, at least two that differ. Turns from one to the next go the shortest way.
+    blend : float or (k − 2,) array
+        How far the path may pass by each inner waypoint [m].
+    blend_rotation : float or (k − 2,) array
+        And how far it may be turned against the sharp polyline there [rad].
+
+    Attributes
+    ----------
+    waypoints : (m + 1, 4, 4) array
+        Those that the path passes.
+    dropped : tuple of int
+        Indices of waypoints that were left out since they equal the one before (within 1e-9 m and rad).
+    corners : (m − 1,) array
+        Where in s the inner waypoints are passed.
+
+    Raises
+    ------
+    InvalidInput
+        No poses, fewer than two different ones, a turn within 1e-6 rad of 180°, or a tolerance that is not above 0: a
+        sharp corner needs a stop, so plan each line by itself.
+    """
+
+    name: ClassVar[str] = "polyline"
+
+    def __init__(self, waypoints: ArrayLike, *, blend: ArrayLike = 1e-3, blend_rotation: ArrayLike = 1e-2) -> None:
+        self._given = _check_waypoints(waypoints)
+        self._blend = _tolerances(blend, "blend", "m", len(self._given) - 2)
+        self._blend_rotation = _tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
+        kept = _different(self._given)
+        self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))
+        self.waypoints: Array = self._given[kept]
+        chords = np.diff(self.waypoints[:, :3, 3], axis=0)
+        pairs = zip(self.waypoints[:-1], self.waypoints[1:], kept[1:], strict=True)
+        turns = np.stack([shortest_turn(a, b, f"waypoints[{i}]") for a, b, i in pairs])
+        moved, turned = np.linalg.norm(chords, axis=1), np.linalg.norm(turns, axis=1)
+        only_turns = bool(moved.sum() <= 1e-6 and moved.sum() < turned.sum())  # as `Line`
+        self.unit = "rad" if only_turns else "m"
+        length = np.maximum(moved, turned if only_turns else METRES_PER_RADIAN * turned)
+        ends = np.cumsum(length)
+        self._end = float(ends[-1])
+        self.corners: Array = ends[:-1]
+        inner = np.array(kept[1:-1], dtype=np.int64) - 1
+        half = _half_widths(chords, turns, length, self._blend[inner], self._blend_rotation[inner])
+        self._pieces = _pieces(self.waypoints, chords, turns, length, half)
+        self._breaks: Array = np.append(_begins(self._pieces, length, half), self._end)
+        self._turns = bool(turns.any())
+
+    @property
+    def end(self) -> float:
+        """Length: of the sharp polyline, as counted above [m, or rad]."""
+        return self._end
+
+    @property
+    def breaks(self) -> Array:
+        """Where segments and rounded corners meet, both ends included."""
+        return self._breaks
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        piece = np.searchsorted(self._breaks[1:-1], x, side="right")
+        return self._pose(x, piece) if order == 0 else self._twist(x, piece, order)
+
+    def _pose(self, x: Array, piece: Indices) -> Array:
+        c = self._pieces
+        b = x - c.begin[piece]
+        p = c.position[piece] + b[:, None] * c.d2[piece]
+        at = np.flatnonzero(c.corner[piece])
+        if at.size:
+            k = piece[at]
+            width = c.width[k]
+            u = np.clip(b[at] / width, 0.0, 1.0)
+            a, b[at] = width * _risen(1.0 - u), width * _risen(u)
+            p[at] = c.position[k] - a[:, None] * c.d1[k] + b[at, None] * c.d2[k]
+        R = c.rotation[piece]
+        if self._turns:
+            if at.size:
+                R[at] = se3.exp_so3(-a[:, None] * c.w1[k]) @ R[at]
+            R = se3.exp_so3(b[:, None] * c.w2[piece]) @ R
+        return poses(R, p)
+
+    def _twist(self, x: Array, piece: Indices, order: int) -> Array:
+        c = self._pieces
+        out = np.zeros((x.size, 6))
+        if order == 1:
+            out[:, :3], out[:, 3:] = c.d2[piece], c.w2[piece]
+        at = np.flatnonzero(c.corner[piece])
+        if not at.size:
+            return out
+        k = piece[at]
+        d1, d2, w1, w2, width = c.d1[k], c.d2[k], c.w1[k], c.w2[k], c.width[k][:, None]
+        u = np.clip((x[at] - c.begin[k])[:, None] / width, 0.0, 1.0)
+        f = u * u * u * (10.0 + u * (6.0 * u - 15.0))
+        f1 = 30.0 * (u * (1.0 - u)) ** 2 / width
+        f2 = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / width**2
+        out[at, :3] = (d1 + f * (d2 - d1), f1 * (d2 - d1), f2 * (d2 - d1))[order - 1]
+        if not self._turns:
+            return out
+        # ω = f w₂ + (1 − f) y, where y = exp(w₂ b) w₁ turns with the segment behind: y' = f w₂×y
+        y = np.einsum("kij,kj->ki", se3.exp_so3(width * _risen(u) * w2), w1)
+        if order == 1:
+            out[at, 3:] = f * w2 + (1.0 - f) * y
+            return out
+        side = np.cross(w2, y)
+        if order == 2:
+            out[at, 3:] = f1 * (w2 - y) + (1.0 - f) * f * side
+        else:
+            bent = (1.0 - f) * f * f * np.cross(w2, side)
+            out[at, 3:] = f2 * (w2 - y) + (1.0 - 3.0 * f) * f1 * side + bent
+        return out
+
+    def piece_bounds(self) -> Array:
+        """Bounds (pieces, 2, 4) on the derivatives of position and rotation.
+
+        With |w₂ − exp(w₂ b) w₁| = |w₂ − w₁| and |w₂ × exp(w₂ b) w₁| = |w₂ × w₁| the derivatives of ω are bounded term by
+        term, those of R by the Bell polynomials of the bounds on |ω|, |ω'|, |ω''|, |ω'''|.
+        """
+        c = self._pieces
+        rate = np.where(c.corner, 1.0 / c.width, 0.0)
+        f1, f2, f3 = 1.875 * rate, 10.0 / np.sqrt(3.0) * rate**2, 60.0 * rate**3  # the greatest |f'|, |f''|, |f'''|
+        bend = np.linalg.norm(c.d2 - c.d1, axis=1)
+        speed = np.maximum(np.linalg.norm(c.d1, axis=1), np.linalg.norm(c.d2, axis=1))
+        position = np.stack([speed, bend * f1, bend * f2, bend * f3], axis=1)
+        n2 = np.linalg.norm(c.w2, axis=1)
+        twist, cross = np.linalg.norm(c.w2 - c.w1, axis=1), np.linalg.norm(np.cross(c.w1, c.w2), axis=1)
+        g1 = np.maximum(np.linalg.norm(c.w1, axis=1), n2)
+        g2 = twist * f1 + cross / 4.0
+        g3 = twist * f2 + 2.0 * f1 * cross + 4.0 / 27.0 * n2 * cross
+        g4 = twist * f3 + 3.0 * (f2 + f1**2) * cross + 3.0 * f1 * n2 * cross + 27.0 / 256.0 * n2**2 * cross
+        g2, g3, g4 = (np.where(c.corner, g, 0.0) for g in (g2, g3, g4))
+        rotation = np.stack(
+            [g1, g1**2 + g2, g1**3 + 3.0 * g1 * g2 + g3,
+             g1**4 + 6.0 * g1**2 * g2 + 3.0 * g2**2 + 4.0 * g1 * g3 + g4], axis=1,
+        )  # fmt: skip
+        return np.stack([position, rotation], axis=1)
+
+    def derivative_bounds(self) -> Array:
+        """Bounds (2, 4): the greatest of all pieces."""
+        return np.asarray(self.piece_bounds().max(axis=0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files."""
+        return {
+            "path": self.name, "waypoints": self._given.tolist(),
+            "blend": self._blend.tolist(), "blend_rotation": self._blend_rotation.tolist(),
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
+        """The polyline that `to_dict` wrote."""
+        waypoints, blend, rotation = fields(data, cls.name, "waypoints", "blend", "blend_rotation")
+        return cls(waypoints, blend=blend, blend_rotation=rotation)
+
+
+def _risen(u: Array) -> Array:
+    """F(u) = ∫f from 0 to u: how far a segment has come when its rate has risen to f(u), over 2h."""
+    return u * u * u * u * (2.5 + u * (u - 3.0))
+
+
+def _check_waypoints(waypoints: Any) -> Array:
+    if isinstance(waypoints, str | Mapping) or not isinstance(waypoints, Iterable):
+        raise InvalidInput("waypoints", repr(waypoints)[:60], "poses (k, 4, 4)")
+    checked = [se3.nearest_pose(se3.check_pose(T, f"waypoints[{i}]")) for i, T in enumerate(waypoints)]
+    if len(checked) < 2:
+        raise InvalidInput("waypoints", f"{len(checked)} of them", "at least two poses")
+    return np.stack(checked)
+
+
+def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
+    array = real_array(value, argument, f"a number [{unit}], or one for each of the {corners} inner waypoints")
+    if array.ndim and array.shape != (corners,):
+        raise InvalidInput(
+            argument, f"shape {array.shape}", f"a number, or one for each of the {corners} inner waypoints"
+        )
+    if not ((array > 0.0) & (array < np.inf)).all():
+        raise InvalidInput(
+            argument,
+            np.array2string(array, precision=6, threshold=6),
+            f"finite numbers above 0 [{unit}]; a sharp corner needs a stop, so plan each line by itself",
+        )
+    return np.full(corners, array) if not array.ndim else array.copy()
+
+
+def _different(waypoints: Array) -> list[int]:
+    """Indices of waypoints that differ from the last one kept."""
+    kept = [0]
+    for i in range(1, len(waypoints)):
+        if np.linalg.norm(se3.error(waypoints[kept[-1]], waypoints[i]).reshape(2, 3), axis=1).max() > SAME_POSE:
+            kept.append(i)
+    if len(kept) < 2:
+        raise InvalidInput("waypoints", f"{len(waypoints)} equal poses", "at least two poses that differ")
+    return kept
+
+
+def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend_rotation: Array) -> Array:
+    """Half the width h (corners,) of each corner in s."""
+    room = 0.5 * np.minimum(length[:-1], length[1:])
+    for parts, tolerance in ((chords, blend), (turns, blend_rotation)):
+        bend = np.linalg.norm(np.diff(parts / length[:, None], axis=0), axis=1)
+        with np.errstate(divide="ignore"):
+            room = np.minimum(room, tolerance / (2.0 * MIDDLE * bend))
+    return np.asarray(room)
+
+
+def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: Array) -> Pieces:
+    """Segments and corners in turn; a segment that its corners use up has no piece of its own."""
+    d, w = chords / length[:, None], turns / length[:, None]
+    starts = np.concatenate([[0.0], np.cumsum(length)[:-1]])
+    left = _left(length, half)
+    zero = np.zeros(3)
+    rows: list[Sequence[Any]] = []
+    for i in range(len(length)):
+        p, R = waypoints[i, :3, 3], waypoints[i, :3, :3]
+        if i:
+            h = half[i - 1]
+            rows.append((True, starts[i] - h, 2.0 * h, p, R, d[i - 1], d[i], w[i - 1], w[i]))
+        if left[i]:
+            rows.append((False, starts[i], 1.0, p, R, zero, d[i], zero, w[i]))
+    return Pieces(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _left(length: Array, half: Array) -> NDArray[np.bool_]:
+    """Which segments (m,) have a straight part between their corners."""
+    taken = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
+    return np.asarray(length - taken > 1e-12 * length)
+
+
+def _begins(pieces: Pieces, length: Array, half: Array) -> Array:
+    """Where in s each piece begins; those of corners as they are, those of straight parts at the end of the corner before."""
+    after = np.concatenate([[0.0], np.cumsum(length)[:-1] + half])
+    straight = ~pieces.corner
+    begin = pieces.begin.copy()
+    begin[straight] = after[_left(length, half)]
+    return begin
+
+
+METHOD = Polyline

@@ -1,0 +1,390 @@
+"""What every path must keep, whatever its form: runs over all files in planners/paths."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from optik.errors import InvalidInput, UnknownName
+from optik.ik import make_solver
+from optik.robot import load
+from planners import Arc, JointLine, Line, Path, Polyline, follow, path_of, paths
+from tests.planners import plain
+from tests.planners.plain import START, paper6r
+
+Array = NDArray[np.float64]
+
+TURN = 1e-3
+"""What a turn of 1 rad counts beside a metre where a path says which place is nearest."""
+
+
+def reached(move: Any, turn: Any = (0.0, 0.0, 0.0)) -> Array:
+    """A pose near the start of all examples, which the paper's arm reaches."""
+    return plain.moved(paper6r().fk(START), np.asarray(move), np.asarray(turn))
+
+
+def _corner() -> Array:
+    return np.stack(
+        [reached((0, 0, 0)), reached((-0.1, 0, 0.1), (0.2, 0, 0)), reached((-0.1, 0.1, 0.12), (0.2, 0.3, 0))]
+    )
+
+
+def _lines() -> dict[str, Path]:
+    return {
+        "moves": Line(reached((0, 0, 0)), reached((-0.12, 0.0, 0.20))),
+        "moves and turns": Line(reached((0, 0, 0)), reached((-0.1, 0.05, 0.1), (0.3, -0.2, 0.4))),
+        "turns": Line(reached((0, 0, 0)), reached((0, 0, 0), (0.1, 0.2, -0.15))),
+    }
+
+
+def _arcs() -> dict[str, Path]:
+    start = reached((0, 0, 0))
+    centre = start[:3, 3] + np.array([-0.06, 0.0, 0.05])
+    via, goal = reached((-0.05, 0.03, 0.02)), reached((-0.08, 0.0, 0.1), (0.3, 0.1, -0.2))
+    return {
+        "through": Arc.through(start, via, goal),
+        "fixed": Arc.about(start, centre, [0.1, 1.0, 0.2], 2.0),
+        "with the arc": Arc.about(start, centre, [0.1, 1.0, 0.2], -0.7, orientation="arc"),
+        "to a goal": Arc.about(start, centre, [0.0, 1.0, 0.0], 9.0, orientation=goal[:3, :3]),
+        "nearly straight": Arc.through(start, reached((-0.05, 1e-6, 0.05)), reached((-0.1, 0.0, 0.1), (0.1, 0, 0))),
+    }
+
+
+def _polylines() -> dict[str, Path]:
+    poses = _corner()
+    on_the_spot = np.stack(
+        [poses[0], poses[1], plain.moved(poses[1], np.zeros(3), np.array([0.0, 0.3, 0.2])), poses[2]]
+    )
+    return {
+        "corner": Polyline(poses, blend=0.01, blend_rotation=0.05),
+        "sharp": Polyline(poses),
+        "wide": Polyline(poses, blend=1.0, blend_rotation=10.0),
+        "turns on the spot": Polyline(on_the_spot, blend=5e-3, blend_rotation=0.05),
+        "keeps its orientation": Polyline(
+            [reached((0, 0, 0)), reached((-0.1, 0, 0)), reached((-0.1, 0.1, 0))], blend=5e-3
+        ),
+        "turns only": Polyline([reached((0, 0, 0), w) for w in ((0, 0, 0), (0.3, 0, 0), (0.3, 0.2, 0.1))]),
+        "turns far": Polyline(
+            [reached((0, 0, 0), w) for w in ((0, 0, 0), (3.0, 0, 0), (3.0, 0.3, 2.0))], blend_rotation=9.0
+        ),
+        "there and back": Polyline([reached((0, 0, 0)), reached((-0.1, 0, 0.05)), reached((0, 0, 0))], blend=5e-3),
+    }
+
+
+def _joint_lines() -> dict[str, Path]:
+    return {
+        "all joints": JointLine(paper6r(), START, START + np.array([0.3, -0.2, 0.25, 0.4, -0.3, 0.5])),
+        "the last joint": JointLine(paper6r(), START, START + np.array([0, 0, 0, 0, 0, 0.7])),
+        "a sliding joint": JointLine(load("irb910sc"), [0.1, 0.3, 0.05, 0.2], [0.5, -0.4, 0.15, 1.0]),
+        "only a sliding joint": JointLine(load("irb910sc"), [0.1, 0.3, 0.05, 0.2], [0.1, 0.3, 0.15, 0.2]),
+    }
+
+
+@cache
+def examples() -> dict[str, dict[str, Path]]:
+    return {"arc": _arcs(), "joint_line": _joint_lines(), "line": _lines(), "polyline": _polylines()}
+
+
+CASES = [(name, kind) for name, kinds in examples().items() for kind in kinds]
+every_path = pytest.mark.parametrize(("name", "kind"), CASES, ids=[f"{n}, {k}" for n, k in CASES])
+
+
+def arm(path: Path) -> Any:
+    return path.robot if isinstance(path, JointLine) else None
+
+
+def cross(w: Array) -> Array:
+    """Matrices (k, 3, 3) of ω×."""
+    out = np.zeros((len(w), 3, 3))
+    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
+    return out - np.swapaxes(out, 1, 2)
+
+
+def rotation_derivatives(path: Path, s: Array) -> list[Array]:
+    """R, R', R'', R''' (k, 3, 3) from twists, by R' = ω× R and the product rule."""
+    R = path.pose(s)[:, :3, :3]
+    w, w1, w2 = (cross(path.twist(s, k)[:, 3:]) for k in (1, 2, 3))
+    return [R, w @ R, (w1 + w @ w) @ R, (w2 + 2.0 * w1 @ w + w @ w1 + w @ w @ w) @ R]
+
+
+def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
+    """Places inside the pieces between breaks, and a step that stays inside four times over."""
+    b = path.breaks
+    u = np.linspace(0.05, 0.95, count)
+    s = (b[:-1, None] + np.diff(b)[:, None] * u).ravel()
+    return s, np.repeat(0.01 * np.diff(b), count)
+
+
+# ---------------------------------------------------------------- the interface
+
+
+def test_every_file_has_examples_here_and_is_a_path() -> None:
+    assert set(examples()) == set(paths())
+    for name, kinds in examples().items():
+        for path in kinds.values():
+            assert isinstance(path, Path)
+            assert path.name == name == path.to_dict()["path"]
+            assert path.unit in ("m", "rad")
+            assert path.end > 0.0
+            assert type(path).__doc__
+
+
+@every_path
+def test_shapes_are_those_of_every_curve(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    s = np.linspace(0.0, path.end, 7)
+    for order in range(4):
+        shape = (6,) if order else (4, 4)
+        stacked = path(s, order)
+        assert stacked.shape == (7, *shape)
+        for i in (0, 3, 6):
+            np.testing.assert_allclose(
+                path(float(s[i]), order), stacked[i], rtol=0.0, atol=1e-12 * np.abs(stacked).max()
+            )
+        assert path(np.array([]), order).shape == (0, *shape)
+    for wrong in (-1e-3, 1.001 * path.end, np.nan):
+        with pytest.raises(InvalidInput, match="s: "):
+            path(wrong)
+    with pytest.raises(InvalidInput, match="order"):
+        path(0.0, 4)
+
+
+@every_path
+def test_all_poses_are_poses(name: str, kind: str) -> None:
+    T = examples()[name][kind](np.linspace(0.0, examples()[name][kind].end, 101))
+    np.testing.assert_allclose(np.swapaxes(T[:, :3, :3], 1, 2) @ T[:, :3, :3] - np.eye(3), 0.0, rtol=0.0, atol=5e-14)
+    assert (np.linalg.det(T[:, :3, :3]) > 0.0).all()
+    np.testing.assert_array_equal(T[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (101, 1)))
+
+
+@every_path
+def test_evaluating_leaves_the_path_as_it_was(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    s = np.linspace(0.0, path.end, 11)
+    for order in range(4):
+        first = path(s, order)
+        kept = first.copy()
+        first += 1.0
+        np.testing.assert_array_equal(path(s, order), kept)
+
+
+@every_path
+def test_plain_data_give_the_same_path_to_the_last_bit(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    data = json.loads(json.dumps(path.to_dict(), allow_nan=False))
+    again = path_of(data, arm(path))
+    assert type(again) is type(path)
+    assert again.to_dict() == path.to_dict()
+    assert (again.end, again.unit) == (path.end, path.unit)
+    s = np.linspace(0.0, path.end, 101)
+    for order in range(4):
+        np.testing.assert_array_equal(again(s, order), path(s, order))
+
+
+@pytest.mark.parametrize("name", paths())
+def test_data_that_describe_no_such_path_are_refused(name: str) -> None:
+    path = next(iter(examples()[name].values()))
+    good = path.to_dict()
+    for field in good:
+        if field != "path":
+            with pytest.raises(InvalidInput, match="data"):
+                path_of({k: v for k, v in good.items() if k != field}, arm(path))
+            if field != "robot":  # the arm's name; its fingerprint is what counts
+                with pytest.raises(InvalidInput):
+                    path_of(good | {field: "nothing of the kind"}, arm(path))
+    for wrong in (None, [], good | {"path": "another"}):
+        with pytest.raises(InvalidInput):
+            type(path).from_dict(wrong, arm(path))  # type: ignore[arg-type]
+
+
+def test_a_name_that_no_path_has_lists_the_nearest() -> None:
+    with pytest.raises(UnknownName, match="polyline"):
+        path_of({"path": "polylines"})
+    for wrong in ({}, None, "line", {"path": 3}):
+        with pytest.raises(InvalidInput):
+            path_of(wrong)  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- derivatives
+
+
+def difference(f: Callable[[Array], Array], s: Array, h: Array) -> Array:
+    """First derivative by central differences of eighth order, with a step for each place."""
+    weights = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+    total = np.asarray(sum(w * (f(s + k * h) - f(s - k * h)) for k, w in weights))
+    return total / h.reshape(-1, *[1] * (total.ndim - 1))
+
+
+@every_path
+def test_each_order_is_the_derivative_of_the_one_before(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    s, h = inside(path)
+    bounds = path.derivative_bounds()
+
+    def check(got: Array, wanted: Array, scale: float, before: float) -> None:
+        # the rounding of the order before, magnified by 1/h; a piece is at most a few radians of anything
+        np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-10 * scale + 1e-14 * (before + 1e-3) / h.min())
+
+    check(path(s, 1)[:, :3], difference(lambda x: path(x)[:, :3, 3], s, h), bounds[0, 0], 1.0)
+    turned = cross(path(s, 1)[:, 3:]) @ path(s)[:, :3, :3]
+    check(turned, difference(lambda x: path(x)[:, :3, :3], s, h), bounds[1, 0], 1.0)
+    for order in (2, 3):
+        for part, rows in enumerate((slice(0, 3), slice(3, 6))):
+            wanted = difference(lambda x, o=order, r=rows: path(x, o - 1)[:, r], s, h)  # type: ignore[misc]
+            check(path(s, order)[:, rows], wanted, bounds[part, order - 1], bounds[part, order - 2])
+
+
+@every_path
+def test_all_orders_are_continuous_where_pieces_meet(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    b = path.breaks
+    assert b[0] == 0.0
+    assert b[-1] == path.end
+    assert (np.diff(b) > 0.0).all()
+    inner = b[1:-1]
+    if not inner.size:
+        return
+    step = 1e-9 * np.diff(b).min()
+    bounds = path.derivative_bounds()
+    before, after = rotation_derivatives(path, inner - step), rotation_derivatives(path, inner + step)
+    for order in range(4):
+        part = slice(0, 3)
+        jump = np.abs(after[order] - before[order]).max()
+        assert jump <= 4.0 * bounds[1, order] * step + 1e-12 * (1.0 if order == 0 else bounds[1, order - 1] + 1.0)
+        ends = [path(inner + sign * step, order) for sign in (-1.0, 1.0)]
+        p = [e[:, :3, 3] if order == 0 else e[:, part] for e in ends]
+        assert np.abs(p[1] - p[0]).max() <= 4.0 * bounds[0, order] * step + 1e-12 * (
+            1.0 if order == 0 else bounds[0, order - 1] + 1.0
+        )
+
+
+@every_path
+def test_no_derivative_passes_its_bound(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    bounds = path.piece_bounds()
+    assert bounds.shape == (path.breaks.size - 1, 2, 4)
+    np.testing.assert_array_equal(path.derivative_bounds(), bounds.max(axis=0))
+    for i, (a, b) in enumerate(zip(path.breaks[:-1], path.breaks[1:], strict=True)):
+        s = np.linspace(a, b, 301)
+        position = [path(s, k)[:, :3] for k in (1, 2, 3)]
+        turns = rotation_derivatives(path, s)[1:]
+        # what a secant rises by is never more than the greatest slope
+        h = 1e-3 * (b - a)
+        lower = np.linspace(a, b - h, 300)
+        position.append((path(lower + h, 3)[:, :3] - path(lower, 3)[:, :3]) / h)
+        turns.append((rotation_derivatives(path, lower + h)[3] - rotation_derivatives(path, lower)[3]) / h)
+        for k in range(4):
+            worst = np.linalg.norm(position[k], axis=1).max(), np.linalg.norm(turns[k], ord=2, axis=(1, 2)).max()
+            for part in (0, 1):
+                rounding = 1e-13 * (1.0 + bounds[i, part, max(k - 1, 0)]) / (h if k == 3 else 1.0)
+                assert worst[part] <= bounds[i, part, k] * (1.0 + 1e-12) + rounding
+
+
+TIGHT = {"line": 1.0 + 1e-9, "arc": 1.0 + 1e-9, "polyline": 1.6, "joint_line": 1.3}
+"""How much above the truth the bounds on first and second derivatives may be."""
+
+
+@every_path
+def test_the_bounds_that_a_certificate_rests_on_are_not_far_above_the_truth(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    s = np.concatenate([np.linspace(a, b, 301) for a, b in zip(path.breaks[:-1], path.breaks[1:], strict=True)])
+    bounds = path.derivative_bounds()
+    turns = rotation_derivatives(path, s)
+    for k in (1, 2):
+        assert (
+            bounds[0, k - 1] <= TIGHT[name] * np.linalg.norm(path(s, k)[:, :3], axis=1).max() + 1e-9
+            or name == "joint_line"
+        )
+        assert bounds[1, k - 1] <= TIGHT[name] * np.linalg.norm(turns[k], ord=2, axis=(1, 2)).max() + 1e-9
+
+
+# ---------------------------------------------------------------- nearest
+
+
+def cost(at: Array, poses: Array, turn: float) -> Array:
+    """Distance, where a turn of 1 rad counts so much."""
+    r = at[..., :3, 3] - poses[..., :3, 3]
+    R = at[..., :3, :3] - poses[..., :3, :3]
+    return np.sqrt((r * r).sum(axis=-1) + 0.5 * turn**2 * (R * R).sum(axis=(-2, -1)))
+
+
+@every_path
+def test_the_nearest_place_to_a_pose_of_the_path_is_where_it_is(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    s = np.concatenate([np.linspace(0.0, path.end, 101), path.breaks])
+    found = path.nearest(path(s))
+    assert found.shape == s.shape
+    np.testing.assert_allclose(path(found), path(s), rtol=0.0, atol=1e-8)
+    if kind not in ("there and back", "to a goal"):  # other paths pass each place once
+        np.testing.assert_allclose(found, s, rtol=0.0, atol=1e-8 * path.end)
+
+
+@every_path
+@pytest.mark.parametrize("far", [1e-5, 1e-2, 1.0])
+def test_no_place_is_nearer_than_the_nearest(name: str, kind: str, far: float) -> None:
+    path, rng = examples()[name][kind], np.random.default_rng(3)
+    poses = np.stack([
+        plain.moved(T, far * rng.normal(size=3), min(far, 0.3) * rng.normal(size=3))
+        for T in path(rng.uniform(0.0, path.end, 60))
+    ])  # fmt: skip
+    found = path.nearest(poses)
+    assert ((found >= 0.0) & (found <= path.end)).all()
+    everywhere = path(np.linspace(0.0, path.end, 4001))
+    by_rotation = isinstance(path, Line) and path.unit == "rad"
+    closed = isinstance(path, Line | Arc)
+    turn = 1.0 if by_rotation else 0.0 if closed else TURN
+    least = np.array([cost(everywhere, T, turn).min() for T in poses])
+    assert (cost(path(found), poses, turn) <= least + 1e-9).all()
+
+
+@every_path
+def test_what_are_no_poses_is_refused(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    bad = np.full((2, 4, 4), np.nan)
+    for wrong in (np.eye(4), np.zeros((2, 3, 3)), bad, "poses", None):
+        with pytest.raises(InvalidInput, match="poses"):
+            path.nearest(wrong)  # type: ignore[arg-type]
+    assert path.nearest(np.zeros((0, 4, 4))).shape == (0,)
+
+
+# ---------------------------------------------------------------- joints
+
+
+@every_path
+def test_only_a_path_in_the_joints_gives_configurations(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    robot = arm(path) or paper6r()
+    s = np.linspace(0.0, path.end, 5)
+    q = path.configurations(robot, s)
+    if name != "joint_line":
+        assert q is None
+        return
+    assert q is not None
+    assert q.shape == (5, robot.n)
+    np.testing.assert_allclose(robot.fk(q), path(s), rtol=0.0, atol=1e-14)
+
+
+@every_path
+def test_the_arm_follows_it(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    if arm(path) not in (None, paper6r()) or kind in ("to a goal", "turns far"):  # four joints, or more than it can
+        return
+    followed = follow(make_solver(paper6r(), "lm"), path, START, samples=401)
+    assert followed, followed.stop
+    joints = followed.joint_path
+    assert joints is not None
+    s = np.linspace(0.0, path.end, 50)
+    for x, q in zip(s, joints(s), strict=True):
+        T = path(x)
+        assert np.abs(plain.fk(q)[:3, 3] - T[:3, 3]).max() <= 1e-5
+        assert Rotation.from_matrix(plain.fk(q)[:3, :3].T @ T[:3, :3]).magnitude() <= 1e-5
+    if isinstance(path, JointLine):
+        np.testing.assert_allclose(joints(s), path.configurations(paper6r(), s), rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(joints(s, 2), 0.0, rtol=0.0, atol=1e-6)

@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from optik._linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+
+
+def factored(A):
+    QR, beta, order = A.copy(), np.empty(A.shape[1]), np.empty(A.shape[1], np.int64)
+    return QR, beta, order, qr_factor(QR, beta, order)
+
+
+@pytest.mark.parametrize("shape", [(6, 4), (6, 5), (6, 6), (7, 7), (9, 9)])
+def test_least_squares_are_numpys(shape):
+    rng = np.random.default_rng(shape[1])
+    for _ in range(50):
+        A, b = rng.normal(size=shape), rng.normal(size=shape[0])
+        QR, beta, order, _ = factored(A)
+        x = np.empty(shape[1])
+        rest = qr_solve(QR, beta, order, b.copy(), x)
+        wanted = np.linalg.lstsq(A, b)[0]
+        np.testing.assert_allclose(x, wanted, rtol=1e-10, atol=1e-10)
+        assert rest == pytest.approx(np.linalg.norm(A @ wanted - b), abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(6, 4), (6, 6), (6, 7), (6, 9)])
+@pytest.mark.parametrize("least", [1.0, 1e-3, 1e-7, 1e-12, 0.0])
+def test_the_smallest_singular_value_is_numpys_however_small(shape, least):
+    rng = np.random.default_rng(7)
+    for _ in range(30):
+        u, s, vt = np.linalg.svd(rng.normal(size=shape), full_matrices=False)
+        s[-1] = least * s[0]
+        if rng.random() < 0.3:
+            s[-2] = s[-1]  # two that are equal
+        J = (u * s) @ vt
+        assert abs(smallest_singular_value(J) - np.linalg.svd(J, compute_uv=False)[-1]) < 1e-9 * s[0] * max(least, 1e-6)
+        if shape[1] <= 6:
+            QR, _, _, rank = factored(J)
+            assert rank == 0.0 or abs(smallest_of_factor(QR) - s.min()) < 1e-9 * s[0] * max(least, 1e-6)
+
+
+def test_a_lost_rank_shows_in_the_last_pivot():
+    A = np.random.default_rng(1).normal(size=(6, 6))
+    assert factored(A)[3] > 1e-4
+    A[:, 2] = A[:, 4]
+    assert factored(A)[3] < 1e-14
+    A[:] = 0.0
+    assert factored(A)[3] == 0.0
+    assert factored(np.full((6, 6), np.nan))[3] == 0.0
+    assert smallest_singular_value(np.zeros((6, 7))) == 0.0

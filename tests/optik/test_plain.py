@@ -1,0 +1,100 @@
+"""Robots as plain data: through JSON and back to the last bit, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import optik
+from optik import JointLimits, Robot, se3
+from optik.errors import InvalidInput, OptikError
+from optik.plain import numbers, plain_numbers
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def same_bits(a: Any, b: Any) -> bool:
+    return np.asarray(a).tobytes() == np.asarray(b).tobytes()
+
+
+def through_json(robot: Robot) -> Robot:
+    return Robot.from_dict(json.loads(json.dumps(robot.to_dict(), allow_nan=False)))
+
+
+def assert_same(robot: Robot, back: Robot) -> None:
+    assert back == robot
+    assert back.fingerprint == robot.fingerprint
+    assert (back.name, back.joint_names, back.source) == (robot.name, robot.joint_names, robot.source)
+    for field in ("fixed", "prismatic", "tool", "gravity"):
+        assert same_bits(getattr(back, field), getattr(robot, field))
+    for field in ("lower", "upper", "velocity", "acceleration", "jerk"):
+        a, b = getattr(robot.limits, field), getattr(back.limits, field)
+        assert (a is None) == (b is None)
+        assert a is None or same_bits(a, b)
+
+
+@pytest.mark.parametrize("name", optik.robots())
+def test_every_robot_comes_back_to_the_last_bit(name: str) -> None:
+    assert_same(optik.load(name), through_json(optik.load(name)))
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_any_robot_comes_back_to_the_last_bit(seed: int, free: bool) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 8))
+    noise = rng.normal(size=(n + 1, 3, 3)) * rng.choice([0.0, 1e-15, 1e-13, 1e-8])  # what a rounded table leaves
+    T = np.array([se3.pose(se3.exp_so3(rng.normal(size=3)) + noise[i], rng.normal(size=3)) for i in range(n + 1)])
+    lower = np.where(free, -np.inf, -rng.uniform(0.1, 3.0, n))
+    limits = JointLimits(lower, -lower, velocity=rng.uniform(0.1, 9.0, n), jerk=np.where(free, np.inf, 3.0))
+    robot = Robot("arm ü", T[:n], rng.random(n) < 0.3, T[n], limits, gravity=rng.normal(size=3), source='a "book"')
+    assert_same(robot, through_json(robot))
+    assert_same(robot, pickle.loads(pickle.dumps(robot)))
+    assert_same(robot, robot.with_tool(robot.tool))
+
+
+@settings(max_examples=25)
+@given(st.lists(st.one_of(finite, st.sampled_from([np.inf, -np.inf])), min_size=1, max_size=9))
+def test_numbers_come_back_to_the_last_bit(values: list[float]) -> None:
+    back = numbers(json.loads(json.dumps(plain_numbers(values), allow_nan=False)), (len(values),), "x")
+    assert same_bits(back, np.array(values))
+
+
+WRONG = {
+    "no mapping": (lambda d: None, "robot"),
+    "a key too few": (lambda d: {k: v for k, v in d.items() if k != "tool"}, "tool missing"),
+    "a key too many": (lambda d: d | {"colour": "red"}, "colour not known"),
+    "a limit too few": (lambda d: d | {"limits": {"lower": [0.0]}}, "upper, velocity"),
+    "no lower limits": (lambda d: d | {"limits": d["limits"] | {"lower": None}}, "robot.limits.lower"),
+    "a short limit": (lambda d: d | {"limits": d["limits"] | {"jerk": [1.0]}}, "robot.limits.jerk"),
+    "crossed limits": (lambda d: d | {"limits": d["limits"] | {"lower": [9.0] * 6}}, "lower ≤ upper"),
+    "a name that is none": (lambda d: d | {"name": 3}, "robot.name"),
+    "a joint name that is none": (lambda d: d | {"joint_names": [*d["joint_names"][:5], 6]}, "robot.joint_names"),
+    "one joint name": (lambda d: d | {"joint_names": "joint1"}, "robot.joint_names"),
+    "kinds of joint as figures": (lambda d: d | {"prismatic": [0] * 6}, "robot.prismatic"),
+    "a ragged list": (lambda d: d | {"tool": [[1.0], [2.0, 3.0]]}, "robot.tool"),
+    "a word among figures": (lambda d: d | {"gravity": [0.0, 0.0, "down"]}, "robot.gravity"),
+    "true among figures": (lambda d: d | {"gravity": [0.0, 0.0, True]}, "robot.gravity"),
+    "a figure beyond all": (lambda d: d | {"gravity": [0.0, 0.0, 10**400]}, "robot.gravity"),
+    "infinity where none can be": (lambda d: d | {"gravity": [0.0, 0.0, "inf"]}, "gravity"),
+    "no pose": (lambda d: d | {"tool": [[2.0] * 4] * 4}, "tool"),
+    "no source": (lambda d: d | {"source": None}, "robot.source"),
+}
+
+
+@pytest.mark.parametrize(("damage", "named"), WRONG.values(), ids=WRONG.keys())
+def test_what_describes_no_robot_is_refused_by_name(damage: Any, named: str) -> None:
+    with pytest.raises(OptikError, match=named.replace(".", r"\.")) as caught:
+        Robot.from_dict(damage(optik.load("paper6r").to_dict()))
+    assert isinstance(caught.value, ValueError)
+
+
+def test_numbers_of_another_shape_say_which_was_expected() -> None:
+    with pytest.raises(InvalidInput, match=r"x: expected numbers of shape \(2, 3\).*got 2 of them"):
+        numbers([[1.0, 2.0, 3.0], [1.0, 2.0]], (2, 3), "x")

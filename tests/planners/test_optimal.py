@@ -1,0 +1,204 @@
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from optik.errors import InvalidInput, NoSolution
+from planners import JointPath, MotionLimits, Trajectory, laws, make_law
+from planners.timing.base import DERIVATIVES, PathState
+from planners.timing.optimal import Optimal
+from tests.planners.plain import default_joint_path, random_joint_paths
+
+Array = NDArray[np.float64]
+LIMITS = MotionLimits(2.0, 10.0, 100.0)
+SLOW = MotionLimits(1.0, 2.0, 20.0)
+
+
+def ratios(trajectory: Trajectory, limits: MotionLimits) -> list[float]:
+    bound = limits.arrays(trajectory.n)
+    return [float((trajectory.extrema(k).worst / bound[f]).max()) for k, f in enumerate(DERIVATIVES, start=1)]
+
+
+@cache
+def best_by_ipopt(line: int, velocity: float, acceleration: float, jerk: float, K: int = 60) -> float:
+    """Duration of the same optimum by a plain programme for IPOPT: s equally spaced in the root of a quintic, no wit."""
+    joint_path = random_joint_paths(3)[line]
+    u = np.linspace(0.0, 1.0, K + 1)
+    s = joint_path.end * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
+    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
+    v, a, tau, j = ca.SX.sym("v", K + 1), ca.SX.sym("a", K + 1), ca.SX.sym("t", K), ca.SX.sym("j", K)
+    g: list[Any] = [v[0], a[0], v[K], a[K]]
+    low, high = [0.0] * 4, [0.0] * 4
+    for k in range(K):
+        t = tau[k]
+        g += [
+            v[k] * t + a[k] * t**2 / 2 + j[k] * t**3 / 6 - (s[k + 1] - s[k]),
+            v[k] + a[k] * t + j[k] * t**2 / 2 - v[k + 1],
+            a[k] + j[k] * t - a[k + 1],
+        ]
+        low, high = low + [0.0] * 3, high + [0.0] * 3
+        for i in range(6):
+            for e in (k, k + 1):
+                g.append(q1[e, i] * j[k] + 3 * q2[e, i] * v[e] * a[e] + q3[e, i] * v[e] ** 3)
+                low, high = [*low, -jerk], [*high, jerk]
+            g += [q1[k, i] * a[k] + q2[k, i] * v[k] ** 2, q1[k, i] * v[k]]
+            low, high = [*low, -acceleration, -velocity], [*high, acceleration, velocity]
+    x = ca.vertcat(v, a, tau, j)
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-8, "ipopt.mu_init": 1e-2}
+    solver = ca.nlpsol("best", "ipopt", {"x": x, "f": ca.sum1(tau), "g": ca.vertcat(*g)}, options)
+    T = 3.0
+    speed = joint_path.end / T * (30.0 * u**2 - 60.0 * u**3 + 30.0 * u**4)
+    start = np.concatenate([speed, np.zeros(K + 1), np.full(K, T / K), np.zeros(K)])
+    lower = np.concatenate([np.zeros(K + 1), np.full(K + 1, -np.inf), np.full(K, 1e-6), np.full(K, -np.inf)])
+    found = solver(x0=start, lbx=lower, lbg=low, ubg=high)
+    assert solver.stats()["success"]
+    return float(found["f"])
+
+
+@pytest.mark.parametrize("line", range(3))
+def test_the_duration_is_that_of_a_plain_programme_solved_by_ipopt(line: int) -> None:
+    """The plain one keeps its limits at its places only, so it is a little too fast; its coarse grid makes it slower."""
+    theirs = best_by_ipopt(line, 2.0, 10.0, 100.0)
+    ours = Optimal().run(random_joint_paths(3)[line], LIMITS).duration
+    assert ours == pytest.approx(theirs, rel=5e-3)
+
+
+@pytest.mark.parametrize("limits", [LIMITS, SLOW], ids=["fast", "slow"])
+@pytest.mark.parametrize("line", range(4))
+def test_no_law_that_keeps_jerk_is_faster(line: int, limits: MotionLimits) -> None:
+    joint_path = random_joint_paths(4)[line]
+    best = Optimal().run(joint_path, limits).duration
+    for law in laws():
+        if "jerk" in make_law(law).keeps and law != "constant_speed":
+            assert make_law(law).run(joint_path, limits).duration >= best * 0.999
+    assert best >= make_law("toppra").run(joint_path, limits).duration
+
+
+@pytest.mark.parametrize("line", range(4))
+def test_some_limit_binds_nearly_everywhere(line: int) -> None:
+    joint_path = random_joint_paths(4)[line]
+    trajectory = Optimal().run(joint_path, LIMITS)
+    bound = LIMITS.arrays(6)
+    piece = np.max(
+        [(trajectory.piece_worst(k) / bound[f]).max(axis=1) for k, f in enumerate(DERIVATIVES, start=1)], axis=0
+    )
+    assert piece.max() <= 1.0
+    assert np.quantile(piece, 0.1) >= 0.99
+
+
+@pytest.mark.parametrize("line", range(4))
+def test_more_intervals_are_as_good_or_better(line: int) -> None:
+    joint_path = random_joint_paths(4)[line]
+    durations = [Optimal(intervals=K).run(joint_path, LIMITS).duration for K in (48, 96, 192, 400)]
+    assert (np.diff(durations) <= 1e-4 * durations[0]).all()
+    assert durations[2] <= 1.002 * durations[3]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    line=st.integers(0, 3),
+    velocity=st.floats(-2.0, 2.0),
+    acceleration=st.floats(-2.0, 2.0),
+    jerk=st.floats(-2.0, 2.0),
+    joint=st.integers(0, 5),
+    share=st.floats(0.05, 1.0),
+)
+def test_limits_of_any_size_are_kept_exactly(
+    line: int, velocity: float, acceleration: float, jerk: float, joint: int, share: float
+) -> None:
+    limit = [np.full(6, b * 10.0**e) for b, e in ((2.0, velocity), (10.0, acceleration), (100.0, jerk))]
+    for row in limit:
+        row[joint] *= share
+    limits = MotionLimits(*limit)
+    trajectory = Optimal().run(random_joint_paths(4)[line], limits)
+    assert max(ratios(trajectory, limits)) <= 1.0
+    assert max(ratios(trajectory, limits)) >= 1.0 - 1e-9
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
+def test_a_tool_speed_is_kept_and_used(share: float) -> None:
+    from planners.tool_speed import tool_speed
+
+    joint_path = default_joint_path()
+    free = Optimal().run(joint_path, LIMITS)
+    limit = share * tool_speed(joint_path.robot, free).speed
+    slow = Optimal().run(joint_path, MotionLimits(2.0, 10.0, 100.0, tool_speed=limit))
+    found = tool_speed(joint_path.robot, slow).speed
+    assert 0.999 * limit <= found <= limit
+    assert joint_path.end / limit < slow.duration <= joint_path.end / limit + free.duration
+
+
+# ---------------------------------------------------------------- from a moving state
+
+
+def moving(
+    joint_path: JointPath, limits: MotionLimits, share: float, part: float = 0.8
+) -> tuple[PathState, Trajectory]:
+    """A state of the optimum under a share of the limits, at a part of its path, and that optimum."""
+    trajectory = Optimal().run(joint_path, limits.scaled(share))
+    t = part * trajectory.end
+    q, dq, ddq = (trajectory(t, order) for order in range(3))
+    grid = np.linspace(0.0, joint_path.end, 20001)
+    s = float(grid[np.linalg.norm(joint_path(grid) - q, axis=1).argmin()])
+    for _ in range(5):
+        q1 = joint_path(s, 1)
+        s += float(q1 @ (q - joint_path(s)) / (q1 @ q1))
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    v = float(q1 @ dq / (q1 @ q1))
+    return PathState(s, v, float(q1 @ (ddq - q2 * v * v) / (q1 @ q1))), trajectory
+
+
+@pytest.mark.parametrize("stop", [False, True])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("line", range(3))
+def test_from_a_moving_state_within_the_limits(line: int, part: float, stop: bool) -> None:
+    joint_path = random_joint_paths(3)[line]
+    state, _ = moving(joint_path, LIMITS, 0.7, part)
+    trajectory = Optimal().run_from(joint_path, LIMITS, state, stop=stop)
+    s, v, a = state
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    for order, expected in enumerate((joint_path(s), q1 * v, q1 * a + q2 * v * v)):
+        np.testing.assert_allclose(trajectory(0.0, order), expected, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(trajectory(trajectory.end, 1), 0.0, atol=1e-9)
+    np.testing.assert_allclose(trajectory(trajectory.end, 2), 0.0, atol=1e-7)
+    assert max(ratios(trajectory, LIMITS)) <= 1.0
+    rest = Optimal().run_from(joint_path, LIMITS, state, stop=False).duration
+    assert trajectory.duration <= rest * (1.0 + 1e-9)
+    if not stop:
+        np.testing.assert_allclose(trajectory(trajectory.end), joint_path(joint_path.end), atol=1e-9)
+
+
+def test_the_rest_of_the_optimum_is_as_fast_as_the_optimum() -> None:
+    joint_path = random_joint_paths(3)[1]
+    state, whole = moving(joint_path, LIMITS, 1.0, 0.3)
+    rest = Optimal().run_from(joint_path, LIMITS, state, stop=False)
+    assert rest.duration == pytest.approx(0.7 * whole.duration, rel=5e-3)
+
+
+def test_a_state_too_fast_to_stop_has_no_motion() -> None:
+    joint_path = default_joint_path()
+    state, _ = moving(joint_path, LIMITS, 1.0, 0.8)
+    with pytest.raises(NoSolution) as info:
+        Optimal().run_from(joint_path, LIMITS.scaled(0.3), state, stop=True)
+    assert info.value.s == state.s
+    assert info.value.advice
+
+
+def test_laws_from_rest_only_say_so() -> None:
+    with pytest.raises(InvalidInput) as info:
+        make_law("quintic").run_from(default_joint_path(), LIMITS, PathState(0.1, 0.1, 0.0), stop=True)
+    assert info.value.argument == "timing"
+
+
+@pytest.mark.parametrize("wrong", [7, 0, -1, 2.5, "many"])
+def test_intervals_that_cannot_be_meant_are_refused(wrong: Any) -> None:
+    with pytest.raises(InvalidInput) as info:
+        Optimal(intervals=wrong)
+    assert info.value.argument == "intervals"
