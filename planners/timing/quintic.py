@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from planners.fit import stretch
 from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing.base import MotionLimits, TimeLaw
@@ -54,6 +55,15 @@ class Quintic(TimeLaw):
         velocity = joint_path(s, 1) * (joint_path.end / self.duration)  # J⁻¹ V: q' times the constant ṡ
         velocity[0] = velocity[-1] = 0.0
         return Trajectory(through(t, q, velocity, np.zeros_like(q)))
+
+    def least_duration(self, joint_path: JointPath, limits: MotionLimits) -> float:
+        """Least T [s] at which the law would break no limit, with the same number of segments.
+
+        With the number of segments kept, and not Δt, another T is the same motion slower or faster: velocities go with
+        1/T, accelerations with 1/T², jerks with 1/T³. So it is exact, from the extrema of one motion. All limits given
+        count, those of the tool too; 0 where none is given.
+        """
+        return self.duration * stretch(joint_path.robot, self.run(joint_path, limits), limits)
 
 
 METHOD = Quintic

@@ -1,37 +1,43 @@
-"""Ruckig on the path's s: the time-optimal jerk-limited motion of one number, under bounds that keep every joint."""
+"""Ruckig on the path's s, section by section: jerk-limited motion under bounds of each section's own."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import ruckig
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from optik.errors import NoSolution
+from optik.check import check_number
+from optik.errors import InvalidInput, NoSolution
 from planners.fit import fitted
 from planners.follow import JointPath
-from planners.timing.base import DERIVATIVES, MotionLimits, TimeLaw, derivatives_at, refit
+from planners.timing._ramps import Ramp, law_of, phases_of, profile, table
+from planners.timing._ruckig import velocity_control
+from planners.timing._sections import sections
+from planners.timing._stop import stop_from
+from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit
+from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-SHORTEST = 5e-4
-"""Time [s] in which the acceleration may rise to its bound: faster gains nothing, and its pieces drown in rounding."""
-
 
 class RuckigLaw(TimeLaw):
-    """One triple of bounds on ṡ, s̈, s⃛ for the whole path, chosen so that the joints keep their limits everywhere.
+    """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not pace the whole line.
 
-    With |q̇| ≤ |q'| V, |q̈| ≤ |q'| A + |q''| V² and |q⃛| ≤ |q'| J + 3 |q''| V A + |q'''| V³, every (V, A) leaves a
-    largest J; the (V, A, J) of the shortest motion is searched. The bounds are safe, so they leave room: the motion is
-    then scaled in time, uniformly, until its exact extrema just keep the limits. Ruckig (Berscheid and Kröger, RSS 2021)
-    is used on the scalar s only: its joint waypoints would leave the path, and are sent to a cloud service.
+    Where the sections end, and how fast the motion is there, is found by dynamic programming over candidate places and
+    speeds: a chain of ramps, each judged at sampled instants by what it asks of every joint, q̈ = q' s̈ + q'' ṡ² and
+    q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. A local search then moves the places, the speeds and the shapes. Each ramp is two
+    sections, cut where its acceleration is greatest, with that acceleration and with a jerk of its own as bounds;
+    Ruckig (Berscheid and Kröger, RSS 2021) makes the motion of each from state to state. Last, the whole is scaled in
+    time, uniformly, until its exact extrema just keep the limits.
+
+    Ruckig is used on the scalar s only: its joint waypoints would leave the path, and are sent to a cloud service.
     """
 
     name: ClassVar[str] = "ruckig"
-    keeps: ClassVar[tuple[str, ...]] = DERIVATIVES
+    keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
@@ -41,76 +47,80 @@ class RuckigLaw(TimeLaw):
         InvalidInput
             Velocity, acceleration or jerk limits are missing.
         NoSolution
-            No bounds on s keep the joints.
+            No limit bounds a joint that moves.
         """
         bound = self.need(limits, joint_path.robot)
-        bounds = _search(joint_path, bound)
-        if bounds is None:
-            raise NoSolution("no motion along s keeps the joint limits", advice="higher limits, or another path")
-        trajectory = refit(joint_path, _profile(joint_path.end, *bounds), bound["jerk"])
-        return fitted(joint_path.robot, trajectory, limits, self.keeps)
+        duration = least_duration(joint_path, limits)
+        ramps = sections(table(joint_path, limits), joint_path.path.breaks, duration)
+        law = law_of(ramps, [_solved(ramp) for ramp in ramps])
+        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.keeps)
+
+    def stop(
+        self, joint_path: JointPath, limits: MotionLimits, s: float, speed: float, acceleration: float = 0.0
+    ) -> PPoly:
+        """Come to rest on the path as soon as possible, from a moving state.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path.
+        limits : MotionLimits
+            Kept from the state on: velocities, accelerations and jerk of the joints, speeds of the tool.
+        s, speed, acceleration : float
+            The state: s [m, or rad], ṡ ≥ 0 and s̈.
+
+        Returns
+        -------
+        scipy.interpolate.PPoly
+            s(t), piecewise cubic from t = 0, at rest at its last knot; the limits were evaluated on it by the chain
+            rule, at 64 instants and more of every piece.
+
+        Raises
+        ------
+        InvalidInput
+            A state off the path, at rest, or running backwards.
+        NoSolution
+            The state itself breaks a limit, the path ends too soon, or a limit would be broken on the way; with s, the
+            joint and what would work.
+        """
+        self.need(limits, joint_path.robot)
+        check_number(s, "s", "a place on the path", least=0.0)
+        if s > joint_path.end:
+            raise InvalidInput("s", s, f"a place on the path, at most {joint_path.end:.9g}")
+        check_number(speed, "speed", "a speed along the path above 0", above=0.0)
+        check_number(acceleration, "acceleration", "a number")
+        return stop_from(joint_path, limits, float(s), float(speed), float(acceleration))
 
 
-def _search(joint_path: JointPath, bound: dict[str, Array]) -> tuple[float, float, float] | None:
-    """(V, A, J) of the shortest motion: a grid over V and over A's share of what V leaves, then two finer ones."""
-    q1, q2, q3 = derivatives_at(joint_path)
-    length = joint_path.end
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fastest = min(
-            float(np.nanmin(bound["velocity"] / q1)),
-            float(np.nanmin(np.sqrt(bound["acceleration"] / q2))),
-            float(np.nanmin(np.cbrt(bound["jerk"] / q3))),
-        )
-        # A short line or a low jerk limit never comes near these speeds, so both grids are geometric.
-        v_range, a_range, best = (1e-4, 1.0), (1e-3, 0.999), (np.inf, 0.0, 0.0, 0.0)
-        for _ in range(3):
-            for v in fastest * np.geomspace(*v_range, 14):
-                room_a, room_j = bound["acceleration"] - q2 * v * v, bound["jerk"] - q3 * v**3
-                most = min(float(np.nanmin(room_a / q1)), float(np.nanmin(room_j / (3.0 * q2 * v))))
-                for share in np.geomspace(*a_range, 14):
-                    a = share * most
-                    j = min(float(np.nanmin((room_j - 3.0 * q2 * v * a) / q1)), a / SHORTEST)
-                    if a > 0.0 and j > 0.0 and (duration := _duration(length, v, a, j)) < best[0]:
-                        best, at = (duration, v, a, j), (v / fastest, share)
-            if not np.isfinite(best[0]):
-                return None
-            v_range, a_range = (_closer(r, x) for r, x in zip((v_range, a_range), at, strict=True))
-    return best[1:]
+def _solved(ramp: Ramp) -> Array:
+    """Phases (·, 2) of a ramp: durations and jerks that Ruckig finds for its two sections.
+
+    Speeds are counted from v0 in units of v1 − v0, and times in units of the ramp's duration: so Ruckig's numbers are
+    of size 1, on any path. Between v0 and v1 the speed only rises or only falls, so the sections are never left.
+    """
+    wanted = phases_of(ramp)
+    if len(wanted) == 1:
+        return wanted  # at constant speed there is nothing to solve
+    duration, _ = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
+    rise, flat, fall = wanted[:, 0] / duration
+    peak = 1.0 / (1.0 - 0.5 * (rise + fall))
+    half = peak * 0.5 * (rise + flat)  # the speed in the middle of the flat part
+    first = _section((0.0, 0.0), (half, peak), peak, peak / rise)
+    second = _section((half, peak), (1.0, 0.0), peak, peak / fall)
+    found = np.array([first[0], first[1] + second[0], second[1]])
+    if not np.allclose(found, (rise, flat, fall), rtol=0.0, atol=1e-7):
+        raise NoSolution(f"Ruckig left the section from s = {ramp.s0:.6g} to {ramp.s1:.6g}", s=ramp.s0)
+    peak = (ramp.v1 - ramp.v0) / (duration * (0.5 * found[0] + found[1] + 0.5 * found[2]))  # v1, to the last bit
+    found *= duration
+    return np.array([[found[0], peak / found[0]], [found[1], 0.0], [found[2], -peak / found[2]]])
 
 
-def _closer(grid: tuple[float, float], x: float) -> tuple[float, float]:
-    """A seventh of a geometric grid, around x, within (0, 1)."""
-    step = (grid[1] / grid[0]) ** (1.0 / 13.0)
-    return x / step, min(x * step, 0.9999)
-
-
-def _solved(length: float, v: float, a: float, j: float) -> Any:
-    problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
-    problem.current_position, problem.target_position = [0.0], [length]
-    problem.max_velocity, problem.max_acceleration, problem.max_jerk = [v], [a], [j]
-    try:
-        result = ruckig.Ruckig(1).calculate(problem, answer)
-    except ruckig.RuckigError:  # numbers too far apart for its roots
-        result = ruckig.Result.Error
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise NoSolution(f"Ruckig found no motion along s ({result})")
-    return answer
-
-
-def _duration(length: float, v: float, a: float, j: float) -> float:
-    try:
-        return float(_solved(length, v, a, j).duration)
-    except NoSolution:
-        return float("inf")
-
-
-def _profile(length: float, v: float, a: float, j: float) -> Any:
-    """Ruckig's s(t) as a piecewise cubic, phases without length left out."""
-    profile = _solved(length, v, a, j).profiles[0][0]
-    phases = [i for i in range(7) if profile.t[i] > 1e-9]
-    t = np.concatenate([[0.0], np.cumsum([profile.t[i] for i in phases])])
-    c = np.array([[profile.j[i] / 6.0, profile.a[i] / 2.0, profile.v[i], profile.p[i]] for i in phases]).T
-    return PPoly(c, t, extrapolate=True)
+def _section(start: tuple[float, float], goal: tuple[float, float], acceleration: float, jerk: float) -> list[float]:
+    """Durations of the two phases that Ruckig needs from one (speed, acceleration) to the other."""
+    times = [h for h, _ in velocity_control(start, goal, acceleration, jerk) if h > 1e-9]
+    if len(times) != 2:
+        raise NoSolution(f"Ruckig found {len(times)} phases for a section of two")
+    return times
 
 
 METHOD = RuckigLaw

@@ -14,30 +14,49 @@ from toppra.interpolator import AbstractGeometricPath
 from optik.check import check_count
 from optik.errors import NoSolution
 from planners.follow import JointPath
-from planners.timing.base import MotionLimits, TimeLaw, refit
+from planners.timing.base import TOOL_SPEEDS, MotionLimits, TimeLaw, refit, speed_bound
+from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+BETWEEN = 1e-5
+"""By how much limits may be passed between grid points before the grid is made finer there."""
+REFINEMENTS = 3
+"""How often it is made finer."""
+APART = 1e-5
+"""Least distance of grid points over the path's length: nearer ones make TOPP-RA's steps ill-conditioned."""
+BRIEFEST = 2e-5
+"""Least mean time [s] between grid points: rounding in q drowns the accelerations of shorter pieces."""
+GRIDS = (1.0, 2.37, 0.53, 5.11)
+"""Numbers of intervals, over the one asked for, that are tried in turn where TOPP-RA finds no motion."""
 
 
 class Toppra(TimeLaw):
     """Reachability analysis on a grid over s (Pham and Pham, IEEE T-RO 2018), constant s̈ between grid points.
 
-    The limits are set at the grid points; between them they may be exceeded a little, and the acceleration jumps at
-    every grid point. The certificate shows both exactly.
+    Limits on velocities, of the joints and of the tool, are bounds on ṡ² at the grid points. Between grid points limits
+    may be exceeded a little: the grid is made finer where that shows, and the certificate says the rest. The
+    acceleration jumps at every grid point.
 
     Parameters
     ----------
     grid : int
-        Number of intervals over s.
+        Number of intervals over s to begin with.
+
+    Attributes
+    ----------
+    retries : int
+        How many grids the last run tried in vain before the one that gave its motion.
     """
 
     name: ClassVar[str] = "toppra"
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
+    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", *TOOL_SPEEDS)
 
     def __init__(self, *, grid: int = 200) -> None:
         check_count(grid, "grid", 10)
         self.grid = grid
+        self.retries = 0
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
@@ -47,24 +66,78 @@ class Toppra(TimeLaw):
         InvalidInput
             Velocity or acceleration limits are missing.
         NoSolution
-            TOPP-RA finds no motion.
+            No limit bounds a joint that moves, or TOPP-RA finds no motion on any of its grids.
         """
-        bound = self.need(limits, joint_path.robot)
-        logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
-        v, a = bound["velocity"], bound["acceleration"]
-        s = np.linspace(0.0, joint_path.end, self.grid + 1)
-        algorithm = toppra.algorithm.TOPPRA(
-            [
-                toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
-                toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
-            ],
-            _Geometry(joint_path),
-            gridpoints=s,
-        )
-        _, speed, _ = algorithm.compute_parameterization(0.0, 0.0)
-        if speed is None or not np.isfinite(speed).all():
-            raise NoSolution("TOPP-RA found no motion from rest to rest", advice="higher limits, or a finer grid")
-        return refit(joint_path, constant_acceleration(s, np.maximum(speed, 0.0)))
+        self.need(limits, joint_path.robot)
+        bounded = MotionLimits(limits.velocity, limits.acceleration, None, limits.tool_speed, limits.rotation_speed)
+        most = least_duration(joint_path, bounded) / BRIEFEST
+        sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
+        for self.retries, size in enumerate(sizes):
+            s = _grid(joint_path, size)
+            speed = _speeds(joint_path, bounded, s)
+            if speed is not None:
+                return refit(joint_path, constant_acceleration(*_finer(joint_path, bounded, s, speed)))
+        raise NoSolution(
+            f"TOPP-RA found no motion from rest to rest on grids of {', '.join(map(str, sizes))} intervals",
+            s=0.0, advice="another grid=, or the law 'ruckig' or 'smooth'",
+        )  # fmt: skip
+
+
+def _grid(joint_path: JointPath, intervals: int) -> Array:
+    """Equally spaced, with the path's breaks, without points that nearly coincide."""
+    end = joint_path.end
+    s = np.union1d(np.linspace(0.0, end, intervals + 1), joint_path.path.breaks[1:-1])
+    s = s[(s > APART * end) & (s < (1.0 - APART) * end)]
+    s = s[np.diff(s, prepend=0.0) > APART * end]
+    return np.concatenate([[0.0], s, [end]])
+
+
+def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
+    """ṡ at the grid points, or None where TOPP-RA finds no motion."""
+    logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
+    # free joints get a bound that cannot bind: an infinite one makes NaN of its arithmetic
+    a = np.minimum(limits.arrays(joint_path.robot.n)["acceleration"], 1e12)
+    constraints = [
+        _Speed(speed_bound(joint_path, limits, s)),
+        toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
+    ]
+    try:
+        with np.errstate(all="ignore"):
+            algorithm = toppra.algorithm.TOPPRA(constraints, _Geometry(joint_path), gridpoints=s)
+            _, speed, _ = algorithm.compute_parameterization(0.0, 0.0)
+    except (ValueError, RuntimeError, ArithmeticError, AssertionError, IndexError):  # as it fails on rare grids
+        return None
+    if speed is None or not np.isfinite(speed).all():
+        return None
+    speed = np.maximum(speed, 0.0)
+    return None if (speed[:-1] + speed[1:] <= 0.0).any() else speed
+
+
+def _finer(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
+    """Grid and speeds after bisecting the intervals inside of which a limit is passed; the best that TOPP-RA solved."""
+    for _ in range(REFINEMENTS):
+        wrong = (_inside(joint_path, limits, s, speed) > 1.0 + BETWEEN) & (np.diff(s) > 2.0 * APART * s[-1])
+        if not wrong.any():
+            break
+        wrong |= np.roll(wrong, 1) | np.roll(wrong, -1)  # its neighbours decide what happens at its ends
+        finer = np.sort(np.concatenate([s, (0.5 * (s[:-1] + s[1:]))[wrong & (np.diff(s) > 2.0 * APART * s[-1])]]))
+        found = _speeds(joint_path, limits, finer)
+        if found is None:
+            break
+        s, speed = finer, found
+    return s, speed
+
+
+def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> Array:
+    """Largest ratio to a limit within each interval, at three places: ṡ² is linear in s where s̈ is constant."""
+    u = np.array([0.25, 0.5, 0.75])
+    at = (s[:-1, None] + np.diff(s)[:, None] * u).ravel()
+    square = (speed[:-1, None] ** 2 + np.diff(speed**2)[:, None] * u).ravel()
+    acceleration = np.repeat(0.5 * np.diff(speed**2) / np.diff(s), u.size)
+    bound = limits.arrays(joint_path.robot.n)["acceleration"]
+    asked = np.abs(joint_path(at, 1) * acceleration[:, None] + joint_path(at, 2) * square[:, None]) / bound
+    ratio = np.maximum(asked.max(axis=1), np.sqrt(square) / speed_bound(joint_path, limits, at))
+    return np.asarray(ratio.reshape(-1, u.size).max(axis=1))
 
 
 def constant_acceleration(s: Array, speed: Array) -> Any:
@@ -72,6 +145,17 @@ def constant_acceleration(s: Array, speed: Array) -> Any:
     h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
     t = np.concatenate([[0.0], np.cumsum(h)])
     return PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)
+
+
+class _Speed(toppra.constraint.LinearConstraint):  # type: ignore[misc]
+    """ṡ² ≤ bound² at the grid points, in double precision (TOPP-RA's own velocity limits are computed in single)."""
+
+    def __init__(self, bound: Array) -> None:
+        super().__init__()
+        self._bound = np.stack([np.zeros(bound.size), np.minimum(bound, 1e9) ** 2], axis=1)
+
+    def compute_constraint_params(self, path: Any, gridpoints: Array, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        return None, None, None, None, None, None, self._bound
 
 
 class _Geometry(AbstractGeometricPath):  # type: ignore[misc]

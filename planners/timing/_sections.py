@@ -1,0 +1,238 @@
+"""Sections of a path and the speeds at their ends: dynamic programming over places and speeds, then a local search."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+from planners.timing._ramps import LEAST_FLAT, SHORTEST, Ramp, Table, profile, ramp_ratio
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PLACES = 14
+"""Intervals between candidate ends of sections; twice as many are no faster on lines (T / T* 1.036 for 1.037)."""
+LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
+"""Candidate speeds at a place, over the greatest that the limits could allow there."""
+SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
+"""Candidate shares of a ramp in which its acceleration rises and falls."""
+REACH = 24
+"""Most intervals that one section spans."""
+SEARCH = ((4, 15), (6, 15))
+"""Sharpness (a power of two) and rounds of the local search, in turn."""
+
+
+def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
+    """Ramps from rest to rest along the whole table, nearly as fast as its limits allow.
+
+    Parameters
+    ----------
+    what : Table
+        The path and its limits.
+    breaks : (k,) array
+        Places that ends of sections should meet.
+    duration : float
+        Of any motion that keeps the limits [s].
+
+    Returns
+    -------
+    list of Ramp
+        They may exceed the limits a little, or leave room: a uniform scaling in time is left to the caller.
+    """
+    fastest = _fastest(what.slowness, what.parts, what.s)
+    nodes = _candidates(what, fastest, breaks)
+    speeds = fastest[nodes][:, None] * LEVELS
+    speeds[[0, -1]] = -1.0
+    speeds[[0, -1], 0] = 0.0
+    scale = (what.s.size - 1) / what.s[-1]
+    shortest = min(SHORTEST, 0.01 * duration)
+    most = 1.0
+    while True:
+        found = _programme(what.slowness, what.parts, scale, what.s[nodes], speeds, SHAPES, most, shortest)
+        if found.shape[0] or most > 1e6:
+            break
+        most *= 1.3  # no candidate speed is low enough: take a motion that is too fast, and let it be slowed
+    for sharpness, rounds in SEARCH:
+        slow = max(_ratio(what, scale, ramp) for ramp in found)
+        _search(what.slowness, what.parts, scale, found, rounds, sharpness, slow, shortest / slow)
+    return [Ramp(*map(float, row)) for row in found]
+
+
+def _ratio(what: Table, scale: float, ramp: Array) -> float:
+    s0, v0, s1, v1, rise, fall = ramp
+    duration, peak = profile(s1 - s0, v0, v1, rise, fall)
+    return float(ramp_ratio(what.slowness, what.parts, scale, s0, v0, (duration, peak, rise, fall), 16, np.inf))
+
+
+def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
+    """About the greatest ṡ at each place: by the limits there, and by what can be reached from rest at either end."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.abs(parts).max(axis=2)
+        here = 1.0 / np.maximum(slowness, np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
+        accelerations, jerks = 1.0 / size[:, 0], 1.0 / size[:, 2]
+        for order in (slice(None), slice(None, None, -1)):
+            travelled = s if order.step is None else s[-1] - s[::-1]
+            by_acceleration = np.sqrt(2.0 * np.cumsum(accelerations[order]) * s[1])
+            by_jerk = np.cbrt(4.5 * np.maximum.accumulate(jerks[order]) * travelled**2)
+            here[order] = np.fmin(here[order], np.fmin(by_acceleration, by_jerk))
+    finite = np.isfinite(here)
+    return np.asarray(np.where(finite, here, here[finite].max()))
+
+
+def _candidates(what: Table, fastest: Array, breaks: Array) -> Indices:
+    """Indices of the places: spread half by s and half by time, and the path's breaks."""
+    last = what.s.size - 1
+    inner = np.round(breaks[1:-1] / what.s[-1] * last).astype(np.int64)
+    slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())
+    time = np.concatenate([[0.0], np.cumsum(0.5 * (slow[1:] + slow[:-1]))])
+    spread = 0.5 * time / time[-1] + 0.5 * np.arange(last + 1) / last
+    even = np.interp(np.linspace(0.0, 1.0, PLACES + 3 * inner.size + 1), spread, np.arange(last + 1))
+    return np.unique(np.concatenate([np.round(even).astype(np.int64), inner, [0, last]]))
+
+
+@compiled
+def _programme(
+    slowness: Array, parts: Array, scale: float, s: Array, speeds: Array, shapes: Array, most: float, shortest: float
+) -> Array:
+    """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6)."""
+    places, levels = speeds.shape
+    best = np.full((places, levels), np.inf)
+    back = np.zeros((places, levels, 3), np.int64)
+    best[0, 0] = 0.0
+    for to in range(1, places):
+        for high in range(levels):
+            v1 = speeds[to, high]
+            for at in range(to - 1, max(to - 1 - REACH, -1), -1):
+                for low in range(levels):
+                    v0 = speeds[at, low]
+                    if v1 < 0.0 or v0 < 0.0 or v0 + v1 <= 0.0 or best[at, low] >= best[to, high]:
+                        continue
+                    for shape in range(shapes.shape[0]):
+                        rise, fall = shapes[shape, 0], shapes[shape, 1]
+                        duration, peak = profile(s[to] - s[at], v0, v1, rise, fall)
+                        if best[at, low] + duration >= best[to, high] or min(rise, fall) * duration < shortest:
+                            continue
+                        ramp = (duration, peak, rise, fall)
+                        if ramp_ratio(slowness, parts, scale, s[at], v0, ramp, 4, most) <= most:
+                            best[to, high] = best[at, low] + duration
+                            back[to, high, 0], back[to, high, 1], back[to, high, 2] = at, low, shape
+    if not np.isfinite(best[-1, 0]):
+        return np.empty((0, 6))
+    chain = np.empty((places, 6))
+    to, high, k = places - 1, 0, places
+    while to > 0:
+        at, low, shape = back[to, high]
+        k -= 1
+        chain[k, 0], chain[k, 1], chain[k, 2], chain[k, 3] = s[at], speeds[at, low], s[to], speeds[to, high]
+        chain[k, 4], chain[k, 5] = shapes[shape, 0], shapes[shape, 1]
+        to, high = at, low
+    return chain[k:].copy()
+
+
+@compiled
+def _power(
+    slowness: Array, parts: Array, scale: float, row: Array, count: int, sharpness: int, slow: float
+) -> tuple[float, float]:
+    """Duration of a ramp, and the time integral over it of the sum of r^p over all limits, p = 3 · 2^sharpness.
+
+    r is each velocity's, acceleration's and jerk's ratio to its limit to the power 1, 1/2 and 1/3, after slowing by
+    `slow`.
+    """
+    duration, peak = profile(row[2] - row[0], row[1], row[3], row[4], row[5])
+    s, v, a, total = row[0], row[1], 0.0, 0.0
+    r1, r2, r3 = 1.0 / slow, 1.0 / slow**2, 1.0 / slow**3
+    for phase in range(3):
+        share = row[4] if phase == 0 else (1.0 - row[4] - row[5] if phase == 1 else row[5])
+        h = share * duration
+        j = peak / h if phase == 0 else (0.0 if phase == 1 else -peak / h)
+        integral = 0.0
+        for i in range(count + 1):
+            t = h * i / count
+            at = (s + t * (v + t * (0.5 * a + t * j / 6.0))) * scale
+            speed, acceleration = v + t * (a + 0.5 * t * j), a + j * t
+            k = min(max(int(at), 0), slowness.size - 2)
+            f = at - k
+            g = 1.0 - f
+            c0, c1 = acceleration * r2, speed * speed * r2
+            c2, c3, c4 = j * r3, speed * acceleration * r3, speed * speed * speed * r3
+            p, q = parts[k], parts[k + 1]
+            z = ((slowness[k] * g + slowness[k + 1] * f) * speed * r1) ** 3
+            for _ in range(sharpness):
+                z *= z
+            for n in range(p.shape[1]):
+                x = abs((p[0, n] * g + q[0, n] * f) * c0 + (p[1, n] * g + q[1, n] * f) * c1)
+                y = abs(
+                    (p[2, n] * g + q[2, n] * f) * c2
+                    + (p[3, n] * g + q[3, n] * f) * c3
+                    + (p[4, n] * g + q[4, n] * f) * c4
+                )
+                x *= x**0.5
+                for _ in range(sharpness):
+                    x *= x
+                    y *= y
+                z += x + y
+            integral += 0.5 * z if i == 0 or i == count else z
+        total += integral / count * h
+        s += h * (v + h * (0.5 * a + h * j / 6.0))
+        v += h * (a + 0.5 * h * j)
+        a += j * h
+    return duration, total
+
+
+@compiled
+def _search(
+    slowness: Array, parts: Array, scale: float, ramps: Array, rounds: int, sharpness: int, slow: float, shortest: float
+) -> None:
+    """Move the ends and shapes of ramps (k, 6), in place, one number at a time, while the scaled motion gets faster.
+
+    The duration after a uniform scaling to the limits is (duration) · (largest r); a mean of order p stands for the
+    largest, so that every step that lets a ramp breathe counts, and not only those at the worst place.
+    """
+    count, order = len(ramps), 3.0 * 2.0**sharpness
+    length, samples = ramps[-1, 2], 5
+    time, power = np.empty(count), np.empty(count)
+    for k in range(count):
+        time[k], power[k] = _power(slowness, parts, scale, ramps[k], samples, sharpness, slow)
+    best = np.log(time.sum()) + np.log(power.sum() / time.sum()) / order
+    step = np.empty((count, 4))
+    step[:, 0], step[:, 1], step[:, 2], step[:, 3] = 0.02 * length, 0.05, 0.1, 0.1
+    kept, kept_time, kept_power = np.empty((2, 6)), np.empty(2), np.empty(2)
+    for _ in range(rounds):
+        for k in range(count):
+            for number in range(4):
+                junction = number < 2
+                if junction and k == count - 1:
+                    continue
+                end = k + 2 if junction else k + 1
+                better = False
+                for sign in (1.0, -1.0):
+                    for i in range(k, end):
+                        kept[i - k], kept_time[i - k], kept_power[i - k] = ramps[i], time[i], power[i]
+                    move = sign * step[k, number]
+                    if number == 0:
+                        ramps[k, 2] += move
+                        ramps[k + 1, 0] = ramps[k, 2]
+                    elif number == 1:
+                        ramps[k, 3] *= np.exp(move)
+                        ramps[k + 1, 1] = ramps[k, 3]
+                    else:
+                        other = ramps[k, 7 - number]
+                        ramps[k, 2 + number] = min(max(ramps[k, 2 + number] + move, 0.02), 1.0 - LEAST_FLAT - other)
+                    allowed = True
+                    for i in range(k, end):
+                        allowed = allowed and ramps[i, 2] - ramps[i, 0] > 1e-3 * length
+                    if allowed:
+                        for i in range(k, end):
+                            time[i], power[i] = _power(slowness, parts, scale, ramps[i], samples, sharpness, slow)
+                            allowed = allowed and min(ramps[i, 4], ramps[i, 5]) * time[i] >= shortest
+                    if allowed:
+                        value = np.log(time.sum()) + np.log(power.sum() / time.sum()) / order
+                        if value < best:
+                            best, better = value, True
+                            step[k, number] = 1.5 * move
+                            break
+                    for i in range(k, end):
+                        ramps[i], time[i], power[i] = kept[i - k], kept_time[i - k], kept_power[i - k]
+                if not better:
+                    step[k, number] *= 0.5
