@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.methods import Method, method_of
+from benchmarks.problems.base import SETS
 from benchmarks.settings import (
     Target,
     all_of,
@@ -18,22 +20,11 @@ from benchmarks.settings import (
 from optik.check import check_count
 from optik.errors import InvalidInput
 
-SETS = "benchmarks.problems"
 PEERS = "benchmarks.peers"
 
 CALL_MEASURES = ("success", "median_us", "mean_us", "p90_us", "p99_us", "max_us", "median_ratio")
 BATCH_MEASURES = ("success", "million_per_second", "extra_memory_mb")
 FIRST_MEASURES = ("import_s", "first_solve_s", "compile_s")
-
-
-@dataclass(frozen=True)
-class SpeedMethod:
-    """One of our methods, timed as one call; restarts as the method has them by default."""
-
-    label: str
-    solver: str
-    options: dict[str, Any]
-    max_problems: int | None = None
 
 
 @dataclass(frozen=True)
@@ -55,7 +46,7 @@ class SpeedBlock:
     set: str
     options: dict[str, Any]
     rounds: int
-    methods: tuple[SpeedMethod, ...]
+    methods: tuple[Method, ...]
     peers: tuple[PeerEntry, ...]
     targets: tuple[Target, ...]
 
@@ -103,7 +94,7 @@ def speed_block(data: Any) -> SpeedBlock:
     check_keys(data, keys, where, need={"id", "robot", "set", "methods"})
     _check_set(data)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    methods = all_of(data["methods"], f"{where}: methods", lambda m: _method(m, where))
+    methods = all_of(data["methods"], f"{where}: methods", lambda m: method_of(m, where))
     peers = all_of(data.get("peers"), f"{where}: peers", lambda p: _peer(p, where))
     labels = [m.label for m in methods] + [p.label for p in peers]
     check_different(labels, f"{where}: methods", "label")
@@ -152,13 +143,6 @@ def _where(data: Any, kind: str) -> str:
 def _check_set(data: dict[str, Any]) -> None:
     check_known(data["robot"], "optik.robots", "robot")
     check_known(data["set"], SETS, "problem set")
-
-
-def _method(data: Any, where: str) -> SpeedMethod:
-    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    check_known(data["solver"], "optik.ik", "IK method")
-    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return SpeedMethod(str(data.get("label", data["solver"])), data["solver"], dict(data.get("options", {})), most)
 
 
 def _peer(data: Any, where: str) -> PeerEntry:

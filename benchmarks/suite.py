@@ -9,24 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, optional_count
-from benchmarks.speed_suite import SETS, BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
+from benchmarks.methods import Method, method_of
+from benchmarks.problems.base import SETS
+from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list
+from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
 from benchmarks.timing_suite import TimingBlock, timing_block
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.registry import data_file
 
 SUITES = "benchmarks.suites"
-
-
-@dataclass(frozen=True)
-class Method:
-    """One IK method with its options, and what reports call it."""
-
-    label: str
-    solver: str
-    options: dict[str, Any]
-    max_problems: int | None = None
 
 
 @dataclass(frozen=True)
@@ -141,7 +133,7 @@ def _block(data: dict[str, Any]) -> Block:
         check_count(budget, f"{where}: budgets", 1)
     if list(budgets) != sorted(set(budgets)):
         raise InvalidInput(f"{where}: budgets", budgets, "whole numbers, each larger than the one before")
-    methods = tuple(_method(m, where) for m in check_list(data["methods"], f"{where}: methods"))
+    methods = tuple(_budgeted(m, where) for m in check_list(data["methods"], f"{where}: methods"))
     check_different([m.label for m in methods], f"{where}: methods", "label")
     sweep = data.get("sweep", len(methods) > 1 and len({m.solver for m in methods}) == 1)
     if not isinstance(sweep, bool):
@@ -152,17 +144,15 @@ def _block(data: dict[str, Any]) -> Block:
     )  # fmt: skip
 
 
-def _method(data: dict[str, Any], where: str) -> Method:
-    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    check_known(data["solver"], "optik.ik", "IK method")
-    options = dict(data.get("options", {}))
+def _budgeted(data: Any, where: str) -> Method:
+    """A method that budgets stop: it has no other end of its own."""
+    method = method_of(data, where)
     for fixed in ("max_iterations", "max_restarts", "time_limit"):
-        if fixed in options:
+        if fixed in method.options:
             raise InvalidInput(
                 f"{where}: methods", fixed, "budgets in place of it: one attempt, stopped at each budget"
             )
-    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Method(str(data.get("label", data["solver"])), data["solver"], options, most)
+    return method
 
 
 def _line(data: dict[str, Any]) -> LineTask:
