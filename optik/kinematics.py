@@ -18,6 +18,7 @@ from optik.se3 import pose_error
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Triple = tuple[float, float, float]
 
 LOST = 3e-5
 """A Jacobian whose last pivot is below this share of its first has lost rank: derivatives have lost their meaning."""
@@ -192,36 +193,24 @@ def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Arr
 
 
 @compiled
-def _cross(a: Array, b: Array, out: Array) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+def _cross(a: Triple, b: Triple) -> Triple:
+    """Vector product; tuples stay in registers, where small arrays cost an allocation each."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def _carry(w: Array, r: Array, x: Array, out: Array) -> None:
-    """Add to out (4, 3) the vector x·r and its first three derivatives, where the direction r turns with w.
+def _plus(a: Triple, x: float, b: Triple) -> Triple:
+    """Return a + x b."""
+    return a[0] + x * b[0], a[1] + x * b[1], a[2] + x * b[2]
 
-    w (3, 3) holds ω, ω̇, ω̈; x (4,) the length along r and its derivatives. For a fixed vector r, x = (1, 0, 0, 0).
-    """
-    r1, r2, r3 = np.empty(3), np.empty(3), np.empty(3)
-    t = np.empty(3)
-    _cross(w[0], r, r1)  # ṙ = ω × r
-    _cross(w[1], r, r2)  # r̈ = ω̇ × r + ω × ṙ
-    _cross(w[0], r1, t)
-    for i in range(3):
-        r2[i] += t[i]
-    _cross(w[2], r, r3)  # r⃛ = ω̈ × r + 2 ω̇ × ṙ + ω × r̈
-    _cross(w[1], r1, t)
-    for i in range(3):
-        r3[i] += 2.0 * t[i]
-    _cross(w[0], r2, t)
-    for i in range(3):
-        r3[i] += t[i]
-        out[0, i] += x[0] * r[i]
-        out[1, i] += x[1] * r[i] + x[0] * r1[i]
-        out[2, i] += x[2] * r[i] + 2.0 * x[1] * r1[i] + x[0] * r2[i]
-        out[3, i] += x[3] * r[i] + 3.0 * x[2] * r1[i] + 3.0 * x[1] * r2[i] + x[0] * r3[i]
+
+@compiled
+def _turned(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tuple[Triple, Triple, Triple]:
+    """First three derivatives of a vector r of constant length that turns with ω, given ω, ω̇, ω̈."""
+    r1 = _cross(w0, r)
+    r2 = _plus(_cross(w1, r), 1.0, _cross(w0, r1))
+    r3 = _plus(_plus(_cross(w2, r), 2.0, _cross(w1, r1)), 1.0, _cross(w0, r2))
+    return r1, r2, r3
 
 
 @compiled
@@ -232,46 +221,40 @@ def tool_motion(frame: Array, T: Array, prismatic: Bools, fixed: Array, q: Array
     differentiated once more). dq (3, n) holds q̇, q̈, q⃛ with respect to any parameter.
     """
     n = q.shape[0]
-    w = np.zeros((3, 3))  # ω, ω̇, ω̈ of the current link
-    p = np.zeros((4, 3))  # position of the current frame origin and its derivatives
-    one = np.zeros(4)
-    one[0] = 1.0
-    x = np.empty(4)
-    z, z1, z2, t, r = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    zero = (0.0, 0.0, 0.0)
+    w0, w1, w2, p1, p2, p3 = zero, zero, zero, zero, zero, zero
     for i in range(n + 1):
-        # the vector fixed in link i − 1 that leads to joint i (or the tool)
-        for k in range(3):
-            if i == 0:
-                r[k] = fixed[0, k, 3]
-            elif i < n:
-                r[k] = (
-                    frame[i - 1, k, 0] * fixed[i, 0, 3]
-                    + frame[i - 1, k, 1] * fixed[i, 1, 3]
-                    + frame[i - 1, k, 2] * fixed[i, 2, 3]
-                )
-            else:
-                r[k] = T[k, 3] - frame[n - 1, k, 3]
-        _carry(w, r, one, p)
+        # the vector fixed in link i − 1 that leads to joint i (or the tool); what leads to the first joint stands still
+        if i == 0:
+            r = zero
+        elif i < n:
+            F, t = frame[i - 1], fixed[i]
+            r = (
+                F[0, 0] * t[0, 3] + F[0, 1] * t[1, 3] + F[0, 2] * t[2, 3],
+                F[1, 0] * t[0, 3] + F[1, 1] * t[1, 3] + F[1, 2] * t[2, 3],
+                F[2, 0] * t[0, 3] + F[2, 1] * t[1, 3] + F[2, 2] * t[2, 3],
+            )
+        else:
+            r = (T[0, 3] - frame[n - 1, 0, 3], T[1, 3] - frame[n - 1, 1, 3], T[2, 3] - frame[n - 1, 2, 3])
+        r1, r2, r3 = _turned(w0, w1, w2, r)
+        p1, p2, p3 = _plus(p1, 1.0, r1), _plus(p2, 1.0, r2), _plus(p3, 1.0, r3)
         if i == n:
             break
-        z[0], z[1], z[2] = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
+        z = (frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2])
+        z1, z2, z3 = _turned(w0, w1, w2, z)  # as they turn with the link before
+        a, b, c = dq[0, i], dq[1, i], dq[2, i]
         if prismatic[i]:
-            x[0], x[1], x[2], x[3] = q[i], dq[0, i], dq[1, i], dq[2, i]
-            _carry(w, z, x, p)
+            x = q[i]
+            p1 = _plus(_plus(p1, a, z), x, z1)
+            p2 = _plus(_plus(_plus(p2, b, z), 2.0 * a, z1), x, z2)
+            p3 = _plus(_plus(_plus(_plus(p3, c, z), 3.0 * b, z1), 3.0 * a, z2), x, z3)
         else:
-            _cross(w[0], z, z1)  # ż, z̈ turn with the link before
-            _cross(w[1], z, z2)
-            _cross(w[0], z1, t)
-            for k in range(3):
-                z2[k] += t[k]
-            for k in range(3):
-                w[2, k] += z[k] * dq[2, i] + 2.0 * z1[k] * dq[1, i] + z2[k] * dq[0, i]
-                w[1, k] += z[k] * dq[1, i] + z1[k] * dq[0, i]
-                w[0, k] += z[k] * dq[0, i]
+            w2 = _plus(_plus(_plus(w2, c, z), 2.0 * b, z1), a, z2)
+            w1 = _plus(_plus(w1, b, z), a, z1)
+            w0 = _plus(w0, a, z)
     for k in range(3):
-        for order in range(3):
-            out[order, k] = p[order + 1, k]
-            out[order, 3 + k] = w[order, k]
+        out[0, k], out[1, k], out[2, k] = p1[k], p2[k], p3[k]
+        out[0, 3 + k], out[1, 3 + k], out[2, 3 + k] = w0[k], w1[k], w2[k]
 
 
 @compiled

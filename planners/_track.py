@@ -119,7 +119,7 @@ def track(
             _march.control_points(b - a, q[i], dq[i], q[i + 1], dq[i + 1], points)
             u = _march.first_exit(points[joint], limits[0][joint], limits[1][joint])
             limit = a + min(u, value) * (b - a)
-            if limit - a > least:  # up to the limit, and no further
+            if limit - a > least and (at_limit is None or limit < at_limit.s):  # up to the limit, and no further
                 nodes = nodes_at(path, np.array([a, limit]), guide)
                 at_limit = Ended(code, limit, value, joint)
                 continue

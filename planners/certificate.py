@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optik import kinematics
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import LIMIT_TOLERANCE, Robot
@@ -315,8 +316,8 @@ def _smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[floa
     """Least of a grid of instants, then of finer ones around the least of them."""
     low, high, count = 0.0, trajectory.end, 201
     while True:
-        t = np.linspace(low, high, count)
-        values = np.linalg.svd(robot.jacobian(trajectory(t)), compute_uv=False)[:, -1]
+        t, values = np.linspace(low, high, count), np.empty(count)
+        kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, trajectory(t), values)
         k = int(values.argmin())
         if high - low <= 1e-6 * trajectory.end:
             return float(values[k]), float(t[k])

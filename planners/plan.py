@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver, make_solver
+from optik.ik import IKSolver, Tolerance, solver_for
 from optik.ik._problem import check_start
 from optik.registry import build_method, names
 from optik.robot import Robot
@@ -41,6 +41,7 @@ class PlanStatus(StrEnum):
     OUTSIDE_LIMITS = FollowStatus.OUTSIDE_LIMITS
     BRANCH_JUMP = FollowStatus.BRANCH_JUMP
     SINGULAR = FollowStatus.SINGULAR
+    UNREACHABLE = FollowStatus.UNREACHABLE
     TIMING_INFEASIBLE = "timing_infeasible"
     LIMITS_EXCEEDED = "limits_exceeded"
 
@@ -185,6 +186,7 @@ def plan(
     timing: str | TimeLaw = "optimal",
     limits: MotionLimits | None = None,
     samples: int = 151,
+    branch: str | None = None,
     duration: float | None = None,
     strict: bool = False,
     tolerance: tuple[float, float] = (1e-5, 1e-5),
@@ -199,7 +201,7 @@ def plan(
     path : Path, or (4, 4) array, or (n,) array
         Where the tool goes. A pose is a straight line there from the start; joints are a motion there in joint space.
     q_start : (n,) array, optional
-        Configuration at the path's start.
+        Configuration at the path's start; without one, the best there.
     ik : str or IKSolver
         Method, by name or built.
     timing : str or TimeLaw
@@ -208,6 +210,9 @@ def plan(
         The robot's own by default.
     samples : int
         Of the path, equally spaced.
+    branch : {"start", "best"}, optional
+        ``"start"`` keeps the branch of ``q_start``; ``"best"`` chooses branch and winding for the whole path, as without a
+        ``q_start`` (`planners.follow`).
     duration : float, optional
         Seconds that the motion shall take: the law's motion, uniformly slowed.
     strict : bool
@@ -230,7 +235,7 @@ def plan(
     UnknownName
         No such method or law.
     """
-    solver = make_solver(robot, ik) if isinstance(ik, str) else ik
+    solver = solver_for(robot, ik) if isinstance(ik, str) else ik
     law = make_law(timing) if isinstance(timing, str) else timing
     limits = MotionLimits.of(robot) if limits is None else limits
     for argument, value, kind in (("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
@@ -245,7 +250,8 @@ def plan(
     if solver.robot != robot:
         raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
     law.need(limits, robot)
-    followed = follow(solver, path, q_start, samples=samples)
+    allowed = Tolerance(*tolerance)
+    followed = follow(solver, path, q_start, branch=branch, samples=samples, tolerance=allowed)
     asked = Asked(robot, path, limits, solver.name, law, tolerance, rate)
     if followed.stop is not None:
         return asked.failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)

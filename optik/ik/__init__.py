@@ -90,7 +90,7 @@ def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "lm",
         No such method; the nearest names are offered.
     """
     trace, closest = bool(options.pop("trace", False)), bool(options.pop("closest", False))
-    return _solver(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
+    return solver_for(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
 
 
 def solve_ik_batch(
@@ -134,10 +134,18 @@ def solve_ik_batch(
     UnknownName
         No such method; the nearest names are offered.
     """
-    return _solver(robot, solver, options).solve_batch(targets, starts, threads=threads)
+    return solver_for(robot, solver, options).solve_batch(targets, starts, threads=threads)
 
 
-def _solver(robot: Robot, solver: str, options: dict[str, Any]) -> IKSolver:
+def solver_for(robot: Robot, solver: str = "lm", options: dict[str, Any] | None = None) -> IKSolver:
+    """Return the solver that `solve_ik` keeps for a robot and options; built where it is not there yet.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        As `make_solver`.
+    """
+    options = options or {}
     try:
         return _kept(robot, solver, tuple((k, type(options[k]), options[k]) for k in sorted(options)))
     except TypeError as error:

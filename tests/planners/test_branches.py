@@ -17,9 +17,9 @@ from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm
 from optik.robot import DHRow, JointLimits, load
 from planners import FollowStatus, JointPath, Line, follow
-from planners._march import first_exit
+from planners._march import first_exit, piece_bound
 from planners.branches import branches
-from planners.joint_path import APART
+from planners.joint_path import APART, apart
 from planners.redundancy import ROOM
 from tests.planners import plain
 from tests.planners.plain import START, default_line, paper6r
@@ -118,6 +118,37 @@ def test_the_breaks_of_a_path_are_nodes() -> None:
     assert len(joint_path.ik.iterations) == 151
 
 
+def test_a_break_next_to_a_sample_is_the_node_of_the_two() -> None:
+    grid = np.linspace(0.0, 0.1, 101)
+    knots = np.union1d(grid, [0.05001])
+    chosen = knots[apart(knots, [0.05001])]
+    assert 0.05001 in chosen
+    assert grid[50] not in chosen
+    assert len(chosen) == 101
+    assert np.diff(chosen).min() >= APART
+
+
+def test_the_bound_of_a_slider_is_the_fourth_derivative_of_its_motion() -> None:
+    fixed, tool = np.eye(4)[None], np.eye(4)
+    tool[2, 3] = 5.0
+    h, points = 0.5, np.array([[0.0, 0.0, 0.0, 0.0, 0.3, 0.4]])
+    # of Σ bₖ Bₖ(u) the fourth derivative is linear between 5! times the fourth differences
+    ends = 120.0 * np.abs([points[0, :5] @ [1, -4, 6, -4, 1], points[0, 1:] @ [1, -4, 6, -4, 1]]) / h**4
+    distance, angle = piece_bound(fixed, np.array([True]), tool, h, points, np.zeros(2))
+    assert distance == pytest.approx(h**4 / 384.0 * ends.max(), rel=1e-12)
+    assert angle == 0.0
+
+
+def test_the_bound_of_a_slider_that_turns_counts_both() -> None:
+    # r(s) e^{iωs} with r = r0 + v s: the fourth derivative is at most r ω⁴ + 4 v ω³
+    fixed, tool, h, r0, v, w = np.tile(np.eye(4), (2, 1, 1)), np.eye(4), 0.5, 0.3, 0.2, 1.5
+    fixed[1, :3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]  # slides along the turning x
+    u = np.linspace(0.0, h, 6)  # the control points of what is linear are equally spaced
+    distance, angle = piece_bound(fixed, np.array([False, True]), tool, h, np.array([w * u, r0 + v * u]), np.zeros(2))
+    assert distance == pytest.approx(h**4 / 384.0 * ((r0 + v * h) * w**4 + 4.0 * v * w**3), rel=1e-12)
+    assert angle == pytest.approx(h**4 / 384.0 * w**4, rel=1e-4)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.floats(0.05, 1.0))
 def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float], high: float) -> None:
@@ -160,6 +191,12 @@ def test_every_branch_of_the_start_is_tracked_and_the_best_is_the_cheapest_that_
     np.testing.assert_allclose(best.joint_path.q[0], whole[0].q, atol=1e-8)
 
 
+def wide(robot: Robot) -> Robot:
+    """The same arm with two turns of room on every joint."""
+    room = np.full(robot.n, 4.0 * np.pi)
+    return Robot("wide", robot.fixed, robot.prismatic, robot.tool, JointLimits(-room, room))
+
+
 def spinning(turn: float) -> tuple[Robot, Line, Array]:
     """An arm whose last joint has a turn and a half of room, and a line that turns it far."""
     robot = paper6r()
@@ -190,6 +227,16 @@ def test_the_winding_is_one_that_lets_the_whole_path_fit(turn: float) -> None:
         and (dense + 2 * np.pi * np.array(k) <= upper + 1e-9).all()
     ]
     assert (0,) * 6 in fits
+    free = wide(robot)
+    for branch in branches(robot, line, q):
+        way = follow(make_solver(free, "lm"), line, branch.q).joint_path
+        assert way is not None and way.end == line.end
+        q6 = way(np.linspace(0.0, line.end, 2001))[:, 5] + 2 * np.pi * np.arange(-2, 3)[:, None]
+        fits6 = ((q6 >= lower[5]) & (q6 <= upper[5])).all(axis=1)
+        others = (way.q[:, :5] >= lower[:5]).all() and (way.q[:, :5] <= upper[:5]).all()
+        assert (branch.ended is None) is bool(fits6.any() and others)
+        if branch.ended is None:
+            assert fits6[2], "it is given with a winding that fits"
     starts = [best.q[0] + 2 * np.pi * np.array(k) for k in fits]
     assert np.linalg.norm(best.q[0] - q) <= min(np.linalg.norm(x - q) for x in starts) + 1e-9
 
