@@ -128,6 +128,10 @@ def test_a_row_is_what_the_law_and_a_dense_look_say(quick: RunFolder) -> None:
 def test_limits_that_are_broken_are_named_promised_or_not(quick: RunFolder) -> None:
     rows = rows_of(quick)
     assert (rows.filter(pl.col("law") == "optimal")["breaks"] == "").all()
+    for row in rows.iter_rows(named=True):
+        beyond = [field for field in ("velocity", "acceleration", "jerk") if row[field] > 1.0]
+        assert row["breaks"].split(", ") == (beyond or [""])
+    assert (rows.filter(pl.col("law") == "quintic")["jerk"] > 1.0).any()
     toppra = rows.filter(pl.col("law") == "toppra")
     assert toppra["breaks"].str.contains("jerk").all()
     assert np.isinf(toppra["jerk"].to_numpy()).all()
