@@ -24,18 +24,18 @@ Array = NDArray[np.float64]
 
 TERMINAL = 1e8
 """Weight of the state at the end in the sweep; its multiplier takes up what the weight leaves."""
-SHORTEST = 0.02
-"""No interval lasts less than this share of the mean: so that time does not run backwards on the way to the solution."""
 
 
 class Problem(NamedTuple):
     """What is given, in units in which the numbers are near 1; n joints, K intervals.
 
-    ds (K,) lengths of the intervals, top (K + 1,) greatest speeds, node (K + 1, n, 2) q'/A and q''/A, edge (K, 2, n, 3)
+    ds (K,) lengths of the intervals, least (K,) their least durations (above 0, so that time does not run backwards on the
+    way to the solution), top (K + 1,) greatest speeds, node (K + 1, n, 2) q'/A and q''/A, edge (K, 2, n, 3)
     q'/J, 3 q''/J and q'''/J at both ends of each interval, goal (2,) v and a at the end.
     """
 
     ds: Array
+    least: Array
     top: Array
     node: Array
     edge: Array
@@ -100,7 +100,7 @@ def _add(M: Array, m: Array, i: int, x: float, j: int, y: float, k: int, w: floa
 
 
 @compiled
-def _stage(k: int, problem: Problem, at: Iterate, low: float, mu: float, delta: float, M: Array, m: Array) -> None:
+def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Array, m: Array) -> None:
     """Quadratic model of the barrier problem on interval k, over (v, a, τ, j, v⁺, a⁺): upper half of M (6, 6), and m (6,)."""
     z, lam, node, edge = at.z, at.lam, problem.node, problem.edge
     n = node.shape[1]
@@ -112,8 +112,8 @@ def _stage(k: int, problem: Problem, at: Iterate, low: float, mu: float, delta: 
             M[r, q] = 0.0
     for r in range(4):
         M[r, r] += delta
-    m[2] = 1.0 - mu / (tau - low)
-    M[2, 2] += at.bound[k, 2] / (tau - low) + lam[k, 0] * (a + j * tau) + lam[k, 1] * j
+    m[2] = 1.0 - mu / (tau - problem.least[k])
+    M[2, 2] += at.bound[k, 2] / (tau - problem.least[k]) + lam[k, 0] * (a + j * tau) + lam[k, 1] * j
     M[0, 2] += lam[k, 0]
     M[1, 2] += lam[k, 0] * tau + lam[k, 1]
     M[2, 3] += lam[k, 0] * 0.5 * tau * tau + lam[k, 1] * tau + lam[k, 2]
@@ -182,9 +182,7 @@ def _place_row(z: Array, row: Array) -> int:
 
 
 @compiled
-def _back(
-    problem: Problem, at: Iterate, low: float, mu: float, delta: float, models: Array, law: Array, cost: Array
-) -> bool:
+def _back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array) -> bool:
     """The sweep from the end: of every stage its model over (v, a, τ, j), its feedback and its cost to go.
 
     models (K, 4, 5) hold matrix and vector, law (K, 3) the one free number as a function of (v, a) and its constant,
@@ -197,7 +195,7 @@ def _back(
     for i in range(2):
         cost[K, 3 + i] = TERMINAL * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
     for k in range(K - 1, -1, -1):
-        _stage(k, problem, at, low, mu, delta, M, m)
+        _stage(k, problem, at, mu, delta, M, m)
         M[4, 4] += cost[k + 1, 0]
         M[4, 5] += cost[k + 1, 1]
         M[5, 5] += cost[k + 1, 2]
@@ -282,7 +280,6 @@ def _cut(length: float, x: float, dx: float, keep: float) -> float:
 def _lengths(
     problem: Problem,
     at: Iterate,
-    low: float,
     mu: float,
     d: Array,
     slope: Array,
@@ -308,19 +305,19 @@ def _lengths(
             dbound[k, 1] = (mu + at.bound[k, 1] * d[k, 0]) / room - at.bound[k, 1]
             primal = _cut(_cut(primal, v, d[k, 0], keep), room, -d[k, 0], keep)
             dual = _cut(_cut(dual, at.bound[k, 0], dbound[k, 0], keep), at.bound[k, 1], dbound[k, 1], keep)
-        spare = at.z[k, 2] - low
+        spare = at.z[k, 2] - problem.least[k]
         dbound[k, 2] = (mu - at.bound[k, 2] * d[k, 2]) / spare - at.bound[k, 2]
         primal, dual = _cut(primal, spare, d[k, 2], keep), _cut(dual, at.bound[k, 2], dbound[k, 2], keep)
     return primal, dual
 
 
 @compiled
-def _merit(problem: Problem, low: float, mu: float, z: Array, g: Array, c: Array, slack: Array) -> tuple[float, float]:
+def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Array) -> tuple[float, float]:
     """Barrier objective, and the sum of what the equations leave."""
     K, n = g.shape[0], problem.node.shape[1]
     objective, off = 0.0, abs(z[K, 0] - problem.goal[0]) + abs(z[K, 1] - problem.goal[1])
     for k in range(K):
-        objective += z[k, 2] - mu * log(z[k, 2] - low)
+        objective += z[k, 2] - mu * log(z[k, 2] - problem.least[k])
         off += abs(g[k, 0]) + abs(g[k, 1]) + abs(g[k, 2])
         if k > 0:
             objective -= mu * log(z[k, 0] * (problem.top[k] - z[k, 0]))
@@ -345,7 +342,7 @@ def _better(objective: float, off: float, before: float, off_before: float, alph
 
 
 @compiled
-def _begin(problem: Problem, at: Iterate, low: float, mu: float) -> None:
+def _begin(problem: Problem, at: Iterate, mu: float) -> None:
     """Put the start inside its bounds, and slacks and multipliers on the central path."""
     K, n = problem.ds.shape[0], problem.node.shape[1]
     for k in range(K):
@@ -353,8 +350,8 @@ def _begin(problem: Problem, at: Iterate, low: float, mu: float) -> None:
             top = problem.top[k]
             at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * top), 0.999 * top)
             at.bound[k, 0], at.bound[k, 1] = mu / at.z[k, 0], mu / (top - at.z[k, 0])
-        at.z[k, 2] = max(at.z[k, 2], 2.0 * low)
-        at.bound[k, 2] = mu / (at.z[k, 2] - low)
+        at.z[k, 2] = max(at.z[k, 2], 2.0 * problem.least[k])
+        at.bound[k, 2] = mu / (at.z[k, 2] - problem.least[k])
     values(problem, at.z, at.g, at.c)
     for k in range(K):
         for side in range(2):
@@ -403,23 +400,22 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
     K, rows = problem.ds.shape[0], 3 * problem.node.shape[1]
     at, trial = _iterate(K, rows), _iterate(K, rows)
     at.z[:] = z
-    low = SHORTEST * problem.ds.sum() / K
-    _begin(problem, at, low, mu)
+    _begin(problem, at, mu)
     d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
     dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
     models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
     delta_before = 0.0
     for iteration in range(most):
         delta = 0.0
-        while not _back(problem, at, low, mu, delta, models, law, cost):
+        while not _back(problem, at, mu, delta, models, law, cost):
             delta = max(4.0 * delta, delta_before / 3.0, 1e-6)
             if delta > 1e8:
                 return -1
         delta_before = delta
         _forth(problem, at, models, law, cost, d, lam)
         _slopes(problem, at.z, d, slope)
-        alpha, dual = _lengths(problem, at, low, mu, d, slope, dslack, ddual, dbound)
-        before, off_before = _merit(problem, low, mu, at.z, at.g, at.c, at.slack)
+        alpha, dual = _lengths(problem, at, mu, d, slope, dslack, ddual, dbound)
+        before, off_before = _merit(problem, mu, at.z, at.g, at.c, at.slack)
         off = off_before
         for _ in range(12):
             for k in range(K + 1):
@@ -429,7 +425,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
                     for i in range(rows):
                         trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
             values(problem, trial.z, trial.g, trial.c)
-            objective, off = _merit(problem, low, mu, trial.z, trial.g, trial.c, trial.slack)
+            objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
             if _better(objective, off, before, off_before, alpha, 1e-6 * K):
                 break
             alpha *= 0.5

@@ -169,7 +169,7 @@ class Worst(NamedTuple):
 
 
 def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
-    """Judge a motion along s by the chain rule, at states (k,)."""
+    """Judge a motion along s by the chain rule, at states (k,); a jerk of NaN is not judged."""
     s = np.clip(s, 0.0, joint_path.end)
     p = parts(joint_path, limits, *(joint_path(s, order) for order in (1, 2, 3)))
     bound = limits.arrays(joint_path.robot.n)
@@ -181,7 +181,7 @@ def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Ar
             np.cbrt(np.abs(p[:, 2] * j1 + p[:, 3] * v1 * a1 + p[:, 4] * v1**3)),
         ]
     )
-    k, i, n = np.unravel_index(int(joints.argmax()), joints.shape)
+    k, i, n = np.unravel_index(int(np.nanargmax(joints)), joints.shape)
     tool = np.abs(v) / speed_bound(joint_path, limits, s)
     m = int(tool.argmax())
     if tool[m] > joints[k, i, n] * (1.0 + 1e-12):  # the bound holds the joints' velocities too: it is the tool's here

@@ -47,7 +47,7 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     speeds[[0, -1], 0] = 0.0
     scale = (what.s.size - 1) / what.s[-1]
     shortest = min(SHORTEST, 0.01 * duration)
-    most = 1.0
+    most = 1.0 + 1e-9  # candidates that stand exactly on a limit are in, however they round
     while True:
         found = _programme(what.slowness, what.parts, scale, what.s[nodes], speeds, SHAPES, most, shortest)
         if found.shape[0] or most > 1e6:
@@ -111,7 +111,8 @@ def _programme(
                     for shape in range(shapes.shape[0]):
                         rise, fall = shapes[shape, 0], shapes[shape, 1]
                         duration, peak = profile(s[to] - s[at], v0, v1, rise, fall)
-                        if best[at, low] + duration >= best[to, high] or min(rise, fall) * duration < shortest:
+                        better = best[at, low] + duration < best[to, high] * (1.0 - 1e-12)  # ties: the first stays
+                        if not better or min(rise, fall) * duration < shortest:
                             continue
                         ramp = (duration, peak, rise, fall)
                         if ramp_ratio(slowness, parts, scale, s[at], v0, ramp, 4, most) <= most:

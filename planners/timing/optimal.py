@@ -23,6 +23,10 @@ UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
 GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
+INTERVALS = 160
+"""Of a path without breaks; each break adds four."""
+SHORTEST = 0.02
+"""No interval lasts less than this share of its first guess."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
 FIRST, AGAIN = 0.1, 1.5e-3
@@ -180,51 +184,73 @@ def _programme(
     begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
     s = np.linspace(begin, end, 2 * max(100, joint_path.knots.size) + 1)
     x, t = np.empty(s.size), np.empty(s.size)
-    speed = speed_bound(joint_path, limits, s)
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    acceleration, ramp = _ramps(bound, q1, s)
-    good = _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x)
-    if not good:
+    peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
+    with np.errstate(divide="ignore"):
+        speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
+    if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x):
         return None
     _reach.in_time(s, x, t)
-    width *= ramp
+    width *= max(ramp, 1e-4 * float(t[-1]))
     v, since = np.sqrt(x), 0.0
     if first > 0.0:  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
-    duration = float(t[-1]) + width - since
-    count = intervals or int(np.clip(round(14.0 * duration / width), 160, 2000))
-    smooth = np.empty((3, count + 1))
-    _reach.filtered(t, s, v, width, np.linspace(since, since + duration, count + 1), smooth)
-    at, v, a = smooth
+    count = intervals or min(INTERVALS + 4 * (joint_path.path.breaks.size - 2), 1000)
+    when = _spread(t, s, v, width, since, count)
+    at, v, a = _filtered(t, s, v, width, when)
     at[0], at[-1] = begin, end
     v[-1] = a[-1] = 0.0
     v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
-    units = (end - begin) / UNITS, duration / UNITS
-    return _numbers(joint_path, limits, at, v, a, np.full(count, duration / count), units, state is not None)
+    units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
+    return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state is not None)
 
 
-def _ramps(bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, float]:
-    """Accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
+    """Times (count + 1,) of the filtered motion, half of them spread evenly, half where its acceleration changes."""
+    end = float(t[-1]) + width
+    fine = np.unique(np.concatenate([t, t + width, np.linspace(since, end, 401)]))
+    fine = fine[(fine >= since) & (fine <= end)]
+    fine[0], fine[-1] = since, end
+    change = np.abs(np.diff(_filtered(t, s, v, width, fine)[2]))
+    weight = np.diff(fine) / (end - since) + change / max(float(change.sum()), 1e-300)
+    share = np.append(0.0, np.cumsum(weight))
+    return np.asarray(np.interp(np.linspace(0.0, share[-1], count + 1), share, fine))
 
-    With a jerk J, a joint that may not pass the velocity V, and moves by D in all, never gets beyond (J V)^½ and (J² D)^⅓.
+
+def _filtered(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
+    """s, ṡ and s̈ (3, k) of a motion through a box filter, at times."""
+    out = np.empty((3, when.size))
+    _reach.filtered(t, s, v, width, when, out)
+    return out
+
+
+def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, Array, float]:
+    """Velocities and accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+
+    A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
+    velocity V and a jerk J never beyond the acceleration (J V)^½; a little room is left.
     """
     V, A, J = (bound[field] for field in DERIVATIVES)
     D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
+    moving = 1e-6 * D.max() < D
+    most = np.fmin(2.0 * np.sqrt(A * D), 2.0 * np.cbrt(J * D * D))
+    peak = np.where(np.isinf(V) & moving, most, np.inf)
+    if not np.isfinite(np.fmin(V, peak)[moving]).any():
+        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
+        raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
+    least = np.fmin(A, np.sqrt(J * np.fmin(V, most)))
     with np.errstate(invalid="ignore"):
-        least = np.fmin(np.fmin(A, np.sqrt(J * V)), np.cbrt(J * J * np.maximum(D, 1e-9)))
-        ramps = least / J
-    moving = np.isfinite(ramps) & (1e-6 * D.max() < D)
-    return np.asarray(least), 1.2 * float(ramps[moving].max(initial=1e-9))
+        ramps = np.where(np.isfinite(J) & moving, least / J, 0.0)
+    return peak, least, 1.2 * float(ramps.max())
 
 
 def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     """When the filtered motion passes a place."""
-    low, high, out = 0.0, float(t[-1]) + width, np.empty((3, 1))
+    low, high = 0.0, float(t[-1]) + width
     for _ in range(60):
         middle = 0.5 * (low + high)
-        _reach.filtered(t, s, v, width, np.array([middle]), out)
-        low, high = (middle, high) if out[0, 0] < place else (low, middle)
+        low, high = (middle, high) if _filtered(t, s, v, width, np.array([middle]))[0, 0] < place else (low, middle)
     return high
 
 
@@ -246,7 +272,7 @@ def _numbers(
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
-    problem = _optimum.Problem(np.diff(s) / length, top, node, edge, np.zeros(2))
+    problem = _optimum.Problem(np.diff(s) / length, SHORTEST * tau / time, top, node, edge, np.zeros(2))
     return _Programme(problem, s, start, units, moving)
 
 

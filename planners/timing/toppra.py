@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 BETWEEN = 1e-5
 """By how much limits may be passed between grid points before the grid is made finer there."""
-REFINEMENTS = 3
+REFINEMENTS = 5
 """How often it is made finer."""
 APART = 1e-5
 """Least distance of grid points over the path's length: nearer ones make TOPP-RA's steps ill-conditioned."""

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, Line, MotionLimits, TimeLaw, Trajectory, certify, laws, make_law
-from planners.timing.base import DERIVATIVES
+from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
 from tests.planners import plain
 from tests.planners.plain import default_joint_path, paper6r, random_joint_paths
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 LINES = range(5)
 SETS = {"fast": (2.0, 10.0, 100.0), "slow": (1.0, 2.0, 20.0)}
 
-PROMISE = {"toppra": 1.0 + 1e-4}
+PROMISE = {"toppra": 1.0 + 2e-5}
 """Largest ratio of what a law promises. TOPP-RA sets its limits at grid points only: shown, not mended."""
 ON_PATH = {"quintic": 2e-5}
 """Largest distance to the path [m]; the paper's law leaves it between its samples."""
@@ -40,6 +40,11 @@ def motion(law: str, line: int, limits: str) -> Trajectory:
     return make_law(law).run(joint_path_of(line), MotionLimits(*SETS[limits]))
 
 
+def joint_limits(law: str) -> tuple[str, ...]:
+    """What the law keeps of velocity, acceleration and jerk."""
+    return tuple(f for f in DERIVATIVES if f in make_law(law).keeps)
+
+
 def instants(trajectory: Trajectory, count: int) -> Array:
     """Knots, and instants that are none."""
     t = np.concatenate([np.linspace(0.0, trajectory.duration, count), trajectory.knots])
@@ -52,7 +57,8 @@ def test_a_law_says_its_name_and_what_it_keeps(law: str) -> None:
     assert isinstance(built, TimeLaw)
     assert built.name == law
     assert isinstance(built.keeps, tuple)
-    assert set(built.keeps) <= set(DERIVATIVES)
+    assert set(built.keeps) <= set(ALL_LIMITS)
+    assert built.keeps == joint_limits(law) + tuple(f for f in TOOL_SPEEDS if f in built.keeps)
 
 
 @every_law
@@ -117,7 +123,7 @@ def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, l
     trajectory = motion(law, line, limits)
     x = trajectory.knots
     u = np.linspace(0.0, 1.0, 9) * np.diff(x)[:, None]  # both ends of every piece, so one-sided values too
-    for field in make_law(law).keeps:
+    for field in joint_limits(law):
         order = DERIVATIVES.index(field) + 1
         c = trajectory.coefficients
         power = np.arange(len(c))[::-1]
@@ -136,7 +142,7 @@ def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, l
 @every_line
 @every_set
 def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: str) -> None:
-    joint_path, bounds, keeps = joint_path_of(line), MotionLimits(*SETS[limits]), make_law(law).keeps
+    joint_path, bounds, keeps = joint_path_of(line), MotionLimits(*SETS[limits]), joint_limits(law)
     certificate = certify(paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, keeps=keeps)
     ratios = [certificate.worst(field)[0] for field in keeps]
     assert max(ratios, default=0.0) <= PROMISE.get(law, 1.0)
@@ -149,7 +155,7 @@ def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: st
 
 @every_law
 def test_a_missing_limit_is_named(law: str) -> None:
-    keeps = make_law(law).keeps
+    keeps = joint_limits(law)
     for missing in keeps:
         given = {f: 10.0 for f in keeps if f != missing}
         with pytest.raises(InvalidInput) as info:
@@ -163,7 +169,7 @@ def test_a_missing_limit_is_named(law: str) -> None:
 
 @every_law
 def test_limits_of_another_length_are_refused(law: str) -> None:
-    for field in make_law(law).keeps:
+    for field in joint_limits(law):
         given: dict[str, Any] = {"velocity": 2.0, "acceleration": 10.0, "jerk": 100.0} | {field: [1.0, 2.0]}
         with pytest.raises(InvalidInput) as info:
             make_law(law).run(default_joint_path(), MotionLimits(**given))
@@ -179,7 +185,7 @@ def test_a_limit_of_one_joint_is_kept_by_that_joint(law: str, joint: int) -> Non
         bound[joint] /= 5.0
     law_of = make_law(law)
     slow, fast = (law_of.run(default_joint_path(), m) for m in (MotionLimits(**tight), free))
-    for field in law_of.keeps:
+    for field in joint_limits(law):
         order = DERIVATIVES.index(field) + 1
         assert (slow.extrema(order).worst <= PROMISE.get(law, 1.0) * tight[field]).all()
     if law_of.keeps:
@@ -211,3 +217,107 @@ def test_the_same_problem_has_the_same_motion(law: str) -> None:
     again = make_law(law).run(joint_path_of(1), MotionLimits(*SETS["fast"]))
     np.testing.assert_array_equal(again.coefficients, motion(law, 1, "fast").coefficients)
     np.testing.assert_array_equal(again.knots, motion(law, 1, "fast").knots)
+
+
+# ---------------------------------------------------------------- speeds of the tool
+
+
+def tool_speeds(trajectory: Trajectory, field: str, count: int = 3001) -> tuple[float, float]:
+    """Greatest speed of the tool over a dense grid, and the same by the slow Jacobian at that instant."""
+    part = slice(0, 3) if field == "tool_speed" else slice(3, 6)
+    t = np.linspace(0.0, trajectory.duration, count)
+    twist = np.einsum("kij,kj->ki", paper6r().jacobian(trajectory(t)), trajectory(t, 1))
+    speeds = np.linalg.norm(twist[:, part], axis=1)
+    at = t[speeds.argmax()]
+    return float(speeds.max()), float(np.linalg.norm((plain.jacobian(trajectory(at)) @ trajectory(at, 1))[part]))
+
+
+@every_law
+@pytest.mark.parametrize("field", TOOL_SPEEDS)
+def test_a_speed_of_the_tool_is_kept_and_used_by_the_laws_that_promise_it(law: str, field: str) -> None:
+    law_of, joint_path = make_law(law), joint_path_of(1)
+    limit = 0.6 * tool_speeds(motion(law, 1, "fast"), field)[0]
+    limits = MotionLimits(*SETS["fast"], **{field: limit})
+    trajectory = law_of.run(joint_path, limits)
+    reached, slow = tool_speeds(trajectory, field)
+    assert reached == pytest.approx(slow, rel=1e-6)
+    if field in law_of.keeps:
+        assert reached <= limit * PROMISE.get(law, 1.0 + 1e-9)
+        assert reached >= 0.98 * limit
+        for order, name in enumerate(DERIVATIVES, start=1):
+            if name in law_of.keeps:
+                assert trajectory.extrema(order).worst.max() <= SETS["fast"][order - 1] * PROMISE.get(law, 1.0)
+    else:
+        assert reached > limit
+
+
+# ---------------------------------------------------------------- paths and limits at the ends of their range
+
+
+@cache
+def short_path(length: float) -> JointPath:
+    line = plain.default_line()
+    return plain.followed_line(line.start, plain.moved(line.start, plain.MOVE / line.end * length))
+
+
+@cache
+def one_joint_path() -> JointPath:
+    """A turn about the last axis: only joint6 moves."""
+    q = plain.START.copy()
+    q[5] += 0.5
+    return plain.followed_line(paper6r().fk(plain.START), paper6r().fk(q))
+
+
+@every_law
+@pytest.mark.parametrize("length", [1e-3, 1e-5, 1e-8])
+def test_short_lines_have_motions_that_keep_the_limits(law: str, length: float) -> None:
+    trajectory = make_law(law).run(short_path(length), MotionLimits(*SETS["fast"]))
+    assert 0.0 < trajectory.duration < np.inf
+    for field in joint_limits(law):
+        order = DERIVATIVES.index(field) + 1
+        assert trajectory.extrema(order).worst.max() <= SETS["fast"][order - 1] * (1.001 if law == "toppra" else 1.0)
+    np.testing.assert_allclose(trajectory(trajectory.duration), short_path(length).q[-1], rtol=0.0, atol=1e-12)
+
+
+@every_law
+@pytest.mark.parametrize(
+    "limits", [(1e6, 1e8, 1e10), (1e-4, 1e-5, 1e-6), (1e9, 10.0, 100.0), (1e-3, 10.0, 100.0), (2.0, 1e-2, 1e4)]
+)
+def test_huge_and_tiny_limits_are_kept(law: str, limits: tuple[float, float, float]) -> None:
+    trajectory = make_law(law).run(default_joint_path(), MotionLimits(*limits))
+    assert 0.0 < trajectory.duration < np.inf
+    for field in joint_limits(law):
+        order = DERIVATIVES.index(field) + 1
+        assert trajectory.extrema(order).worst.max() <= limits[order - 1] * PROMISE.get(law, 1.0)
+
+
+@every_law
+@pytest.mark.parametrize("free", [("velocity",), ("acceleration",), ("jerk",), ("acceleration", "jerk")])
+def test_a_joint_that_moves_may_be_free_in_some_limit(law: str, free: tuple[str, ...]) -> None:
+    bound = dict(zip(DERIVATIVES, SETS["fast"], strict=True))
+    limits = {f: np.full(6, b) for f, b in bound.items()}
+    for field in free:
+        limits[field][5] = np.inf
+    trajectory = make_law(law).run(one_joint_path(), MotionLimits(**limits))
+    assert 0.0 < trajectory.duration < np.inf
+    for field in set(joint_limits(law)) - set(free):
+        order = DERIVATIVES.index(field) + 1
+        assert trajectory.extrema(order).worst[5] <= bound[field] * PROMISE.get(law, 1.0)
+
+
+@every_law
+def test_limits_on_nothing_that_moves_are_no_motion(law: str) -> None:
+    if not joint_limits(law):
+        return
+    limits = {f: np.append(np.full(5, 1.0), np.inf) for f in DERIVATIVES}
+    with pytest.raises(NoSolution) as info:
+        make_law(law).run(one_joint_path(), MotionLimits(**limits))
+    assert "limit" in info.value.reason
+    assert paper6r().joint_names[5] in info.value.advice
+    assert paper6r().joint_names[0] not in info.value.advice
+
+
+@every_law
+def test_joints_that_do_not_move_stand_still(law: str) -> None:
+    trajectory = make_law(law).run(one_joint_path(), MotionLimits(*SETS["fast"]))
+    assert np.ptp(trajectory(np.linspace(0.0, trajectory.duration, 200))[:, :5], axis=0).max() <= 1e-12
