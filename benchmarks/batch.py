@@ -17,8 +17,9 @@ import numpy as np
 import polars as pl
 
 from benchmarks.fresh import fresh
+from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder, slug
-from benchmarks.speed_suite import SETS, BatchBlock
+from benchmarks.speed_suite import BatchBlock
 from optik.ik import make_solver
 from optik.registry import build_method
 from optik.robot import Robot, load

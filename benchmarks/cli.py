@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 import sys
@@ -11,11 +10,22 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 import optik
-from optik.errors import InvalidInput, NoSolution, OptikError
+from benchmarks.cli_plan import plan_app
+from benchmarks.cli_shared import (
+    AsJson,
+    RobotName,
+    arm_of,
+    configuration,
+    err_console,
+    out_console,
+    per,
+    print_json,
+    units,
+)
+from optik.errors import NoSolution, OptikError
 
 app = typer.Typer(
     help="Trajectory optimisation for serial arms: inverse kinematics, straight lines, time laws, and a fair comparison.",
@@ -24,15 +34,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 app.add_typer(plan_app, name="plan")
 app.add_typer(bench_app, name="bench")
 
-out_console, err_console = Console(), Console(stderr=True)
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
-RobotName = Annotated[str, typer.Option("--robot", "-r", help="A name from `optik robots`, or a URDF file.")]
 Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
 
 
@@ -151,100 +156,6 @@ def ik(
         raise typer.Exit(1)
 
 
-# ---------------------------------------------------------------- motions
-
-
-@plan_app.command("line")
-def plan_line(
-    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame [m].")] = (
-        -0.12,
-        0.0,
-        0.20,
-    ),
-    turn_deg: Annotated[
-        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame [degrees].")
-    ] = (0.0, 0.0, 0.0),
-    start_deg: Annotated[
-        str, typer.Option(help="Start configuration [degrees], comma separated.")
-    ] = "20,-35,40,25,50,-30",
-    robot: RobotName = "paper6r",
-    ik: Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}.")] = "dls",
-    timing: Annotated[str, typer.Option(help="Time law: quintic, ruckig or toppra.")] = "ruckig",
-    samples: Annotated[int, typer.Option(help="Samples of the line.")] = 151,
-    velocity: Annotated[
-        float | None, typer.Option(help="Limit on every joint [rad/s]; the robot's own if left out.")
-    ] = None,
-    acceleration: Annotated[float | None, typer.Option(help="[rad/s²]")] = None,
-    jerk: Annotated[float | None, typer.Option(help="[rad/s³]")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the plan as JSON.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Move the tool along a straight line, time it, and say what the motion keeps.
-
-    Exit status 0 where there is a motion; whether its certificate holds is printed, and "holds" in the JSON.
-    """
-    import planners
-    from optik import se3
-
-    arm = optik.load(robot)
-    q = configuration(arm, start_deg)
-    start = arm.fk(q)
-    if np.linalg.norm(turn_deg) > 180.0:
-        raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
-    goal = se3.pose(se3.exp_so3(np.deg2rad(turn_deg)) @ start[:3, :3], start[:3, 3] + move)
-    own = planners.MotionLimits.of(arm)
-    limits = planners.MotionLimits(
-        own.velocity if velocity is None else velocity,
-        own.acceleration if acceleration is None else acceleration,
-        own.jerk if jerk is None else jerk,
-    )
-    law = planners.make_law(timing)
-    for field in law.keeps:
-        if getattr(limits, field) is None:
-            raise InvalidInput(
-                f"--{field}", f"nothing, and {arm.name} has no limit of its own", f"a limit, for {timing}"
-            )
-    planned = planners.plan(arm, planners.Line(start, goal), q, ik=ik, timing=law, limits=limits, samples=samples)
-    if planned and out is not None:
-        planned.save(out)
-    if as_json:
-        print_json(planned.to_dict())
-        raise typer.Exit(0 if planned else 1)
-    if not planned:
-        planned.trajectory  # noqa: B018  (raises NoSolution with the reason)
-    print_certificate(planned)
-    if out is not None:
-        out_console.print(f"written to {out}", highlight=False)
-
-
-def print_certificate(planned: Any) -> None:
-    """Print what a plan keeps, for people."""
-    proof, off = planned.certificate, planned.certificate.path_error
-    length = f"{1e3 * planned.path.end:.1f} {'mm' if planned.path.unit == 'm' else 'mrad'}"
-    table = Table(
-        "", "worst / limit", "joint", "at [s]", "promised",
-        title=f"{planned.ik} + {planned.law}: {length} in {proof.duration:.4f} s",
-    )  # fmt: skip
-    for field in ("velocity", "acceleration", "jerk"):
-        ratio, joint, t = proof.worst(field)
-        promised = "yes" if field in proof.keeps else "no"
-        if np.isnan(ratio):
-            table.add_row(field, "no limit", "", "", promised)
-        else:
-            table.add_row(field, f"{ratio:.8g}", joint, f"{t:.4f}", promised)
-    out_console.print(table)
-    out_console.print(
-        f"tool off the line at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (of {off.instants} instants), "
-        f"tool speed {proof.tool_speed:.3g} m/s, smallest singular value {proof.singular_value:.3g} "
-        f"at {proof.t_singular_value:.3f} s, C{proof.continuous}",
-        highlight=False,
-    )
-    if proof.holds:
-        out_console.print("the certificate holds: all that the law promises is kept exactly", style="green")
-    else:
-        out_console.print("the certificate does NOT hold: " + "; ".join(proof.broken), style="yellow", highlight=False)
-
-
 # ---------------------------------------------------------------- comparisons
 
 
@@ -260,10 +171,12 @@ def bench_list(as_json: AsJson = False) -> None:
             [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
         )
         return
-    table = Table("suite", "what", "blocks", "timed call by call", "batches", "line")
+    table = Table("suite", "what", "blocks", "timed call by call", "batches", "time laws", "line")
     for suite in suites:
         line = f"{len(suite.line.ik)} IK methods × {len(suite.line.laws)} laws" if suite.line else "none"
-        ids = [", ".join(b.id for b in part) or "none" for part in (suite.blocks, suite.speed, suite.batch)]
+        ids = [
+            ", ".join(b.id for b in part) or "none" for part in (suite.blocks, suite.speed, suite.batch, suite.timing)
+        ]
         table.add_row(suite.name, suite.title, *ids, line)
     out_console.print(table)
 
@@ -353,60 +266,6 @@ def run_with_progress(suite: str, out: Path, workers: int) -> Any:
             bar.stop()
             err_console.print("stopped; run the same command again to continue", style="yellow")
             raise typer.Exit(130) from None
-
-
-# ---------------------------------------------------------------- shared
-
-
-def arm_of(robot: str) -> optik.Robot:
-    """Load a robot by its name, or read it from a URDF file.
-
-    Raises
-    ------
-    UnknownName, RobotModelError, InvalidInput
-        As `optik.load` and `Robot.from_urdf`.
-    """
-    return optik.Robot.from_urdf(robot) if robot.lower().endswith((".urdf", ".xml")) else optik.load(robot)
-
-
-def per(arm: optik.Robot) -> Any:
-    """How many degrees are a radian, or millimetres a metre, joint by joint (n,)."""
-    return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
-
-
-def units(arm: optik.Robot) -> list[str]:
-    """Unit in which each joint is shown."""
-    return [" mm" if slides else "°" for slides in arm.prismatic]
-
-
-def configuration(arm: optik.Robot, degrees: str) -> Any:
-    """Read a configuration given in degrees, sliding joints in millimetres; the middle of the ranges if empty.
-
-    Raises
-    ------
-    InvalidInput
-        Not numbers, the wrong count, or outside the limits.
-    """
-    if not degrees.strip():
-        bounded = np.isfinite(arm.limits.lower) & np.isfinite(arm.limits.upper)
-        return arm.limits.clip(np.where(bounded, 0.5 * (arm.limits.lower + arm.limits.upper), 0.0))
-    try:
-        values = [float(v) for v in degrees.replace(",", " ").split()]
-    except ValueError:
-        raise InvalidInput("--start-deg", repr(degrees), f"{arm.n} numbers in degrees, comma separated") from None
-    q = arm.configuration(values, "--start-deg") / per(arm)
-    lower, upper = arm.limits.lower, arm.limits.upper
-    if not arm.limits.contains(q):
-        i = int(np.argmax(np.maximum(lower - q, q - upper)))
-        scale, unit = per(arm)[i], units(arm)[i]
-        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
-        raise InvalidInput("--start-deg", f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
-    return q
-
-
-def print_json(data: Any) -> None:
-    """Print strict JSON for programs."""
-    typer.echo(json.dumps(data, allow_nan=False, indent=1))
 
 
 if __name__ == "__main__":

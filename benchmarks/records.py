@@ -18,7 +18,7 @@ KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "c
 
 
 class RunFolder:
-    """A folder with ``run.json``, ``problems/*.parquet``, ``ik/*.parquet``, ``line/*`` and ``speed/*``.
+    """A folder with ``run.json``, ``problems/``, ``ik/``, ``line/``, ``speed/`` and ``timing/``.
 
     Every file is written under a temporary name and renamed, so it is there whole or not at all; a run that was
     interrupted is continued by running it again.
@@ -41,7 +41,7 @@ class RunFolder:
         """
         try:
             manifest = self.checked(manifest)
-            for folder in ("problems", "ik", "line", "speed"):
+            for folder in ("problems", "ik", "line", "speed", "timing"):
                 (self.path / folder).mkdir(parents=True, exist_ok=True)
             self.write_json("run.json", manifest)
             return manifest

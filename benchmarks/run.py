@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from benchmarks.batch import run_batch
 from benchmarks.first_use import run_first_use
 from benchmarks.line import check_line, run_line
-from benchmarks.problems.base import ProblemSet
+from benchmarks.methods import Method
+from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, RunFolder, slug
 from benchmarks.speed import check_set, run_speed
-from benchmarks.speed_suite import SETS
-from benchmarks.suite import Block, Method, Suite
+from benchmarks.suite import Block, Suite
+from benchmarks.timing import check_timing, run_timing
 from optik.check import check_count
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
-from optik.registry import build_method
 from optik.robot import Robot, load
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def run_suite(
         for part in _parts(folder, block, robot, problems)
         if not folder.has(part.file)
     ]
-    apart = len(suite.speed) + len(suite.batch) + (suite.first_use is not None)
+    apart = len(suite.speed) + len(suite.batch) + (suite.first_use is not None) + len(suite.timing)
     total = len(work) + (suite.line is not None) + apart
     for done, (part, frame) in enumerate(_solved(work, workers, executor, tell, total), start=1):
         folder.write(part.file, frame)
@@ -143,6 +143,9 @@ def _run_timed(suite: Suite, folder: RunFolder, tell: Progress, done: int, total
         tell(done, total, f"{batch.id}: in a process of its own")
         run_batch(batch, suite.seed, folder)
         done += 1
+    for lines in suite.timing:
+        run_timing(lines, suite.seed, folder, partial(tell, done, total))
+        done += 1
 
 
 def _check_methods(suite: Suite) -> None:
@@ -152,24 +155,14 @@ def _check_methods(suite: Suite) -> None:
         for method in block.methods:
             make_solver(robot, method.solver, **method.options, max_restarts=0)
     for timed in suite.speed:
-        check_set(timed.robot, timed.set, timed.options)
+        check_set(timed)
         for entry in timed.methods:
             make_solver(load(timed.robot), entry.solver, **entry.options)
     for batch in suite.batch:
-        check_set(batch.robot, batch.set, batch.options)
+        check_set(batch)
         make_solver(load(batch.robot), batch.solver, **batch.solver_options)
-
-
-def problem_set(block: Block, seed: int) -> tuple[Robot, ProblemSet]:
-    """Robot and problems of a block.
-
-    Raises
-    ------
-    InvalidInput
-        An option that the set does not have.
-    """
-    robot = load(block.robot)
-    return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
+    for lines in suite.timing:
+        check_timing(lines)
 
 
 def _parts(folder: RunFolder, block: Block, robot: Robot, problems: ProblemSet) -> Iterator[Work]:

@@ -1,15 +1,58 @@
-"""Settings that people wrote: tables, lists, names and numbers, each checked and named where it is wrong."""
+"""Settings that people wrote: tables, lists, names, numbers and targets, each checked and named where it is wrong."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from optik.check import check_count
+from optik.check import check_count, check_number
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import names
 
 Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a block must show.
+
+    Attributes
+    ----------
+    measure : str
+        One of the block's measures; its last part is the unit.
+    method : str
+        Label of the method or law it is asked of; empty where the block has only one.
+    to : str
+        Label of the method or peer that ``median_ratio`` divides by.
+    group : str
+        The part of the problems it is asked of: a kind of line or a robot; empty for all.
+    at_most, at_least : float or None
+        The one that is given is the bound.
+    goal : bool
+        Whether it is only hoped for.
+    """
+
+    measure: str
+    method: str = ""
+    to: str = ""
+    group: str = ""
+    at_most: float | None = None
+    at_least: float | None = None
+    goal: bool = False
+
+
+def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
+    """The bound of a target, and whether it is only a goal."""
+    if ("at_most" in data) == ("at_least" in data):
+        others = sorted(set(data) - {"measure"})
+        raise InvalidInput(where, f"{data['measure']} with {others}", "either at_most or at_least")
+    found: dict[str, Any] = {
+        key: check_number(data[key], f"{where}: {key}", "a number") for key in ("at_most", "at_least") if key in data
+    }
+    if not isinstance(data.get("goal", False), bool):
+        raise InvalidInput(f"{where}: goal", repr(data["goal"])[:60], "true or false")
+    return found | {"goal": data.get("goal", False)}
 
 
 def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = None) -> None:

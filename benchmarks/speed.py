@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from benchmarks.judgement import judged
 from benchmarks.peers.base import Absent, build_peer, version_of
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
-from benchmarks.speed_suite import PEERS, SETS, SpeedBlock
+from benchmarks.speed_suite import PEERS, BatchBlock, SpeedBlock
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import make_solver
-from optik.registry import build_method, load_method
-from optik.robot import Robot, load
+from optik.registry import load_method
+from optik.robot import Robot
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -79,7 +79,7 @@ def run_speed(block: SpeedBlock, seed: int, folder: RunFolder, tell: Tell) -> No
     if count is not None and all(folder.has(part) for part in speed_parts(block, count)):
         return
     tell(f"{block.id}: problems")
-    robot, problems = speed_problems(block, seed)
+    robot, problems = problem_set(block, seed)
     if not folder.has(name):
         folder.write(name, problems.frame(robot).drop("target", "start"))
     tell(f"{block.id}: building")
@@ -99,7 +99,7 @@ def run_speed(block: SpeedBlock, seed: int, folder: RunFolder, tell: Tell) -> No
             folder.write(file, timed_part(robot, problems, here, contestants, block.rounds))
 
 
-def check_set(robot: str, name: str, options: dict[str, Any]) -> None:
+def check_set(block: SpeedBlock | BatchBlock) -> None:
     """Refuse wrong options of a problem set, by drawing a few problems of it.
 
     Raises
@@ -107,23 +107,10 @@ def check_set(robot: str, name: str, options: dict[str, Any]) -> None:
     InvalidInput
         An option that the set does not have, or out of range.
     """
-    few = options
-    if "count" in options:
-        check_count(options["count"], "count", FEW)
-        few = options | {"count": FEW}
-    build_method(SETS, name, "problem set", load(robot), 0, **few)
-
-
-def speed_problems(block: SpeedBlock, seed: int) -> tuple[Robot, ProblemSet]:
-    """Robot and problems of a block.
-
-    Raises
-    ------
-    InvalidInput
-        An option that the set does not have.
-    """
-    robot = load(block.robot)
-    return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
+    if "count" in block.options:
+        check_count(block.options["count"], "count", FEW)
+        block = replace(block, options=block.options | {"count": FEW})
+    problem_set(block, 0)
 
 
 # ---------------------------------------------------------------- who takes part

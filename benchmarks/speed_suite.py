@@ -5,52 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, optional_count
-from optik.check import check_count, check_number
+from benchmarks.methods import Method, method_of
+from benchmarks.problems.base import SETS
+from benchmarks.settings import (
+    Target,
+    all_of,
+    bounds,
+    check_different,
+    check_keys,
+    check_known,
+    check_list,
+    optional_count,
+)
+from optik.check import check_count
 from optik.errors import InvalidInput
 
-SETS = "benchmarks.problems"
 PEERS = "benchmarks.peers"
 
 CALL_MEASURES = ("success", "median_us", "mean_us", "p90_us", "p99_us", "max_us", "median_ratio")
 BATCH_MEASURES = ("success", "million_per_second", "extra_memory_mb")
 FIRST_MEASURES = ("import_s", "first_solve_s", "compile_s")
-
-
-@dataclass(frozen=True)
-class Target:
-    """What a block must show.
-
-    Attributes
-    ----------
-    measure : str
-        One of the block's measures; its last part is the unit.
-    method : str
-        Label of the method it is asked of; empty where the block has only one.
-    to : str
-        Label of the method or peer that ``median_ratio`` divides by.
-    at_most, at_least : float or None
-        The one that is given is the bound.
-    goal : bool
-        Whether it is only hoped for.
-    """
-
-    measure: str
-    method: str = ""
-    to: str = ""
-    at_most: float | None = None
-    at_least: float | None = None
-    goal: bool = False
-
-
-@dataclass(frozen=True)
-class SpeedMethod:
-    """One of our methods, timed as one call; restarts as the method has them by default."""
-
-    label: str
-    solver: str
-    options: dict[str, Any]
-    max_problems: int | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +46,7 @@ class SpeedBlock:
     set: str
     options: dict[str, Any]
     rounds: int
-    methods: tuple[SpeedMethod, ...]
+    methods: tuple[Method, ...]
     peers: tuple[PeerEntry, ...]
     targets: tuple[Target, ...]
 
@@ -120,7 +94,7 @@ def speed_block(data: Any) -> SpeedBlock:
     check_keys(data, keys, where, need={"id", "robot", "set", "methods"})
     _check_set(data)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    methods = all_of(data["methods"], f"{where}: methods", lambda m: _method(m, where))
+    methods = all_of(data["methods"], f"{where}: methods", lambda m: method_of(m, where))
     peers = all_of(data.get("peers"), f"{where}: peers", lambda p: _peer(p, where))
     labels = [m.label for m in methods] + [p.label for p in peers]
     check_different(labels, f"{where}: methods", "label")
@@ -171,13 +145,6 @@ def _check_set(data: dict[str, Any]) -> None:
     check_known(data["set"], SETS, "problem set")
 
 
-def _method(data: Any, where: str) -> SpeedMethod:
-    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    check_known(data["solver"], "optik.ik", "IK method")
-    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return SpeedMethod(str(data.get("label", data["solver"])), data["solver"], dict(data.get("options", {})), most)
-
-
 def _peer(data: Any, where: str) -> PeerEntry:
     check_keys(data, {"label", "peer", "max_problems"}, f"{where}: peers", need={"peer"})
     check_known(data["peer"], PEERS, "peer")
@@ -191,11 +158,6 @@ def _target(data: Any, where: str, measures: tuple[str, ...], labels: list[str])
     measure = data["measure"]
     if measure not in measures:
         raise InvalidInput(at, f"measure {measure!r}", f"one of {', '.join(measures)}")
-    if ("at_most" in data) == ("at_least" in data):
-        raise InvalidInput(at, f"{measure} with {sorted(set(data) - {'measure'})}", "either at_most or at_least")
-    bounds = {
-        key: check_number(data[key], f"{at}: {key}", "a number") for key in ("at_most", "at_least") if key in data
-    }
     method, to = str(data.get("method", labels[0] if labels else "")), str(data.get("to", ""))
     if (to != "") != (measure == "median_ratio"):
         raise InvalidInput(
@@ -204,6 +166,4 @@ def _target(data: Any, where: str, measures: tuple[str, ...], labels: list[str])
     for name in (method, to):
         if name and name not in labels:
             raise InvalidInput(at, repr(name), f"a label of the block: {', '.join(labels) or 'it has none'}")
-    if not isinstance(data.get("goal", False), bool):
-        raise InvalidInput(f"{at}: goal", repr(data["goal"])[:60], "true or false")
-    return Target(measure, method, to, bounds.get("at_most"), bounds.get("at_least"), data.get("goal", False))
+    return Target(measure, method, to, **bounds(data, at))

@@ -9,23 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, optional_count
-from benchmarks.speed_suite import SETS, BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
+from benchmarks.methods import Method, method_of
+from benchmarks.problems.base import SETS
+from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list
+from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
+from benchmarks.timing_suite import TimingBlock, timing_block
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.registry import data_file
 
 SUITES = "benchmarks.suites"
-
-
-@dataclass(frozen=True)
-class Method:
-    """One IK method with its options, and what reports call it."""
-
-    label: str
-    solver: str
-    options: dict[str, Any]
-    max_problems: int | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +52,7 @@ class LineTask:
 
 @dataclass(frozen=True)
 class Suite:
-    """A comparison: blocks of IK problems at budgets, a line, and what speed is asked of."""
+    """A comparison: blocks of IK problems at budgets, a line, what speed is asked of, and lines to time."""
 
     name: str
     title: str
@@ -69,6 +62,7 @@ class Suite:
     speed: tuple[SpeedBlock, ...]
     batch: tuple[BatchBlock, ...]
     first_use: FirstUse | None
+    timing: tuple[TimingBlock, ...]
     settings: dict[str, Any]
 
     @property
@@ -77,6 +71,7 @@ class Suite:
         found = [b.robot for b in self.blocks] + [b.robot for b in self.speed] + [b.robot for b in self.batch]
         found += [self.line.robot] if self.line is not None else []
         found += [self.first_use.robot] if self.first_use is not None else []
+        found += [name for b in self.timing for name in b.robots]
         return tuple(dict.fromkeys(found))
 
     @property
@@ -105,21 +100,22 @@ def load_suite(name: str) -> Suite:
 
 def suite_of(name: str, data: dict[str, Any]) -> Suite:
     """Check the settings of a suite and return it."""
-    check_keys(data, {"title", "seed", "blocks", "line", "speed", "batch", "first_use"}, "the suite")
+    check_keys(data, {"title", "seed", "blocks", "line", "speed", "batch", "first_use", "timing"}, "the suite")
     blocks = tuple(_block(b) for b in data.get("blocks", []))
     speed = all_of(data.get("speed"), "speed", speed_block)
     batch = all_of(data.get("batch"), "batch", batch_block)
-    ids = [b.id for b in blocks] + [b.id for b in speed] + [b.id for b in batch]
+    timing = all_of(data.get("timing"), "timing", timing_block)
+    ids = [b.id for part in (blocks, speed, batch, timing) for b in part]
     check_different(ids, "blocks", "id")
     line = _line(data["line"]) if "line" in data else None
     first = first_use(data["first_use"]) if "first_use" in data else None
-    if not blocks and not speed and not batch and line is None and first is None:
+    if not (blocks or speed or batch or timing) and line is None and first is None:
         raise InvalidInput(
-            f"suite {name!r}", "neither blocks nor a line, speed, batch or first_use", "something to run"
+            f"suite {name!r}", "neither blocks nor a line, speed, batch, first_use or timing", "something to run"
         )
     check_count(data.get("seed", 0), "seed", 0)
     title = str(data.get("title", name))
-    return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, data)
+    return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, timing, data)
 
 
 def _block(data: dict[str, Any]) -> Block:
@@ -137,7 +133,7 @@ def _block(data: dict[str, Any]) -> Block:
         check_count(budget, f"{where}: budgets", 1)
     if list(budgets) != sorted(set(budgets)):
         raise InvalidInput(f"{where}: budgets", budgets, "whole numbers, each larger than the one before")
-    methods = tuple(_method(m, where) for m in check_list(data["methods"], f"{where}: methods"))
+    methods = tuple(_budgeted(m, where) for m in check_list(data["methods"], f"{where}: methods"))
     check_different([m.label for m in methods], f"{where}: methods", "label")
     sweep = data.get("sweep", len(methods) > 1 and len({m.solver for m in methods}) == 1)
     if not isinstance(sweep, bool):
@@ -148,17 +144,15 @@ def _block(data: dict[str, Any]) -> Block:
     )  # fmt: skip
 
 
-def _method(data: dict[str, Any], where: str) -> Method:
-    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    check_known(data["solver"], "optik.ik", "IK method")
-    options = dict(data.get("options", {}))
+def _budgeted(data: Any, where: str) -> Method:
+    """A method that budgets stop: it has no other end of its own."""
+    method = method_of(data, where)
     for fixed in ("max_iterations", "max_restarts", "time_limit"):
-        if fixed in options:
+        if fixed in method.options:
             raise InvalidInput(
                 f"{where}: methods", fixed, "budgets in place of it: one attempt, stopped at each budget"
             )
-    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Method(str(data.get("label", data["solver"])), data["solver"], options, most)
+    return method
 
 
 def _line(data: dict[str, Any]) -> LineTask:

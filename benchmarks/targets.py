@@ -1,4 +1,4 @@
-"""Targets of speed: what was measured, held against what was asked."""
+"""Targets of speed and of timing: what was measured, held against what was asked."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from benchmarks.batch import batch_rows
 from benchmarks.first_use import first_use_rows
 from benchmarks.records import RunFolder
+from benchmarks.settings import Target
 from benchmarks.speed import shared, speed_rows
-from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock, Target
+from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock
 from benchmarks.suite import Suite
+from benchmarks.timing_rows import measure_timing, timing_rows
+from benchmarks.timing_suite import TIMING_MEASURES, TimingBlock
 
 Array = NDArray[np.float64]
 
@@ -32,6 +35,7 @@ WORDS = {
     "import_s": ("import optik", "s"),
     "first_solve_s": ("first solve after import, compiled before", "s"),
     "compile_s": ("first solve after import, nothing compiled", "s"),
+    **TIMING_MEASURES,
 }
 """What each measure is called, and its unit."""
 
@@ -87,7 +91,8 @@ class Outcome:
         """The measure in words, of whom, with its unit apart."""
         words = WORDS[self.target.measure][0]
         of = f"{self.target.method}: " if self.target.method else ""
-        return f"{of}{words}{' ' + self.target.to if self.target.to else ''}"
+        group = f", {self.target.group.replace('_', '-')}" if self.target.group else ""
+        return f"{of}{words}{' ' + self.target.to if self.target.to else ''}{group}"
 
     @property
     def unit(self) -> str:
@@ -97,9 +102,21 @@ class Outcome:
 
 def outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
     """Every target of a suite, in its order."""
+    timing = [o for block in suite.timing for o in timing_outcomes(block, folder)]
+    return speed_outcomes(suite, folder) + timing
+
+
+def speed_outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
+    """Every target of single calls, batches and first use."""
     found = [o for block in suite.speed for o in _calls(block, folder)]
     found += [o for batch in suite.batch for o in _batch(batch, folder)]
     return found + (_first(suite.first_use, folder) if suite.first_use is not None else [])
+
+
+def timing_outcomes(block: TimingBlock, folder: RunFolder) -> list[Outcome]:
+    """Every target of a block of timed lines."""
+    rows = timing_rows(folder, block)
+    return [Outcome(block.id, block.title, target, *measure_timing(rows, target)) for target in block.targets]
 
 
 def _calls(block: SpeedBlock, folder: RunFolder) -> list[Outcome]:

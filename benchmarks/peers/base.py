@@ -77,11 +77,17 @@ def build_peer(name: str, robot: Robot) -> Peer | Absent:
     UnknownName
         No such peer; the nearest names are offered.
     """
-    kind: type[Peer] = load_method(PEERS, name, "peer")
     try:
-        return kind(robot)
+        peer: Peer | Absent = built_or_absent(load_method(PEERS, name, "peer"), robot)
     except InvalidInput as error:
         return Absent(f"does not take {robot.name}: {error.got}, where it takes {error.expected}")
+    return peer
+
+
+def built_or_absent(kind: Any, *arguments: Any) -> Any:
+    """Build what a class with ``package`` and ``distribution`` describes, or say why its package is not here."""
+    try:
+        return kind(*arguments)
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != kind.package:
             raise
@@ -90,9 +96,9 @@ def build_peer(name: str, robot: Robot) -> Peer | Absent:
         return Absent(f"cannot be imported here: {error}")
 
 
-def version_of(name: str) -> str | None:
+def version_of(name: str, folder: str = PEERS) -> str | None:
     """Installed version of a peer; None where it is not installed."""
-    kind: type[Peer] = load_method(PEERS, name, "peer")
+    kind: Any = load_method(folder, name, "peer")
     try:
         return importlib.metadata.version(kind.distribution)
     except importlib.metadata.PackageNotFoundError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import polars as pl
@@ -10,9 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
 from optik.errors import InvalidInput
-from optik.robot import Robot
+from optik.registry import build_method
+from optik.robot import Robot, load
 
 Array = NDArray[np.float64]
+
+SETS = "benchmarks.problems"
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,31 @@ class ProblemSet:
                 "start": self.starts.tolist(),
             }
         )
+
+
+class Draws(Protocol):
+    """What names a problem set: a block of a suite."""
+
+    @property
+    def robot(self) -> str: ...  # noqa: D102
+
+    @property
+    def set(self) -> str: ...  # noqa: D102
+
+    @property
+    def options(self) -> dict[str, Any]: ...  # noqa: D102
+
+
+def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
+    """Robot and problems of a block.
+
+    Raises
+    ------
+    InvalidInput
+        An option that the set does not have.
+    """
+    robot = load(block.robot)
+    return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:

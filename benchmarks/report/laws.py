@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.report.numbers import number
+from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
 from optik.robot import LIMIT_TOLERANCE
 
@@ -74,12 +74,7 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
 
 def ratio_words(w: Worst) -> str:
     """Value over limit; near 1 with as many digits as show how near."""
-    if w.ratio is None:
-        return "no limit"
-    off = w.ratio - 1.0
-    if 0.0 < abs(off) < 5e-4:
-        return f"{w.ratio:.{min(1 - math.floor(math.log10(abs(off))), 12)}f}"
-    return number(w.ratio)
+    return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
 def laws(run: Run) -> dict[str, Any] | None:
@@ -119,7 +114,7 @@ def _row(p: dict[str, Any], run: Run) -> dict[str, Any]:
         "ratios": {f: ratio_words(worst(c, f)) for f in FIELDS},
         "sampled_jerk": number(c["sampled_jerk"][sampled]), "sampled_joint": c["joint_names"][sampled], "rate": c["rate"],
         "distance": number(1e6 * c["path_error"]["distance"]), "angle": number(1e6 * c["path_error"]["angle"]),
-        "speed": number(1e3 * c["tool_speed"]), "continuous": c["continuous"], "rest": c["rest"],
+        "speed": number(1e3 * c["tool_speed"]["value"]), "continuous": c["continuous"], "rest": c["rest"],
         "keeps": c["keeps"], "holds": c["holds"], "broken": c["broken"], "breaks": broken_limits(c),
         "end_error": number(p["end_error"]),
     }  # fmt: skip

@@ -36,6 +36,25 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{sign}{mantissa}·10{str(power).translate(_RAISED)}"
 
 
+def ratio(value: float) -> str:
+    """Format a value over its limit; near 1 with as many digits as show on which side.
+
+    Parameters
+    ----------
+    value : float
+        Value over limit.
+
+    Returns
+    -------
+    str
+        1.00 for exactly 1, 0.99999976 or 1.0000057 beside it.
+    """
+    off = value - 1.0
+    if math.isfinite(value) and 0.0 < abs(off) < 5e-4:
+        return f"{value:.{min(1 - math.floor(math.log10(abs(off))), 12)}f}"
+    return number(value)
+
+
 def percent(share: float, digits: int = 1) -> str:
     """Format a share given in percent."""
     return "–" if math.isnan(share) else f"{share:.{digits}f} %"

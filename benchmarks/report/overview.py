@@ -12,7 +12,7 @@ from benchmarks.experiments.base import PARTLY
 from benchmarks.metrics import LEVELS, level_words, success
 from benchmarks.report.laws import broken_limits
 from benchmarks.report.numbers import number, percent
-from benchmarks.report.run import BlockRows, Run
+from benchmarks.report.run import BlockRows, Run, TimingRows
 from benchmarks.targets import outcomes
 from optik.errors import UnknownName
 from optik.robot import load
@@ -20,8 +20,9 @@ from optik.robot import load
 
 def overview(run: Run) -> dict[str, Any]:
     """What was compared, on what, and what came out."""
-    asked = [(b.id, b.title) for b in run.suite.blocks] + [(b.id, b.title) for b in run.suite.speed]
-    begun = {b.block.id for b in run.blocks} | {b.block.id for b in run.speed}
+    suite = run.suite
+    asked = [(b.id, b.title) for part in (suite.blocks, suite.speed, suite.timing) for b in part]
+    begun = {b.block.id for part in (run.blocks, run.speed, run.timing) for b in part}
     return {
         "title": run.suite.title,
         "suite": run.suite.name,
@@ -33,7 +34,19 @@ def overview(run: Run) -> dict[str, Any]:
         "missing": [title for key, title in asked if key not in begun],
         "timed": bool(run.suite.speed or run.suite.batch),
         "line": _line(run),
-        "findings": [f for f in (*map(_rates, run.comparisons), _durations(run), _verdicts(run), _targets(run)) if f],
+        "lines": sum(part.count for b in suite.timing for part in b.lines),
+        "solvers": bool(suite.blocks or suite.speed or suite.batch or suite.line),
+        "findings": [
+            f
+            for f in (
+                *map(_rates, run.comparisons),
+                _durations(run),
+                *map(_timings, run.timing),
+                _verdicts(run),
+                _targets(run),
+            )
+            if f
+        ],
     }
 
 
@@ -107,6 +120,23 @@ def _durations(run: Run) -> str:
     return f"The line of {number(1e3 * run.solved_plans[0]['length'])} mm by {ik}: " + "; ".join(words) + "."
 
 
+def _timings(b: TimingRows) -> str:
+    """Durations and times of every law of ours, and of the peers that were here, on all lines."""
+    words = []
+    for label in b.entries:
+        rows = b.rows.filter((pl.col("law") == label) & pl.col("solved"))
+        if rows.is_empty():
+            continue
+        kept = int(rows["keeps_all"].sum())
+        keeps = (
+            "keeps every limit" if kept == len(rows) else f"keeps every limit on {percent(100.0 * kept / len(rows))}"
+        )
+        ratio, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
+        words.append(f"{label} {number(ratio, 4)} T* ({keeps}, {number(ms)} ms)")
+    lines = b.rows["line"].n_unique()
+    return f"{b.block.title}, {lines:,} of them, medians: " + "; ".join(words) + "." if words else ""
+
+
 def _verdicts(run: Run) -> str:
     """How many claims hold."""
     if not run.suite.blocks and run.suite.line is None:
@@ -123,7 +153,7 @@ def _verdicts(run: Run) -> str:
 
 
 def _targets(run: Run) -> str:
-    """How many targets of speed are held, and which are not."""
+    """How many targets are held, and which are not."""
     found = outcomes(run.suite, run.folder)
     if not found:
         return ""
@@ -133,7 +163,7 @@ def _targets(run: Run) -> str:
     )
     held, unknown = sum(o.held is True for o in found), sum(o.held is None for o in found)
     return (
-        f"Of {len(found)} targets of speed, {held} {'is' if held == 1 else 'are'} held"
+        f"Of {len(found)} targets, {held} {'is' if held == 1 else 'are'} held"
         + (f", {unknown} could not be measured" if unknown else "")
         + (f". Not held: {words}." if missed else ".")
     )

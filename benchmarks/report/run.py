@@ -15,6 +15,9 @@ from benchmarks.report.figures import colour, law_colours
 from benchmarks.speed import speed_facts, speed_rows
 from benchmarks.speed_suite import SpeedBlock
 from benchmarks.suite import Block, Suite, suite_of
+from benchmarks.timing import example_part
+from benchmarks.timing_rows import timing_facts, timing_rows
+from benchmarks.timing_suite import TimingBlock
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,22 @@ class Run:
         """Colour of a method or peer where calls are timed: ours first, then the peers, the same in every block."""
         ours = dict.fromkeys(m.label for b in self.suite.speed for m in b.methods)
         peers = dict.fromkeys(p.label for b in self.suite.speed for p in b.peers)
+        return colour(list(ours | peers).index(label))
+
+    @cached_property
+    def timing(self) -> list[TimingRows]:
+        """Blocks of timed lines that have rows."""
+        out = []
+        for block in self.suite.timing:
+            rows = timing_rows(self.folder, block)
+            if rows is not None:
+                out.append(TimingRows(block, rows, timing_facts(self.folder, block), self.folder))
+        return out
+
+    def timing_colour(self, label: str) -> str:
+        """Colour of a time law or peer on many lines: ours first, then the peers, the same in every block."""
+        ours = dict.fromkeys(law.label for b in self.suite.timing for law in b.laws)
+        peers = dict.fromkeys(peer.label for b in self.suite.timing for peer in b.peers)
         return colour(list(ours | peers).index(label))
 
     @cached_property
@@ -110,6 +129,26 @@ class SpeedRows:
         """Facts on every method and peer by label, in the suite's order."""
         known = self.facts["entries"]
         return {label: known[label] for label in self.block.labels if label in known}
+
+
+@dataclass(frozen=True)
+class TimingRows:
+    """A block of timed lines, its rows, and the facts on who took part."""
+
+    block: TimingBlock
+    rows: pl.DataFrame
+    facts: dict[str, Any]
+    folder: RunFolder
+
+    @cached_property
+    def entries(self) -> dict[str, dict[str, Any]]:
+        """Facts on every law and peer by label, in the suite's order; the reference apart."""
+        known = self.facts["entries"]
+        return {label: known[label] for label in self.block.labels if label in known}
+
+    def example(self, name: str) -> pl.DataFrame | None:
+        """A part of the line that is looked at closely."""
+        return self.folder.read(example_part(self.block, name))
 
 
 @dataclass(frozen=True)

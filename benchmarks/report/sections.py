@@ -15,6 +15,7 @@ from benchmarks.report.methods import methods
 from benchmarks.report.motion import motion
 from benchmarks.report.run import Run
 from benchmarks.report.speed import speed
+from benchmarks.report.timing import timing
 from benchmarks.report.workspace import maps
 
 
@@ -40,6 +41,7 @@ class Section:
 
 SECTIONS = (
     Section("Speed of one call", "speed", speed, "speed.html.j2"),
+    Section("Time laws on many lines", "timing", timing, "timing.html.j2"),
     Section("Methods", "methods", methods, "methods.html.j2"),
     Section("Error against distance and budget", "error", accuracy, "accuracy.html.j2"),
     Section("Which damping, where", "damping", damping, "damping.html.j2"),

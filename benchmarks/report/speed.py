@@ -15,11 +15,21 @@ from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run, SpeedRows
 from benchmarks.statistics import quantiles, wilson
-from benchmarks.targets import WORDS, Outcome, median_ratio, outcomes
+from benchmarks.targets import WORDS, Outcome, median_ratio, speed_outcomes
 
 LEVELS = (0.5, 0.9, 0.99, 1.0)
 CURVE = np.unique(np.concatenate([np.linspace(0.0, 0.98, 99), 1.0 - np.geomspace(0.02, 1e-4, 40), [1.0]]))
 """Shares of calls at which a distribution is drawn: evenly, and finer at the slow end."""
+PRECISE = {
+    "success",
+    "worst_ratio",
+    "worst_velocity",
+    "worst_acceleration",
+    "worst_jerk",
+    "median_optimum",
+    "worst_optimum",
+}
+"""Measures of which the digits near a whole number say something."""
 VERDICTS = {True: ("held", "good"), False: ("not held", "bad"), None: ("not measured", "none")}
 
 
@@ -30,7 +40,7 @@ def speed(run: Run) -> dict[str, Any] | None:
         return None
     blocks = run.speed
     return {
-        "targets": [_outcome(o) for o in outcomes(suite, run.folder)],
+        "targets": [outcome_row(o) for o in speed_outcomes(suite, run.folder)],
         "tables": [_table(b, run) for b in blocks],
         "failures": [f for b in blocks if (f := _failures(b, run))],
         "boards": [_distributions(blocks, run)] if blocks else [],
@@ -54,12 +64,13 @@ def share(solved: int, count: int) -> tuple[str, str]:
     )
 
 
-def _outcome(o: Outcome) -> dict[str, Any]:
+def outcome_row(o: Outcome) -> dict[str, Any]:
+    """A target as the tables show it."""
     words, look = VERDICTS[o.held]
     if o.target.goal:
         words += ", a goal"
         look = "partly" if o.held is False else look
-    precise = o.target.measure == "success" and not math.isnan(o.value)
+    precise = o.target.measure in PRECISE and not math.isnan(o.value)
     return {
         "where": o.where, "what": o.what, "value": f"{o.value:.7g}" if precise else number(o.value),
         "asked": o.asked, "unit": o.unit, "words": words, "look": look, "note": o.note, "number": o.value,

@@ -57,7 +57,7 @@ def page(speed_run: RunFolder) -> Page:
 
 def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
     assert page.anchors == ["speed", "limitations", "provenance"]
-    assert "Of 3 targets of speed, 1 is held, 1 could not be measured." in page.text
+    assert "Of 3 targets, 1 is held, 1 could not be measured." in page.text
 
 
 def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:

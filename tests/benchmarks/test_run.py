@@ -13,9 +13,9 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
-from benchmarks.run import at_budget, problem_set, run_suite
+from benchmarks.run import at_budget, run_suite
 from benchmarks.suite import load_suite
 from optik import load
 from optik.errors import InvalidInput, OutputError

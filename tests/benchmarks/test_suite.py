@@ -18,7 +18,7 @@ from tests.benchmarks.conftest import SMALL
 def test_every_suite_that_comes_along_loads(name: str) -> None:
     suite = load_suite(name)
     assert suite.name == name
-    assert suite.blocks or suite.line or suite.speed
+    assert suite.blocks or suite.line or suite.speed or suite.timing
     assert suite.robots
 
 
@@ -126,6 +126,61 @@ SPEED: dict[str, Any] = {
 def test_a_wrong_setting_of_speed_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
     with pytest.raises(error, match=word):
         suite_of("speed", _changed(path, value, SPEED))
+
+
+TIMING: dict[str, Any] = {
+    "timing": [
+        {
+            "id": "lines",
+            "lines": [{"robot": "paper6r", "kind": "regular", "count": 2}],
+            "limits": [{"velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}],
+            "laws": [{"law": "ruckig"}, {"law": "toppra"}],
+            "peers": [{"peer": "toppra_spline"}],
+            "reference": {"law": "optimal"},
+            "targets": [{"law": "ruckig", "measure": "median_ms", "group": "regular", "at_most": 10}],
+        }
+    ]
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "error", "word"),
+    [
+        (["timing", 0], 1, InvalidInput, "timing block"),
+        (["timing", 0, "line"], 1, InvalidInput, "'line'"),
+        (["timing", 0, "lines", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (["timing", 0, "lines", 0, "kind"], "singular", InvalidInput, "near_singular"),
+        (["timing", 0, "lines", 0, "count"], 0, InvalidInput, "count"),
+        (["timing", 0, "limits", 0], {}, InvalidInput, "velocity"),
+        (["timing", 0, "limits", 0, "jerk"], -1, InvalidInput, "jerk"),
+        (["timing", 0, "laws", 0, "law"], "rukig", UnknownName, "ruckig"),
+        (["timing", 0, "laws", 1, "label"], "ruckig", InvalidInput, "label"),
+        (["timing", 0, "peers", 0, "peer"], "cop", UnknownName, "did you mean copp"),
+        (["timing", 0, "peers", 0, "max_lines"], 0, InvalidInput, "max_lines"),
+        (["timing", 0, "reference", "law"], "best", UnknownName, "optimal"),
+        (["timing", 0, "plan"], "toppra spline", InvalidInput, "ruckig, toppra"),
+        (["timing", 0, "ik"], "lmm", UnknownName, "lm"),
+        (["timing", 0, "rounds"], 0, InvalidInput, "rounds"),
+        (["timing", 0, "example"], {"limits": "(1, 2)"}, InvalidInput, "2.0, 10.0, 100.0"),
+        (["timing", 0, "targets", 0, "measure"], "median_us", InvalidInput, "median_ms"),
+        (["timing", 0, "targets", 0, "law"], "optimal", InvalidInput, "ruckig, toppra"),
+        (["timing", 0, "targets", 0, "group"], "ur5e", InvalidInput, "regular, paper6r"),
+        (["timing", 0, "targets", 0, "at_least"], 1, InvalidInput, "either at_most or at_least"),
+    ],
+)
+def test_a_wrong_setting_of_timing_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
+    with pytest.raises(error, match=word):
+        suite_of("timing", _changed(path, value, TIMING))
+
+
+def test_a_timing_block_looks_closely_at_its_first_line_that_is_near_singular() -> None:
+    suite = suite_of("timing", copy.deepcopy(TIMING))
+    assert suite.timing[0].labels == ("ruckig", "toppra", "toppra spline")
+    assert (suite.timing[0].plan, suite.timing[0].example.kind) == ("ruckig", "regular")
+    lines = TIMING["timing"][0]["lines"]
+    more = _changed(["timing", 0, "lines"], [*lines, {"robot": "ur5e", "kind": "near_singular", "count": 1}], TIMING)
+    example = suite_of("timing", more).timing[0].example
+    assert (example.robot, example.kind, example.limits) == ("ur5e", "near_singular", "2.0, 10.0, 100.0")
 
 
 def test_labels_of_peers_are_their_names_and_targets_ask_of_the_first_method() -> None:

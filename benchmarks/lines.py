@@ -1,0 +1,163 @@
+"""Straight lines to time: drawn so that the whole line can be followed, grouped by how near they come to a singularity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.problems.base import smallest_singular_values
+from optik import se3
+from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.robot import Robot, load
+from planners.paths.line import Line
+
+Array = NDArray[np.float64]
+
+KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}
+"""Where the smallest singular value along the whole line lies, its least value judged."""
+LENGTHS = (0.05, 0.4)
+"""Of the lines [m]."""
+TURNS = (0.05, 0.5)
+"""Angle [rad] that the tool turns through on every other line; it keeps its orientation on the rest."""
+ROOM = 0.02
+"""Least room to the joint limits along the whole line [rad or m], so that no rounding ends a line early."""
+STEPS = 120
+"""Steps of the track; the fastest joint of the hardest line moves about 0.1 rad in one."""
+TRACKED = 1e-9
+"""Error that Newton must leave at every step [m and rad]."""
+LANES = 8
+"""Candidates tracked side by side."""
+MOST_DRAWS = 100_000
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """A line and where the arm starts on it.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm.
+    kind : str
+        ``regular`` or ``near_singular``.
+    index : int
+        Which one of its kind.
+    q_start : (n,) array
+        Configuration at the start, inside the limits.
+    path : Line
+        Straight, turning about a fixed axis or not at all.
+    singular_value : float
+        Smallest singular value of the Jacobian along the track that was followed to judge the line.
+    draws : int
+        How many lines were drawn until one could be followed and was of its kind.
+    """
+
+    robot: Robot
+    kind: str
+    index: int
+    q_start: Array
+    path: Line
+    singular_value: float
+    draws: int
+
+
+def draw_lines(robot: str, kind: str, count: int, *, seed: int = 0, first: int = 0) -> list[DrawnLine]:
+    """Lines ``first`` to ``first + count``, each of a random stream of its own: any part of a set is the same lines."""
+    check_count(count, "count", 1)
+    return [draw_line(robot, kind, index, seed=seed) for index in range(first, first + count)]
+
+
+def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
+    """Draw one line, the same for the same robot, kind, index and seed.
+
+    A start uniform inside the limits, a direction uniform on the sphere, a length, for odd indices a turn; drawn again
+    until the arm can follow the whole line with `ROOM` to its limits and its smallest singular value is of the kind.
+    Followed here means: Newton on the pose in many small steps of least joint motion, which needs no planner, so the set
+    stays the same when planners change.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the arm.
+    kind : str
+        One of `KINDS`.
+    index : int
+        Which one, from 0.
+    seed : int
+        Of the whole set.
+
+    Raises
+    ------
+    UnknownName
+        No such robot.
+    InvalidInput
+        Another kind, or an arm that has no such line in `MOST_DRAWS` draws.
+    """
+    if kind not in KINDS:
+        raise InvalidInput("kind", repr(kind), f"one of {', '.join(KINDS)}")
+    check_count(index, "index", 0)
+    check_count(seed, "seed", 0)
+    arm = load(robot)
+    rng = np.random.default_rng((seed, crc32(robot.encode()), crc32(kind.encode()), index))
+    for draws in range(0, MOST_DRAWS, LANES):
+        starts, goals = _candidates(arm, rng, turns=index % 2 == 1)
+        low, high = KINDS[kind]
+        singular_values = _tracked(arm, starts, goals, low)
+        good = np.flatnonzero((singular_values >= low) & (singular_values <= high))
+        if good.size:
+            i = int(good[0])
+            path = Line(arm.fk(starts[i]), goals[i])
+            return DrawnLine(arm, kind, index, starts[i], path, float(singular_values[i]), draws + i + 1)
+    raise InvalidInput("kind", f"{kind} on {robot}: no line in {MOST_DRAWS:,} draws", "an arm that has such lines")
+
+
+def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple[Array, Array]:
+    """Start configurations (k, n) and goal poses (k, 4, 4)."""
+    lower, upper = robot.limits.lower + ROOM, robot.limits.upper - ROOM
+    starts = rng.uniform(lower, upper, (LANES, robot.n))
+    move, axis = rng.normal(size=(2, LANES, 3))
+    length, angle = rng.uniform(*LENGTHS, LANES), rng.uniform(*TURNS, LANES)
+    goals = robot.fk(starts)
+    goals[:, :3, 3] += (length / np.linalg.norm(move, axis=1))[:, None] * move
+    if turns:
+        w = (angle / np.linalg.norm(axis, axis=1))[:, None] * axis
+        goals[:, :3, :3] = np.stack([se3.exp_so3(turn) for turn in w]) @ goals[:, :3, :3]
+    return starts, goals
+
+
+def _tracked(robot: Robot, q: Array, goals: Array, low: float) -> Array:
+    """Smallest singular value (k,) along the tracks from q (k, n) to the goals; NaN where a track leaves its room.
+
+    A track that falls below `low` is given up, and has the value that it had there.
+    """
+    q = q.copy()
+    lower, upper = robot.limits.lower + ROOM, robot.limits.upper - ROOM
+    poses = np.stack(
+        [se3.interpolate(a, b, np.linspace(0.0, 1.0, STEPS + 1)) for a, b in zip(robot.fk(q), goals, strict=True)]
+    )
+    least = smallest_singular_values(robot, q)
+    for step in range(1, STEPS + 1):
+        alive = np.flatnonzero(least >= low)
+        if not alive.size:
+            break
+        moved = _newton(robot, q[alive], poses[alive, step])
+        inside = ((moved >= lower) & (moved <= upper)).all(axis=1)
+        inside &= np.abs(robot.errors(moved, poses[alive, step])).max(axis=1) <= TRACKED
+        q[alive] = np.where(inside[:, None], moved, q[alive])
+        least[alive] = np.where(inside, np.fmin(least[alive], smallest_singular_values(robot, q[alive])), np.nan)
+    return least
+
+
+def _newton(robot: Robot, q: Array, poses: Array) -> Array:
+    """Configurations (k, n) at poses (k, 4, 4) near q, each step the least joint motion: Jᵀ (J Jᵀ)⁻¹ e."""
+    for _ in range(4):
+        J = robot.jacobian(q)
+        transposed = J.transpose(0, 2, 1)
+        # the damping keeps a singular J from being an error; there the track is lost by its residual
+        normal = J @ transposed + 1e-14 * np.eye(6)
+        q = q + (transposed @ np.linalg.solve(normal, robot.errors(q, poses)[..., None]))[..., 0]
+    return q

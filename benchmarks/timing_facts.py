@@ -1,0 +1,78 @@
+"""Facts on one timed motion: what it keeps by its certificate, and what brute force finds beside that."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from optik import se3
+from optik.robot import LIMIT_TOLERANCE, Robot
+from planners.certificate import Certificate
+from planners.fit import stretch
+from planners.paths.base import Path
+from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.trajectory import Trajectory
+
+INSTANTS = 4999
+"""Of the brute force beside the certificate: others than those that it looks at itself."""
+SOLVED = "solved"
+COLUMNS = (
+    "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
+    "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "sampled_jerk", "tool_speed",
+    "rotation_speed", "holds", "broken", "breaks", "slowed", "least_duration", "distance", "angle", "true_distance",
+    "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
+)  # fmt: skip
+"""Of a row, beside those of its line. Ratios are worst values over limits, exact."""
+KINDS = {
+    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in DERIVATIVES)),
+    pl.Boolean: ("holds",),
+    pl.Int64: ("continuous",),
+}
+"""Of the columns that are no numbers."""
+SCHEMA = {name: next((kind for kind, some in KINDS.items() if name in some), pl.Float64) for name in COLUMNS}
+EXACT_DIGITS = 11
+"""Ratios are rounded to so many decimals: rounding takes 1e-12 from one of exactly 1."""
+
+
+def blank(law: str, entry: str) -> dict[str, Any]:
+    """A row with every column, of a law or peer that has no motion."""
+    return dict.fromkeys(COLUMNS) | {"law": law, "entry": entry, "status": SOLVED, "reason": ""}
+
+
+def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
+    """What a motion keeps, by its certificate, and what brute force finds of its deviation."""
+    facts: dict[str, Any] = {
+        "status": SOLVED, "duration": motion.duration, "holds": proof.holds, "broken": "; ".join(proof.broken),
+        "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
+        "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
+        "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
+        "sampled_jerk": float(proof.sampled_jerk.max()),
+        "least_duration": least_duration(robot, motion, proof, limits),
+    }  # fmt: skip
+    for field in DERIVATIVES:
+        ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
+        facts[field] = round(ratio, EXACT_DIGITS)
+    facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
+    return facts
+
+
+def least_duration(robot: Robot, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
+    """Duration [s] at which the same motion, scaled in time uniformly, just keeps every limit; infinite where none does."""
+    if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
+        return float("inf")
+    return motion.duration * stretch(robot, motion, limits)
+
+
+def breaks(proof: Certificate) -> list[str]:
+    """The limits that a motion exceeds, promised or not."""
+    found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], EXACT_DIGITS) > 1.0]
+    return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
+
+
+def off_path(robot: Robot, path: Path, motion: Trajectory, instants: int = INSTANTS) -> tuple[float, float]:
+    """Largest distance [m] and angle [rad] between tool and path at many instants."""
+    tool = robot.fk(motion(np.linspace(0.0, motion.end, instants)))
+    e = se3.error(tool, path.pose(path.nearest(tool)))
+    return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())

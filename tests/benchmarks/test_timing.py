@@ -1,0 +1,408 @@
+"""Lines timed by laws and peers: certified, continued, compared with the shortest motion known, shown in the report."""
+
+from __future__ import annotations
+
+import copy
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.optimize import linprog
+
+from benchmarks.lines import DrawnLine, draw_line
+from benchmarks.peers.base import Absent
+from benchmarks.records import RunFolder
+from benchmarks.report.numbers import ratio
+from benchmarks.run import run_suite
+from benchmarks.settings import Target
+from benchmarks.suite import Suite, suite_of
+from benchmarks.targets import outcomes
+from benchmarks.timing import example_part, timing_parts
+from benchmarks.timing_example import maximum_velocity
+from benchmarks.timing_facts import SCHEMA, blank
+from benchmarks.timing_peers.base import TimingPeer, build_timing_peer
+from benchmarks.timing_rows import measure_timing, timing_facts, timing_rows
+from benchmarks.timing_suite import TIMING_PEERS
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import make_solver
+from optik.registry import load_method, names
+from planners import JointPath, MotionLimits, certify, follow, make_law
+from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
+
+LIMITS = MotionLimits(velocity=2.0, acceleration=10.0, jerk=100.0)
+QUICK: dict[str, Any] = {
+    "title": "a few lines",
+    "seed": 4,
+    "timing": [
+        {
+            "id": "few lines",
+            "title": "A few <b>",
+            "lines": [
+                {"robot": "paper6r", "kind": "regular", "count": 4},
+                {"robot": "paper6r", "kind": "near_singular", "count": 1},
+                {"robot": "ur5e", "kind": "regular", "count": 1},
+            ],
+            "limits": [{"label": "ours", "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}],
+            "laws": [{"law": "quintic"}, {"law": "toppra"}, {"law": "optimal"}],
+            "peers": [
+                {"peer": "copp", "label": "copp"},
+                {"peer": "toppra_spline", "label": "splines", "max_lines": 1},
+            ],
+            "reference": {"law": "optimal", "label": "reference", "options": {"intervals": 300}},
+            "plan": "optimal",
+            "samples": 51,
+            "rounds": 1,
+            "targets": [
+                {"law": "optimal", "measure": "worst_ratio", "at_most": 1.0},
+                {"law": "optimal", "measure": "worst_optimum", "at_most": 1.01},
+                {"law": "quintic", "measure": "worst_jerk", "group": "near_singular", "at_most": 1.0},
+                {"law": "copp", "measure": "median_optimum", "at_most": 1.01},
+                {"law": "optimal", "measure": "truth_over_bound", "at_most": 1.0},
+                {"law": "quintic", "measure": "plan_ms", "at_most": 1.0, "goal": True},
+            ],
+        }
+    ],
+}
+
+
+def quick_suite() -> Suite:
+    return suite_of("quick", copy.deepcopy(QUICK))
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "copp_py", None)  # what the import machinery says of a package that is not there
+        return run_suite(quick_suite(), tmp_path_factory.mktemp("timing") / "run")
+
+
+def rows_of(folder: RunFolder) -> pl.DataFrame:
+    rows = timing_rows(folder, quick_suite().timing[0])
+    assert rows is not None
+    return rows
+
+
+def joints_of(line: DrawnLine, samples: int = 51) -> JointPath:
+    found = follow(make_solver(line.robot, "lm"), line.path, line.q_start, samples=samples).joint_path
+    assert found is not None
+    return found
+
+
+# ---------------------------------------------------------------- a run
+
+
+def test_every_law_has_every_line_and_a_peer_the_first_of_each_set(quick: RunFolder) -> None:
+    counts = dict(rows_of(quick).group_by("law").len().iter_rows())
+    assert counts == {"quintic": 6, "toppra": 6, "optimal": 6, "reference": 6, "splines": 3}
+    assert rows_of(quick)["solved"].all()
+
+
+def test_an_absent_peer_says_how_to_install_it(quick: RunFolder) -> None:
+    entries = timing_facts(quick, quick_suite().timing[0])["entries"]
+    assert entries["copp"]["absent"] == "not installed: pip install copp-py"
+    assert "absent" not in entries["splines"]
+    assert entries["reference"]["kind"] == "reference"
+    assert entries["quintic"]["keeps"] == []
+
+
+def test_a_row_is_what_the_law_and_a_dense_look_say(quick: RunFolder) -> None:
+    line = draw_line("paper6r", "regular", 2, seed=4)
+    motion = make_law("optimal").run(joints_of(line), LIMITS)
+    row = rows_of(quick).filter((pl.col("law") == "optimal") & (pl.col("line") == 2)).row(0, named=True)
+    assert row["duration"] == pytest.approx(motion.duration, rel=1e-9)
+    t = np.linspace(0.0, motion.end, 20_001)
+    for order, (field, limit) in enumerate((("velocity", 2.0), ("acceleration", 10.0), ("jerk", 100.0)), start=1):
+        seen = np.abs(motion(t, order)).max() / limit
+        assert seen <= row[field] + 1e-9
+        assert row[field] == pytest.approx(seen, rel=1e-2)
+    assert row["true_distance"] <= row["distance"] * (1 + 1e-9)
+    assert row["length"] == pytest.approx(line.path.end)
+    assert row["ms_law"] > 0.0
+    assert row["ms_plan"] > row["ms_follow"]
+
+
+def test_limits_that_are_broken_are_named_promised_or_not(quick: RunFolder) -> None:
+    rows = rows_of(quick)
+    assert (rows.filter(pl.col("law") == "optimal")["breaks"] == "").all()
+    for row in rows.iter_rows(named=True):
+        beyond = [field for field in ("velocity", "acceleration", "jerk") if row[field] > 1.0]
+        assert row["breaks"].split(", ") == (beyond or [""])
+    assert (rows.filter(pl.col("law") == "quintic")["jerk"] > 1.0).any()
+    toppra = rows.filter(pl.col("law") == "toppra")
+    assert toppra["breaks"].str.contains("jerk").all()
+    assert np.isinf(toppra["jerk"].to_numpy()).all()
+    assert np.isinf(toppra["least_duration"].to_numpy()).all()
+
+
+def test_the_quintic_breaks_nothing_at_its_least_duration(quick: RunFolder) -> None:
+    line = draw_line("paper6r", "regular", 0, seed=4)
+    row = rows_of(quick).filter((pl.col("law") == "quintic") & (pl.col("line") == 0)).row(0, named=True)
+    law = make_law("quintic", duration=row["least_duration"], step=row["least_duration"] / 150)
+    proof = certify(line.robot, line.path, law.run(joints_of(line), LIMITS), LIMITS)
+    assert max(proof.worst(field)[0] for field in ("velocity", "acceleration", "jerk")) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_stopped_run_is_continued_with_the_same_answers(quick: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(quick.path, tmp_path / "run")
+    parts = timing_parts(quick_suite().timing[0])
+    assert len(parts) == 2
+    (tmp_path / "run" / parts[1]).unlink()
+    kept = (tmp_path / "run" / parts[0]).stat().st_mtime_ns
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "copp_py", None)
+        folder = run_suite(quick_suite(), tmp_path / "run")
+    assert (tmp_path / "run" / parts[0]).stat().st_mtime_ns == kept
+    same = ["line", "law", "limits", "duration", "jerk", "distance", "breaks"]
+    assert rows_of(folder).select(same).equals(rows_of(quick).select(same))
+
+
+def test_wrong_options_and_missing_limits_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    for path, value in (("laws", [{"law": "toppra", "options": {"gird": 3}}]), ("limits", [{"velocity": 2.0}])):
+        settings = copy.deepcopy(QUICK)
+        settings["timing"][0] |= {path: value, "peers": [], "targets": []}
+        settings["timing"][0].pop("plan")
+        settings["timing"][0].pop("peers")
+        settings["timing"][0].pop("targets")
+        with pytest.raises(InvalidInput, match=r"gird|acceleration"):
+            run_suite(suite_of("quick", settings), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(quick.path, tmp_path / "run")
+    (tmp_path / "run" / "timing" / "few-lines.json").unlink()
+    with pytest.raises(InvalidInput, match="few lines"):
+        timing_facts(RunFolder(tmp_path / "run"), quick_suite().timing[0])
+
+
+# ---------------------------------------------------------------- T* and targets
+
+
+def written(tmp_path: Path, *rows: dict[str, Any]) -> RunFolder:
+    (tmp_path / "timing").mkdir(exist_ok=True)
+    folder = RunFolder(tmp_path)
+    about = {"line": 0, "robot": "paper6r", "kind": "regular", "limits": "ours"}
+    whole = [blank(str(row["law"]), str(row.get("entry", "law"))) | about | row for row in rows]
+    folder.write("timing/few-lines--0000.parquet", pl.DataFrame(whole, schema_overrides=SCHEMA))
+    return folder
+
+
+def test_the_optimum_is_the_shortest_motion_that_keeps_every_limit(tmp_path: Path) -> None:
+    good = {"breaks": "", "status": "solved"}
+    rows = rows_of(
+        written(
+            tmp_path,
+            good | {"law": "a", "duration": 2.0, "least_duration": 1.8},
+            good | {"law": "b", "duration": 1.0, "least_duration": 3.0, "breaks": "jerk"},
+            good | {"law": "reference", "entry": "reference", "duration": 2.5, "least_duration": 2.5},
+            {"law": "c", "status": "timing_infeasible", "reason": "none"},
+            good | {"law": "a", "line": 1, "duration": 3.0, "least_duration": 3.0},
+            good | {"law": "reference", "entry": "reference", "line": 1, "duration": 2.5, "least_duration": 2.5},
+        )
+    )
+    found = {(r["line"], r["law"]): r for r in rows.iter_rows(named=True)}
+    assert found[0, "a"]["over_optimum"] == 1.0
+    assert found[0, "a"]["kept_over_optimum"] == 1.0  # room that is left is no reason to be faster than it is
+    assert found[0, "b"]["over_optimum"] == 0.5
+    assert found[0, "b"]["kept_over_optimum"] == 1.5
+    assert found[0, "c"]["over_optimum"] is None
+    assert found[1, "a"]["over_optimum"] == pytest.approx(1.2)
+
+
+def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
+    def row(line: int, ratios: tuple[float, float, float], **more: Any) -> dict[str, Any]:
+        fields = dict(zip(("velocity", "acceleration", "jerk"), ratios, strict=True))
+        breaks = ", ".join(f for f, r in fields.items() if r > 1.0)
+        facts = {"law": "a", "line": line, "duration": 1.0 + line, "holds": line != 1, "breaks": breaks}
+        return facts | fields | {"ms_law": float(line), "distance": 1e-6, "true_distance": 0.99e-6} | more
+
+    table = rows_of(
+        written(
+            tmp_path,
+            row(0, (0.5, 1.0, 0.9), angle=0.0, true_angle=0.0, ms_plan=7.0),
+            row(1, (0.7, 1.2, 0.9), angle=1e-10, true_angle=2e-10, kind="near_singular"),
+            row(2, (0.6, 0.3, 1.0), angle=0.0, true_angle=0.0, ms_law=10.0),
+            {"law": "a", "line": 3, "status": "no_ik", "reason": "x"},
+            {"law": "reference", "entry": "reference", "line": 2, "duration": 2.0, "breaks": ""},
+        )
+    )
+    wanted = {
+        "solved": 75.0, "kept": 200.0 / 3.0, "holds": 200.0 / 3.0, "worst_ratio": 1.2, "worst_velocity": 0.7,
+        "worst_acceleration": 1.2, "worst_jerk": 1.0, "median_ms": 1.0, "p95_ms": 9.1, "plan_ms": 7.0, "deviation_um": 1.0,
+        "truth_over_bound": 2.0, "bound_over_truth": 1.0 / 0.99,
+    }  # fmt: skip
+    for measure, value in wanted.items():
+        assert measure_timing(table, Target(measure, "a"))[0] == pytest.approx(value), measure
+    assert measure_timing(table, Target("worst_optimum", "a", group="regular"))[0] == pytest.approx(1.5)
+    assert measure_timing(table, Target("worst_ratio", "a", group="near_singular")) == (1.2, "1 motions")
+    assert measure_timing(table, Target("worst_ratio", "a"))[1] == "3 motions of 4 asked"
+    assert np.isnan(measure_timing(table, Target("worst_ratio", "b"))[0])
+
+
+def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
+    found = outcomes(quick_suite(), quick)
+    assert [o.held for o in found] == [True, True, False, None, True, None]
+    assert found[2].what == "quintic: worst jerk over limit, exact, near-singular"
+    assert found[3].note == "copp was not run"
+    assert found[5].note == "its whole plans were not timed"
+
+
+# ---------------------------------------------------------------- peers
+
+
+@pytest.mark.parametrize("name", names(TIMING_PEERS))
+def test_a_peer_says_what_it_is_without_its_package(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = load_method(TIMING_PEERS, name, "peer")
+    assert kind.settings
+    monkeypatch.setitem(sys.modules, kind.package, None)
+    absent = build_timing_peer(name, LIMITS.arrays(6))
+    assert absent == Absent(f"not installed: pip install {kind.distribution}")
+
+
+@pytest.mark.parametrize("name", names(TIMING_PEERS))
+def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: str) -> None:
+    peer = build_timing_peer(name, LIMITS.arrays(6))
+    if isinstance(peer, Absent):
+        pytest.skip(peer.why)
+    line = draw_line("paper6r", "regular", 1, seed=4)
+    joints = joints_of(line)
+    motion = peer.trajectory(joints, peer.call(joints))
+    proof = certify(line.robot, line.path, motion, LIMITS, keeps=peer.keeps)
+    assert all(proof.worst(field)[0] < 1.3 for field in peer.keeps)
+    assert proof.path_error.distance < 1e-6
+    np.testing.assert_allclose(motion(0.0), joints(0.0), atol=1e-9)
+    np.testing.assert_allclose(motion(motion.end), joints(joints.end), atol=1e-9)
+    best = make_law("optimal").run(joints, LIMITS).duration
+    assert (0.98 if "jerk" in peer.keeps else 0.5) * best < motion.duration < 1.1 * best
+
+
+def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+
+    class Failing(TimingPeer):
+        distribution, package, settings, keeps = "x", "x", "x", ()
+
+        def __init__(self, limits: Any) -> None: ...
+
+        def call(self, joint_path: JointPath) -> Any:
+            calls.append(1)
+            raise NoSolution("too hard for it")
+
+        def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
+
+    monkeypatch.setattr("benchmarks.timing.build_timing_peer", lambda *a: Failing({}))
+    settings = copy.deepcopy(QUICK)
+    settings["timing"][0] |= {"lines": QUICK["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
+    settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}
+    settings["timing"][0]["lines"][0]["count"] = 1
+    suite = suite_of("quick", settings)
+    folder = run_suite(suite, tmp_path / "run")
+    row = rows_of(folder).filter(pl.col("law") == "copp").row(0, named=True)
+    assert (row["status"], row["reason"]) == ("timing_infeasible", "too hard for it")
+    assert len(calls) == 2  # two peers, each once: it would fail again
+    assert "too hard for it" in page_of(folder).text
+
+
+# ---------------------------------------------------------------- the line looked at closely
+
+
+def test_the_maximum_velocity_curve_is_the_optimum_of_a_linear_programme() -> None:
+    rng = np.random.default_rng(3)
+    q1, q2 = rng.normal(size=(2, 40, 5))
+    q1[:3, 1] = 0.0
+    limit = rng.uniform(1.0, 20.0, 5)
+    found = maximum_velocity(q1, q2, limit)
+    for k in range(40):
+        A = np.stack([q1[k], q2[k]], axis=1)  # of s̈ and x = ṡ²
+        best = linprog([0.0, -1.0], np.r_[A, -A], np.r_[limit, limit], bounds=[(None, None), (0.0, None)])
+        assert found[k] ** 2 == pytest.approx(best.x[1], rel=1e-7)
+
+
+def test_speeds_of_laws_that_keep_their_limits_stay_below_the_curves(quick: RunFolder) -> None:
+    block = quick_suite().timing[0]
+    motions, curve, binding = (quick.read(example_part(block, name)) for name in ("motions", "curve", "binding"))
+    assert motions is not None
+    assert curve is not None
+    assert binding is not None
+    optimal = motions.filter(pl.col("law") == "optimal")
+    for field in ("velocity", "acceleration"):
+        bound = np.interp(optimal["s"].to_numpy(), curve["s"].to_numpy(), curve[field].to_numpy())
+        assert (optimal["speed"].to_numpy() <= bound * (1.0 + 1e-3)).all()
+    t, s = optimal["t"].to_numpy(), optimal["s"].to_numpy()
+    np.testing.assert_allclose(np.gradient(s, t)[5:-5], optimal["speed"].to_numpy()[5:-5], atol=1e-3)
+    pieces = binding.filter(pl.col("law") == "optimal")
+    assert pieces["ratio"].to_numpy().max() == pytest.approx(1.0, abs=1e-4)
+
+
+# ---------------------------------------------------------------- the report
+
+
+@pytest.fixture(scope="module")
+def page(quick: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    folder = tmp_path_factory.mktemp("timing-report") / "run"
+    shutil.copytree(quick.path, folder)
+    return page_of(RunFolder(folder))
+
+
+def test_a_run_of_timing_alone_has_its_section_and_no_claims(page: Page) -> None:
+    assert page.anchors == ["timing", "limitations", "provenance"]
+    assert "time laws along 6 straight lines" in page.text
+    assert "Of 6 targets, 3 are held, 2 could not be measured." in page.text
+    assert "A few <b>" in page.text
+    assert ("b", {}) not in page.tags
+
+
+def test_the_tables_are_what_the_rows_hold(page: Page, quick: RunFolder) -> None:
+    rows = rows_of(quick)
+    found: dict[tuple[str, str, str], float] = {}
+    table = law = ""
+    for tag, attrs in page.tags:
+        table = attrs.get("data-timing", table) if tag == "table" else table
+        law = attrs.get("data-law", law) if tag == "tr" else law
+        if tag == "td" and "data-part" in attrs:
+            found[table, law, attrs["data-part"]] = float(attrs["data-value"])
+    for title, part in (
+        ("Regular lines: paper6r, ur5e", rows.filter(pl.col("kind") == "regular")),
+        ("Near-singular lines: paper6r", rows.filter(pl.col("kind") == "near_singular")),
+        ("Regular lines of ur5e", rows.filter(pl.col("robot") == "ur5e")),
+    ):
+        for label in ("quintic", "toppra", "optimal"):
+            own = part.filter(pl.col("law") == label)
+            expect = {
+                "median": np.median(own["over_optimum"]), "worst": own["over_optimum"].max(),
+                "ms": np.median(own["ms_law"]), "p95": np.quantile(own["ms_law"], 0.95),
+            }  # fmt: skip
+            assert {k: found[title, label, k] for k in expect} == pytest.approx(expect)
+
+
+def test_an_absent_peer_stays_in_the_tables_and_verdicts_are_shown(page: Page) -> None:
+    assert page.text.count("not installed: pip install copp-py") >= 2
+    looks = [a["class"] for t, a in page.tags if t == "span" and "badge" in a.get("class", "")]
+    assert looks == [f"badge {look}" for look in ("good", "good", "bad", "none", "good", "none")]
+    assert "T that would break nothing" in page.text
+
+
+def test_a_ratio_shows_on_which_side_of_one_it_is() -> None:
+    assert [ratio(x) for x in (1.0, 1.0000057, 0.99999976, 2.0, float("inf"))] == [
+        "1.00", "1.0000057", "0.99999976", "2.00", "∞",
+    ]  # fmt: skip
+
+
+def test_a_run_that_has_just_begun_has_a_page(tmp_path: Path, quick: RunFolder) -> None:
+    shutil.copytree(quick.path, tmp_path / "run")
+    for part in (tmp_path / "run" / "timing").iterdir():
+        part.unlink()
+    manifest = quick.manifest() | {"complete": False}
+    RunFolder(tmp_path / "run").write_json("run.json", manifest)
+    page = page_of(RunFolder(tmp_path / "run"))
+    assert "Not started: A few <b>." in page.text
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+def test_a_browser_draws_the_timing_section(quick: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(quick.path, tmp_path / "run")
+    draws_every_plot(RunFolder(tmp_path / "run"), tmp_path)
