@@ -72,6 +72,10 @@ def replan(
     asked = Asked(plan.robot, plan.path, limits, plan.ik, law, check_tolerance(tolerance), rate)
     joints = plan.joint_path
     at = _state(plan, joints, state)
+    if at.s >= joints.end * (1.0 - 1e-9):
+        raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
+    if stop and at.speed <= OFF_PATH and abs(at.acceleration) <= OFF_PATH:
+        raise InvalidInput("state", f"a state at rest, at s = {at.s:.6g}", "a moving one: this one has stopped already")
     try:
         trajectory = law.run_from(joints, limits, at, stop=stop)
     except NoSolution as error:

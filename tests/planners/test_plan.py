@@ -443,6 +443,23 @@ def test_a_state_that_cannot_be_meant_is_refused(wrong: Any) -> None:
     assert info.value.argument == "state"
 
 
+def test_a_state_at_rest_starts_again_but_does_not_stop() -> None:
+    first = plan(ROBOT, default_line(), START, limits=LIMITS)
+    assert replan(first, 0.0).trajectory.duration == pytest.approx(first.trajectory.duration, rel=2e-3)
+    for state, stop in ((0.0, True), (first.trajectory.end, False)):
+        with pytest.raises(InvalidInput) as info:
+            replan(first, state, stop=stop)
+        assert info.value.argument == "state"
+
+
+def test_limits_of_the_tool_are_kept_from_a_moving_state() -> None:
+    limits = MotionLimits(2.0, 10.0, 100.0, tool_speed=0.3)
+    first = plan(ROBOT, default_line(), START, limits=limits)
+    again = replan(first, 0.3 * first.trajectory.end, limits=MotionLimits(2.0, 12.0, 120.0, tool_speed=0.305))
+    assert again.certificate.holds
+    assert again.certificate.worst("tool_speed")[0] > 0.99
+
+
 def test_a_plan_that_failed_cannot_be_replanned() -> None:
     with pytest.raises(InvalidInput) as info:
         replan(too_far(), 0.1)

@@ -1,0 +1,141 @@
+"""The numbers of the optimum's programme along a joint path, in units near 1, and a start for its iteration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import NoSolution
+from planners.follow import JointPath
+from planners.timing import _optimum, _reach
+from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
+
+Array = NDArray[np.float64]
+
+UNITS = 64.0
+"""The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
+INTERVALS = 160
+"""Of a path without breaks; each break adds four."""
+SMOOTHEST = 0.02
+"""Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
+SHORTEST = 0.02
+"""No interval lasts less than this share of its first guess."""
+SPARE = 0.9998
+"""Share of the tool's limits that a motion uses which starts in motion."""
+
+
+class Programme(NamedTuple):
+    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time."""
+
+    problem: _optimum.Problem
+    s: Array
+    start: Array
+    units: tuple[float, float]
+    moving: bool
+
+
+def programme(
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0,
+    *, width: float = 1.0, more: float = 1.0,
+) -> Programme | None:  # fmt: skip
+    """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
+    bound = limits.arrays(joint_path.robot.n)
+    begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
+    s = np.linspace(begin, end, 2 * max(100, joint_path.knots.size) + 1)
+    x, t = np.empty(s.size), np.empty(s.size)
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
+    with np.errstate(divide="ignore"):
+        speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
+    if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x):
+        return None
+    _reach.in_time(s, x, t)
+    width *= max(ramp, SMOOTHEST * float(t[-1]))
+    v, since = np.sqrt(x), 0.0
+    if first > 0.0:  # the filter looks back on a motion that came in at its speed
+        t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
+        since = _when(t, s, v, width, begin)
+    count = round(more * (intervals or min(INTERVALS + 4 * (joint_path.path.breaks.size - 2), 1000)))
+    when = _spread(t, s, v, width, since, count)
+    at, v, a = _filtered(t, s, v, width, when)
+    at = np.clip(at, begin, end)
+    at[0], at[-1] = begin, end
+    v[-1] = a[-1] = 0.0
+    v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
+    units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
+    return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state is not None)
+
+
+def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
+    """Times (count + 1,) of the filtered motion, half of them spread evenly, half where its acceleration changes."""
+    end = float(t[-1]) + width
+    fine = np.unique(np.concatenate([t, t + width, np.linspace(since, end, 401)]))
+    fine = fine[(fine >= since) & (fine <= end)]
+    fine[0], fine[-1] = since, end
+    change = np.abs(np.diff(_filtered(t, s, v, width, fine)[2]))
+    weight = np.diff(fine) / (end - since) + change / max(float(change.sum()), 1e-300)
+    share = np.append(0.0, np.cumsum(weight))
+    return np.asarray(np.interp(np.linspace(0.0, share[-1], count + 1), share, fine))
+
+
+def _filtered(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
+    """s, ṡ and s̈ (3, k) of a motion through a box filter, at times."""
+    out = np.empty((3, when.size))
+    _reach.filtered(t, s, v, width, when, out)
+    return out
+
+
+def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, Array, float]:
+    """Velocities and accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+
+    A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
+    velocity V and a jerk J never beyond the acceleration (J V)^½; a little room is left.
+    """
+    V, A, J = (bound[field] for field in DERIVATIVES)
+    D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
+    moving = 1e-6 * D.max() < D
+    most = np.fmin(2.0 * np.sqrt(A * D), 2.0 * np.cbrt(J * D * D))
+    peak = np.where((10.0 * most < V) & moving, 10.0 * most, np.inf)
+    if not np.isfinite(np.fmin(V, peak)[moving]).any():
+        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
+        raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
+    least = np.fmin(A, np.sqrt(J * np.fmin(V, most)))
+    with np.errstate(invalid="ignore"):
+        ramps = np.where(np.isfinite(J) & moving, least / J, 0.0)
+    return peak, least, 1.2 * float(ramps.max())
+
+
+def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
+    """When the filtered motion passes a place."""
+    low, high = 0.0, float(t[-1]) + width
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _filtered(t, s, v, width, np.array([middle]))[0, 0] < place else (low, middle)
+    return high
+
+
+def _numbers(
+    joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
+    moving: bool,
+) -> Programme:  # fmt: skip
+    bound = limits.arrays(joint_path.robot.n)
+    A, J = bound["acceleration"], bound["jerk"]
+    length, time = units
+    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    beside = 1e-9 * (s[-1] - s[0])  # q''' may jump at a node of the path: each interval has its own
+    q3 = np.stack([joint_path(s[:-1] + beside, 3), joint_path(s[1:] - beside, 3)], axis=1)
+    ends1, ends2 = np.stack([q1[:-1], q1[1:]], axis=1), np.stack([q2[:-1], q2[1:]], axis=1)
+    v1, v2, v3 = length / time, length**2 / time**2, length**3 / time**3
+    node = np.stack([q1 * (v1 / time / A), q2 * (v2 / A)], axis=-1)
+    edge = np.stack([ends1 * (v1 / time**2 / J), ends2 * (3.0 * v2 / time / J), q3 * (v3 / J)], axis=-1)
+    start = np.zeros((s.size, 4))
+    start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
+    start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
+    if moving:  # what is not slowed afterwards shall not pass the tool's limits between the places
+        limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
+    top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
+    problem = _optimum.Problem(np.diff(s) / length, SHORTEST * tau / time, top, node, edge, np.zeros(2))
+    return Programme(problem, s, start, units, moving)
