@@ -23,7 +23,7 @@ SMOOTHEST = 0.02
 """Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
 SHORTEST = 0.02
 """No interval lasts less than this share of its first guess."""
-SPARE = 0.9998
+SPARE = 0.9999
 """Share of the tool's limits that a motion uses which starts in motion."""
 
 

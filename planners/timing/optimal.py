@@ -36,6 +36,8 @@ MOST = 100
 CLOSE = 1e-4
 """What may be left to the slow-down: a share of the limits."""
 
+BETWEEN = 1.00005
+"""What tool speeds between four instants of a piece may be above them."""
 WIDER = (1.0, 1.001, 1.003, 1.01)
 """Shares of the limits that are tried from a moving state."""
 
@@ -193,17 +195,29 @@ def _tighten(
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
     bound = limits.arrays(joint_path.robot.n)
     over = [trajectory.piece_worst(order) / bound[field] for order, field in enumerate(DERIVATIVES, start=1)]
-    if max(float(o.max()) for o in over) <= 1.0 + close:
+    tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
+    if max(float(o.max()) for o in (*over, tool)) <= 1.0 + close:
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
     problem.node[:-1] *= acceleration[:, :, None]
     problem.node[1:] *= acceleration[:, :, None]
     problem.edge[...] *= jerk[:, None, :, None]
-    slow = speed.max(axis=1)
+    slow = np.maximum(speed.max(axis=1), np.where(tool > 1.0, 1.0 + 1.2 * (tool - 1.0), 1.0))
     problem.top[:-1] /= slow
     problem.top[1:] /= slow
     return True
+
+
+def _tool_ratios(joint_path: JointPath, trajectory: Trajectory, limits: MotionLimits) -> Array:
+    """Largest of some tool speeds on every piece (K,) over their limits; 0 where there is none."""
+    t = trajectory.knots
+    if not np.isfinite(limits.tool).any():
+        return np.zeros(t.size - 1)
+    at = (t[:-1, None] + np.diff(t)[:, None] * np.array([0.2, 0.4, 0.6, 0.8])).ravel()
+    twist = np.einsum("kij,kj->ki", joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
+    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / np.array(limits.tool)
+    return np.asarray(norms.max(axis=(1, 2)))
 
 
 METHOD = Optimal
