@@ -13,6 +13,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import LIMIT_TOLERANCE, Robot
 from planners.deviation import PathError, path_error
+from planners.motion_bounds import MotionBounds
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.tool_speed import tool_speed
@@ -253,8 +254,9 @@ def certify(
             for field in DERIVATIVES[order:]:
                 extremes[field] = _infinite_at_jumps(trajectory, order, extremes[field], jumps[order], bound[field])
     reach = trajectory.extrema(0)
-    off, places = path_error(robot, path, trajectory)
-    speeds = tool_speed(robot, trajectory)
+    bounds = MotionBounds(robot, trajectory)
+    off, places = path_error(robot, path, trajectory, bounds)
+    speeds = tool_speed(robot, trajectory, bounds)
     singular_value, t_singular_value = _smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
@@ -314,14 +316,14 @@ def _binding(robot: Robot, path: Path, trajectory: Trajectory, limits: MotionLim
 
 def _smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     """Least of a grid of instants, then of finer ones around the least of them."""
-    low, high, count = 0.0, trajectory.end, 201
+    low, high, count = 0.0, trajectory.end, 121
     while True:
         t, values = np.linspace(low, high, count), np.empty(count)
         kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, trajectory(t), values)
         k = int(values.argmin())
-        if high - low <= 1e-6 * trajectory.end:
+        if high - low <= 1e-4 * trajectory.end:  # the least value is flat: 1e-8 of it
             return float(values[k]), float(t[k])
-        low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], 17
+        low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], 9
 
 
 def _extreme(trajectory: Trajectory, order: int, bound: Array) -> Extreme:

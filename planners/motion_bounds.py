@@ -8,6 +8,7 @@ type). A joint that slides adds R_j z q_j, by Leibniz's rule.
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import comb
 from typing import NamedTuple
 
@@ -125,6 +126,12 @@ class MotionBounds:
         self._c[6 - len(coefficients) :] = coefficients
         self._knots = trajectory.knots
         self._links = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
+
+    @cached_property
+    def ends(self) -> tuple[Instants, Instants]:
+        """The motion at the first and at the last instant of every piece."""
+        piece = np.arange(self._knots.size - 1)
+        return self.at(piece, self._knots[:-1]), self.at(piece, self._knots[1:])
 
     def at(self, piece: NDArray[np.int64], t: Array) -> Instants:
         """The motion at t (k,), by given pieces."""

@@ -30,7 +30,7 @@ class ToolSpeed(NamedTuple):
     t_rotation: float
 
 
-def tool_speed(robot: Robot, trajectory: Trajectory) -> ToolSpeed:
+def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeed:
     """Bound the tool's speeds at every instant of a motion.
 
     Between instants v and ω are bounded by their cubics and their fourth derivatives (`planners.motion_bounds`); intervals
@@ -42,16 +42,17 @@ def tool_speed(robot: Robot, trajectory: Trajectory) -> ToolSpeed:
         The arm.
     trajectory : Trajectory
         Its motion.
+    bounds : MotionBounds, optional
+        Of that motion, where they are known already.
 
     Returns
     -------
     ToolSpeed
         Bounds, and the instants of the largest values found.
     """
-    bounds = MotionBounds(robot, trajectory)
-    knots = trajectory.knots
-    piece = np.arange(knots.size - 1)
-    left, right = bounds.at(piece, knots[:-1]), bounds.at(piece, knots[1:])
+    bounds = bounds or MotionBounds(robot, trajectory)
+    piece = np.arange(trajectory.knots.size - 1)
+    left, right = bounds.ends
     found, when, proved = np.zeros(2), np.zeros(2), np.zeros(2)
     _note(left, found, when)
     _note(right, found, when)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
-INTERVALS = 160
+INTERVALS = 128
 """Of a path without breaks; each break adds four."""
 SMOOTHEST = 0.02
 """Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
@@ -44,7 +44,7 @@ def programme(
     """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
     begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
-    s = np.linspace(begin, end, 2 * max(100, joint_path.knots.size) + 1)
+    s = np.linspace(begin, end, max(150, joint_path.knots.size) + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)

@@ -24,7 +24,7 @@ GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
-FIRST, AGAIN = 0.01, 1.5e-3
+FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
 STARTS = (
     (1.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 1.0, 1.4), (0.5, 1.0, 1.0), (1.0, 10.0, 1.0), (4.0, 10.0, 1.2), (1.0, 0.1, 1.7),
@@ -33,7 +33,7 @@ STARTS = (
 """Widths of the start's filter, first barrier weights and numbers of intervals, over the usual ones, tried in turn."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
-CLOSE = 1e-4
+CLOSE = 3e-4
 """What may be left to the slow-down: a share of the limits."""
 
 BETWEEN = 1.00005
@@ -48,7 +48,7 @@ class Optimal(TimeLaw):
     Start is the velocity–acceleration optimum, box-filtered in time so that its jerk is finite; the programme is solved
     by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where its
     exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
-    where it stands. The last 1e-4 is a uniform slow-down, so every limit is kept exactly.
+    where it stands. The last 3e-4 is a uniform slow-down, so every limit is kept exactly.
 
     Parameters
     ----------
