@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from optik.errors import InvalidInput
 from optik.robot import Robot
-from planners.certificate import Certificate, certify
+from planners.certificate import Certificate, certify, check_tolerance
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, MotionLimits
 from planners.trajectory import Trajectory
@@ -30,6 +30,8 @@ class Motion:
         Name of the law that made it.
     keeps : tuple of str
         Which limits that law promises; by default all.
+    tolerance : (2,) tuple of float, optional
+        Largest distance [m] and angle [rad] to the path with which its certificate holds.
 
     Raises
     ------
@@ -43,6 +45,7 @@ class Motion:
     trajectory: Trajectory
     law: str = ""
     keeps: tuple[str, ...] = ALL_LIMITS
+    tolerance: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
@@ -56,9 +59,13 @@ class Motion:
         if not isinstance(self.keeps, tuple) or any(k not in ALL_LIMITS for k in self.keeps):
             raise InvalidInput("keeps", repr(self.keeps)[:120], f"a tuple of some of {', '.join(ALL_LIMITS)}")
 
+        if self.tolerance is not None:
+            object.__setattr__(self, "tolerance", check_tolerance(self.tolerance))
+
     def certify(self, **options: Any) -> Certificate:
         """Find what the motion keeps, anew; options as `planners.certify`."""
-        return certify(self.robot, self.path, self.trajectory, self.limits, law=self.law, keeps=self.keeps, **options)
+        known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance}
+        return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
 
 def motion_of(thing: Motion | Plan) -> Motion:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 FORMAT = "optik-motion/1"
-HEADER = ("format", "robot", "path", "limits", "law", "keeps")
+HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")
 
 
 class Parts(NamedTuple):
@@ -101,6 +101,7 @@ def _parts(motion: Motion) -> Parts:
         "limits": limits,
         "law": motion.law,
         "keeps": list(motion.keeps),
+        "tolerance": None if motion.tolerance is None else list(motion.tolerance),
     }
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
@@ -119,7 +120,13 @@ def _motion(parts: Parts) -> Motion:
         _trajectory(parts.knots, parts.coefficients, robot.n),
         word(header["law"], "law"),
         words(header["keeps"], "keeps"),
+        None if header["tolerance"] is None else _pair(header["tolerance"]),
     )
+
+
+def _pair(value: Any) -> tuple[float, float]:
+    distance, angle = numbers(value, (2,), "tolerance").tolist()
+    return distance, angle
 
 
 def _limit(value: Any, shape: tuple[int, ...], argument: str) -> Array | float | None:

@@ -141,7 +141,8 @@ class Plan:
     @property
     def motion(self) -> Motion:
         """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
-        return Motion(self.robot, self.path, self.limits, self.trajectory, self.law, self.certificate.keeps)
+        proof = self.certificate
+        return Motion(self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the motion, whole or not at all, as NPZ, JSON or CSV by the file's suffix: `planners.load_motion` reads it.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from benchmarks.suite import load_suite
 from optik import load
 from optik.errors import InvalidInput, OutputError
 from optik.ik import make_solver
+from optik.robot import Robot
 from tests.benchmarks.conftest import SMALL, small
 
 
@@ -148,8 +150,13 @@ def test_nothing_is_written_where_a_set_or_the_line_cannot_be_made(changes: dict
     assert not (tmp_path / "run").exists()
 
 
+@cache
+def graph_paper() -> tuple[Robot, ProblemSet]:
+    return problem_set(load_suite("paper").blocks[0], 0)
+
+
 def test_no_target_lies_on_two_sheets_of_graph_paper() -> None:
-    _, problems = problem_set(load_suite("paper").blocks[0], 0)
+    _, problems = graph_paper()
     assert len(np.unique(problems.targets[:, :3, 3].round(6), axis=0)) == len(problems)
 
 
@@ -192,8 +199,7 @@ def test_problem_sets_of_the_paper_suite_are_what_they_say(block: object) -> Non
 
 
 def test_graph_paper_keeps_the_orientation_and_lies_on_its_planes() -> None:
-    block = load_suite("paper").blocks[0]
-    robot, problems = problem_set(block, 0)
+    robot, problems = graph_paper()
     T0 = robot.fk(problems.starts[0])
     assert (problems.targets[:, :3, :3] == T0[:3, :3]).all()
     offset = problems.targets[:, :3, 3] - T0[:3, 3]
@@ -203,7 +209,7 @@ def test_graph_paper_keeps_the_orientation_and_lies_on_its_planes() -> None:
 
 
 def test_a_smaller_choice_of_problems_is_part_of_a_larger_one() -> None:
-    _, problems = problem_set(load_suite("paper").blocks[0], 0)
+    _, problems = graph_paper()
     few, more, all_of_them = (problems.chosen(most) for most in (50, 1000, None))
     assert set(few) < set(more) < set(all_of_them)
     assert len(few) == 50

@@ -70,7 +70,7 @@ def test_five_thousand_are_the_same_in_any_order_and_any_number_of_threads():
     assert ((batch.q >= ARM.lower) & (batch.q <= ARM.upper)).all()
 
 
-@pytest.mark.parametrize("n", [3, 7])
+@pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.soak), 7])
 def test_arms_of_other_lengths_too(n):
     arm = oracles.random_arm(np.random.default_rng(n), n, prismatic=n == 3)
     rows = [optik.DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]

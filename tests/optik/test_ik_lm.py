@@ -11,7 +11,7 @@ from math import atan2, cos, inf, pi, sin
 import numba
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import optik
@@ -71,6 +71,7 @@ def check(arm, result, target, tolerance=USUAL):
 # ---------------------------------------------------------------- any arm
 
 
+@settings(max_examples=20)
 @given(
     seeds, st.sampled_from(SIZES), st.booleans(), st.sampled_from(["mdh", "dh"]), st.sampled_from([1e-3, 1e-6, 1e-10])
 )

@@ -595,9 +595,13 @@ class Uneven(Path):
         return rate[:, None] * self.line.twist(0.0)
 
     def derivative_bounds(self) -> Array:
+        w = 2.0 * np.pi / self.end
+        return np.array([[1.3, 0.3 * w, 0.3 * w**2, 0.3 * w**3], np.zeros(4)])  # the default line does not turn
+
+    def to_dict(self) -> Any:
         raise NotImplementedError
 
-    nearest = to_dict = from_dict = derivative_bounds  # type: ignore[assignment]
+    from_dict = to_dict  # type: ignore[assignment]
 
 
 def speed_of_tool(trajectory: Trajectory, t: Array, part: slice = slice(0, 3)) -> Array:
