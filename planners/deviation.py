@@ -26,6 +26,8 @@ GRID = 512
 """Places of a path on a first look for the one that the tool is at."""
 TURN = 0.1
 """Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
+NEAR = 1e-10
+"""How near to the nearest place of the path it is enough to be, as a share of the path."""
 ROUNDING = 2e-15
 """What rounding may take from a computed distance [m] or angle [rad]."""
 
@@ -233,10 +235,11 @@ def _places(path: Path, instants: Instants, guess: Array) -> _Places:
         turn = instants.poses[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
         step = part.along(twist, position, 0.5 * _vee(turn - turn.transpose(0, 2, 1)))
         after = np.clip(s + step, 0.0, path.end)
-        moved, s = np.abs(after - s).max(initial=0.0), after
-        if moved <= 1e-9 * path.end:
+        if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:  # any place near the nearest gives a true bound
             break
-    poses, twist = path.pose(s), path.twist(s)
+        s = after
+    else:
+        poses, twist = path.pose(s), path.twist(s)
     return _Places(s, part.along(twist, instants.motion[:, 0, :3], instants.motion[:, 0, 3:]), poses, twist)
 
 
