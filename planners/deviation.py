@@ -26,7 +26,7 @@ GRID = 512
 """Places of a path on a first look for the one that the tool is at."""
 TURN = 0.1
 """Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
-NEAR = 1e-10
+NEAR = 3e-14
 """How near to the nearest place of the path it is enough to be, as a share of the path."""
 ROUNDING = 2e-15
 """What rounding may take from a computed distance [m] or angle [rad]."""
