@@ -255,7 +255,8 @@ def certify(
                 extremes[field] = _infinite_at_jumps(trajectory, order, extremes[field], jumps[order], bound[field])
     reach = trajectory.extrema(0)
     bounds = MotionBounds(robot, trajectory)
-    off, places = path_error(robot, path, trajectory, bounds)
+    enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / 1.1, tolerance[1] / 1.1)
+    off, places = path_error(robot, path, trajectory, bounds, enough)
     speeds = tool_speed(robot, trajectory, bounds)
     singular_value, t_singular_value = _smallest_singular_value(robot, trajectory)
     return Certificate(

@@ -56,7 +56,11 @@ class _Places(NamedTuple):
 
 
 def path_error(
-    robot: Robot, path: Path, trajectory: Trajectory, bounds: MotionBounds | None = None
+    robot: Robot,
+    path: Path,
+    trajectory: Trajectory,
+    bounds: MotionBounds | None = None,
+    enough: tuple[float, float] = (FLOOR, FLOOR),
 ) -> tuple[PathError, Array]:
     """Bound the distance and the angle between the tool and its path at every instant of a motion.
 
@@ -75,6 +79,8 @@ def path_error(
         Its motion.
     bounds : MotionBounds, optional
         Of that motion, where they are known already.
+    enough : (2,) tuple of float
+        Distance [m] and angle [rad] below which no bound need be finer; at most 1 nm and 1 nrad count.
 
     Returns
     -------
@@ -92,10 +98,10 @@ def path_error(
     for instants, places in ((left, here), (right, there)):
         _note(instants, places, found, when)
     limits, at_knots = _PieceBounds(path), np.append(here.s, there.s[-1])
-    kept = 0
+    kept, floor = 0, np.minimum(enough, FLOOR)
     while True:
         between = _between(limits, path.end, bounds, left, right, here, there)
-        over = (between / ((LOOSE - 0.002) * np.maximum(found, FLOOR))).max(axis=1)
+        over = (between / ((LOOSE - 0.002) * np.maximum(found, floor))).max(axis=1)
         loose = over > 1.0
         loose &= (right.t - left.t > 1e-9 * trajectory.end) & (kept + loose.sum() <= MOST)
         proved = np.maximum(proved, between[~loose].max(axis=0, initial=0.0))

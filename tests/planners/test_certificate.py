@@ -385,6 +385,13 @@ def test_a_tolerance_is_part_of_the_promise() -> None:
     assert "turned" in words[0]
 
 
+def test_a_tolerance_below_a_nanometre_is_proved_where_it_is_kept() -> None:
+    trajectory = make_law("optimal").run(default_joint_path(), MotionLimits(2.0, 10.0, 100.0))
+    certificate = certified(trajectory, tolerance=(1e-12, 1e-12))
+    assert certificate.holds
+    assert max(certificate.path_error.distance, certificate.path_error.angle) <= 1e-12
+
+
 @pytest.mark.parametrize("wrong", [0.0, (0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (1.0,), "tight", (1.0, np.inf)])
 def test_a_tolerance_that_cannot_be_meant_is_refused(wrong: Any) -> None:
     with pytest.raises(InvalidInput) as info:
