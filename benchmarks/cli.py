@@ -105,12 +105,12 @@ def fk(
 
 @app.command()
 def ik(
-    xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame [m].")],
+    xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame (m).")],
     rpy_deg: Annotated[
-        tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw [degrees].")
+        tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw (degrees).")
     ] = None,
     start_deg: Annotated[
-        str, typer.Option(help="Start [degrees, mm], comma separated; middle of the ranges if left out.")
+        str, typer.Option(help="Start (degrees, mm), comma separated; middle of the ranges if left out.")
     ] = "",
     robot: RobotName = "paper6r",
     solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}.")] = "lm",

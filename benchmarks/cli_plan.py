@@ -20,15 +20,20 @@ plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=Tru
 START = "20,-35,40,25,50,-30"
 ROS = (".yaml", ".yml")
 
-Start = Annotated[str, typer.Option(help="Start configuration [degrees, mm], comma separated.")]
+Start = Annotated[
+    str,
+    typer.Option(
+        help="Start configuration (degrees, mm), comma separated; without it the paper's, or the middle of the ranges."
+    ),
+]
 IK = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}.")]
 Timing = Annotated[str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}.")]
 Samples = Annotated[int, typer.Option(help="Samples of the path.")]
-Velocity = Annotated[float | None, typer.Option(help="Limit on every joint [rad/s]; the robot's own if left out.")]
-Acceleration = Annotated[float | None, typer.Option(help="[rad/s²]")]
-Jerk = Annotated[float | None, typer.Option(help="[rad/s³]")]
-ToolSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's point [m/s].")]
-RotationSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s].")]
+Velocity = Annotated[float | None, typer.Option(help="Limit on every joint (rad/s); the robot's own if left out.")]
+Acceleration = Annotated[float | None, typer.Option(help="Limit on every joint (rad/s²).")]
+Jerk = Annotated[float | None, typer.Option(help="Limit on every joint (rad/s³).")]
+ToolSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's point (m/s).")]
+RotationSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's rotation (rad/s).")]
 Branch = Annotated[str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")]
@@ -57,15 +62,15 @@ class Wish:
 
 @plan_app.command("line")
 def plan_line(
-    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame [m].")] = (
+    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame (m).")] = (
         -0.12,
         0.0,
         0.20,
     ),
     turn_deg: Annotated[
-        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame [degrees].")
+        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame (degrees).")
     ] = (0.0, 0.0, 0.0),
-    start_deg: Start = START,
+    start_deg: Start = "",
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -89,7 +94,7 @@ def plan_line(
     from optik import se3
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg)
+    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
     start = arm.fk(q)
     if np.linalg.norm(turn_deg) > 180.0:
         raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
@@ -118,12 +123,12 @@ def plan_line(
 
 @plan_app.command("arc")
 def plan_arc(
-    via: Annotated[str, typer.Option(help="A point on the way, x,y,z [m]; with --to.")] = "",
+    via: Annotated[str, typer.Option(help="A point on the way, x,y,z (m); with --to.")] = "",
     to: Annotated[str, typer.Option(help=f"The end: {PLACE}")] = "",
-    centre: Annotated[str, typer.Option(help="A point on the axis, x,y,z [m]; with --axis and --angle-deg.")] = "",
+    centre: Annotated[str, typer.Option(help="A point on the axis, x,y,z (m); with --axis and --angle-deg.")] = "",
     axis: Annotated[str, typer.Option(help="Direction of the axis, x,y,z.")] = "0,0,1",
-    angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis [degrees].")] = 90.0,
-    start_deg: Start = START,
+    angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis (degrees).")] = 90.0,
+    start_deg: Start = "",
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -143,7 +148,7 @@ def plan_arc(
     import planners
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg)
+    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
     start = arm.fk(q)
     if bool(centre) == bool(via and to) or bool(via) != bool(to):
         given = [name for name, text in (("--via", via), ("--to", to), ("--centre", centre)) if text]
@@ -178,8 +183,8 @@ def plan_arc(
 @plan_app.command("polyline")
 def plan_polyline(
     via: Annotated[list[str], typer.Option(help=f"A waypoint, once or more; the last is the end: {PLACE}")],
-    blend: Annotated[float, typer.Option(help="Largest distance from a corner [m].")] = 1e-3,
-    start_deg: Start = START,
+    blend: Annotated[float, typer.Option(help="Largest distance from a corner (m).")] = 1e-3,
+    start_deg: Start = "",
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -199,7 +204,7 @@ def plan_polyline(
     import planners
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg)
+    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
     waypoints = [arm.fk(q)]
     for text in via:
         waypoints.append(place(text, "--via", waypoints[-1]))
@@ -227,8 +232,8 @@ def plan_polyline(
 
 @plan_app.command("joints")
 def plan_joints(
-    to_deg: Annotated[str, typer.Option(help="Goal configuration [degrees, mm], comma separated.")],
-    start_deg: Start = START,
+    to_deg: Annotated[str, typer.Option(help="Goal configuration (degrees, mm), comma separated.")],
+    start_deg: Start = "",
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -248,7 +253,7 @@ def plan_joints(
     import planners
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg)
+    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
     goal = configuration(arm, to_deg, "--to-deg")
     planned(
         arm,
