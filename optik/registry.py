@@ -17,10 +17,13 @@ _OURS = ("optik", "planners", "benchmarks")
 
 @cache
 def _folder(package: str) -> Path:
-    spec = importlib.util.find_spec(package)
-    if spec is None or not spec.submodule_search_locations:
+    top, *inner = package.split(".")
+    spec = importlib.util.find_spec(top)  # of a package inside, it would import those around it
+    locations = spec.submodule_search_locations if spec is not None else None
+    folder = Path(next(iter(locations))).joinpath(*inner) if locations else Path()
+    if not locations or not (folder / "__init__.py").is_file():
         raise ValueError(f"{package} is no package")
-    return Path(next(iter(spec.submodule_search_locations)))
+    return folder
 
 
 def names(folder: str) -> tuple[str, ...]:
