@@ -21,7 +21,7 @@ def _folder(package: str) -> Path:
     spec = importlib.util.find_spec(top)  # of a package inside, it would import those around it
     locations = spec.submodule_search_locations if spec is not None else None
     folder = Path(next(iter(locations))).joinpath(*inner) if locations else Path()
-    if not locations or not (folder / "__init__.py").is_file():
+    if not locations or not folder.is_dir():
         raise ValueError(f"{package} is no package")
     return folder
 
