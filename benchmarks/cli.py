@@ -28,7 +28,8 @@ from benchmarks.cli_shared import (
 from optik.errors import NoSolution, OptikError
 
 app = typer.Typer(
-    help="Trajectory optimisation for serial arms: inverse kinematics, straight lines, time laws, and a fair comparison.",
+    help="Trajectories for serial arms: inverse kinematics, paths, time laws with a certificate, and a fair comparison.",
+    rich_markup_mode="markdown",  # units in [brackets] are no markup
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -95,7 +96,7 @@ def fk(
             {"robot": arm.name, "pose": T.tolist(), "smallest_singular_value": smallest, "inside_limits": inside}
         )
         return
-    table = Table("", "x", "y", "z", "position [m]", title=f"tool of {arm.name} in its base frame")
+    table = Table("", "x", "y", "z", "position, m", title=f"tool of {arm.name} in its base frame")
     for axis, row in zip("xyz", T[:3], strict=True):
         table.add_row(axis, *(f"{v:+.6f}" for v in row))
     out_console.print(table)
@@ -105,12 +106,12 @@ def fk(
 
 @app.command()
 def ik(
-    xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame (m).")],
+    xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame [m].")],
     rpy_deg: Annotated[
-        tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw (degrees).")
+        tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw [degrees].")
     ] = None,
     start_deg: Annotated[
-        str, typer.Option(help="Start (degrees, mm), comma separated; middle of the ranges if left out.")
+        str, typer.Option(help="Start [degrees, mm], comma separated; middle of the ranges if left out.")
     ] = "",
     robot: RobotName = "paper6r",
     solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}.")] = "lm",

@@ -18,22 +18,23 @@ from optik.registry import names
 plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 
 START = "20,-35,40,25,50,-30"
+"""Where a plan starts if nobody says, for arms with as many joints."""
 ROS = (".yaml", ".yml")
+FILES = (".json", ".npz", ".csv", *ROS)
 
 Start = Annotated[
-    str,
-    typer.Option(
-        help="Start configuration (degrees, mm), comma separated; without it the paper's, or the middle of the ranges."
-    ),
+    str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")
 ]
 IK = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}.")]
 Timing = Annotated[str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}.")]
 Samples = Annotated[int, typer.Option(help="Samples of the path.")]
-Velocity = Annotated[float | None, typer.Option(help="Limit on every joint (rad/s); the robot's own if left out.")]
-Acceleration = Annotated[float | None, typer.Option(help="Limit on every joint (rad/s²).")]
-Jerk = Annotated[float | None, typer.Option(help="Limit on every joint (rad/s³).")]
-ToolSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's point (m/s).")]
-RotationSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's rotation (rad/s).")]
+Velocity = Annotated[
+    float | None, typer.Option(help="Limit on every joint [rad/s, sliding m/s]; the robot's own if left out.")
+]
+Acceleration = Annotated[float | None, typer.Option(help="Likewise [rad/s², sliding m/s²].")]
+Jerk = Annotated[float | None, typer.Option(help="Likewise [rad/s³, sliding m/s³].")]
+ToolSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's point [m/s].")]
+RotationSpeed = Annotated[float | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s].")]
 Branch = Annotated[str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")]
 Duration = Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")]
@@ -62,15 +63,15 @@ class Wish:
 
 @plan_app.command("line")
 def plan_line(
-    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame (m).")] = (
+    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame [m].")] = (
         -0.12,
         0.0,
         0.20,
     ),
     turn_deg: Annotated[
-        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame (degrees).")
+        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame [degrees].")
     ] = (0.0, 0.0, 0.0),
-    start_deg: Start = "",
+    start_deg: Start = START,
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -94,7 +95,7 @@ def plan_line(
     from optik import se3
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
+    q = start_of(arm, start_deg)
     start = arm.fk(q)
     if np.linalg.norm(turn_deg) > 180.0:
         raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
@@ -123,12 +124,12 @@ def plan_line(
 
 @plan_app.command("arc")
 def plan_arc(
-    via: Annotated[str, typer.Option(help="A point on the way, x,y,z (m); with --to.")] = "",
+    via: Annotated[str, typer.Option(help="A point on the way, x,y,z [m]; with --to.")] = "",
     to: Annotated[str, typer.Option(help=f"The end: {PLACE}")] = "",
-    centre: Annotated[str, typer.Option(help="A point on the axis, x,y,z (m); with --axis and --angle-deg.")] = "",
+    centre: Annotated[str, typer.Option(help="A point on the axis, x,y,z [m]; with --axis and --angle-deg.")] = "",
     axis: Annotated[str, typer.Option(help="Direction of the axis, x,y,z.")] = "0,0,1",
-    angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis (degrees).")] = 90.0,
-    start_deg: Start = "",
+    angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis [degrees].")] = 90.0,
+    start_deg: Start = START,
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -148,7 +149,7 @@ def plan_arc(
     import planners
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
+    q = start_of(arm, start_deg)
     start = arm.fk(q)
     if bool(centre) == bool(via and to) or bool(via) != bool(to):
         given = [name for name, text in (("--via", via), ("--to", to), ("--centre", centre)) if text]
@@ -183,8 +184,8 @@ def plan_arc(
 @plan_app.command("polyline")
 def plan_polyline(
     via: Annotated[list[str], typer.Option(help=f"A waypoint, once or more; the last is the end: {PLACE}")],
-    blend: Annotated[float, typer.Option(help="Largest distance from a corner (m).")] = 1e-3,
-    start_deg: Start = "",
+    blend: Annotated[float, typer.Option(help="Largest distance from a corner [m].")] = 1e-3,
+    start_deg: Start = START,
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -204,7 +205,7 @@ def plan_polyline(
     import planners
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
+    q = start_of(arm, start_deg)
     waypoints = [arm.fk(q)]
     for text in via:
         waypoints.append(place(text, "--via", waypoints[-1]))
@@ -232,8 +233,8 @@ def plan_polyline(
 
 @plan_app.command("joints")
 def plan_joints(
-    to_deg: Annotated[str, typer.Option(help="Goal configuration (degrees, mm), comma separated.")],
-    start_deg: Start = "",
+    to_deg: Annotated[str, typer.Option(help="Goal configuration [degrees, mm], comma separated.")],
+    start_deg: Start = START,
     robot: RobotName = "paper6r",
     ik: IK = "lm",
     timing: Timing = "optimal",
@@ -253,7 +254,9 @@ def plan_joints(
     import planners
 
     arm = arm_of(robot)
-    q = configuration(arm, start_deg or (START if arm.name == "paper6r" else ""))
+    q = start_of(arm, start_deg)
+    if not to_deg.strip():
+        raise InvalidInput("--to-deg", "nothing", f"{arm.n} joint values [degrees, mm], comma separated")
     goal = configuration(arm, to_deg, "--to-deg")
     planned(
         arm,
@@ -281,6 +284,8 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     """Plan, write and print; exit status 1 where there is no motion."""
     import planners
 
+    if wish.out is not None and wish.out.suffix.lower() not in FILES:
+        raise InvalidInput("--out", str(wish.out), f"a name that ends in {', '.join(FILES)}")
     law = planners.make_law(wish.timing)
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
@@ -299,6 +304,21 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     print_certificate(plan)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
+
+
+def start_of(arm: optik.Robot, degrees: str) -> Any:
+    """The start that was typed; nobody's start is that of an arm of six joints.
+
+    Raises
+    ------
+    InvalidInput
+        None was typed, and the arm has another number of joints; or as `configuration`.
+    """
+    if degrees == START and arm.n != len(START.split(",")):
+        raise InvalidInput(
+            "--start-deg", "nothing", f"{arm.n} joint values of {arm.name} [degrees, mm], comma separated"
+        )
+    return configuration(arm, degrees)
 
 
 def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
@@ -347,15 +367,29 @@ def place(text: str, option: str, before: Any) -> Any:
     return se3.from_xyz_rpy(values[:3], values[3:]) if values[3:] else se3.pose(before[:3, :3], values)
 
 
+def much(ratio: float) -> str:
+    """How far a ratio is beyond 1."""
+    return f"{ratio:.3g} times its limit" if np.isfinite(ratio) else "without bound"
+
+
+SMOOTH = {
+    -1: "positions jump",
+    0: "velocities jump",
+    1: "accelerations jump",
+    2: "accelerations continuous",
+    3: "jerks continuous",
+}
+
+
 def print_certificate(planned: Any) -> None:
     """Print what a plan keeps, for people."""
     from planners.timing.base import ALL_LIMITS, DERIVATIVES
 
     proof, off = planned.certificate, planned.certificate.path_error
-    length = f"{1e3 * planned.path.end:.1f} {'mm' if planned.path.unit == 'm' else 'mrad'}"
+    way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"
     table = Table(
-        "", "worst / limit", "joint", "at [s]", "promised",
-        title=f"{planned.ik} + {planned.law}: {length} in {proof.duration:.4f} s",
+        "", "worst / limit", "joint", "at, s", "promised",
+        title=f"{planned.ik} + {planned.law}: {way} in {proof.duration:.4f} s",
     )  # fmt: skip
     for field in ALL_LIMITS:
         ratio, joint, t = proof.worst(field)
@@ -368,13 +402,22 @@ def print_certificate(planned: Any) -> None:
     out_console.print(
         f"tool off the path at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
         f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g} "
-        f"at {proof.t_singular_value:.3f} s, C{proof.continuous}",
+        f"at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}",
         highlight=False,
     )
     if planned.slowed > 1.0:
         slowed = f"slowed by {planned.slowed:.9g} until it kept what the law promises"
         out_console.print(slowed, highlight=False)
+    beyond = [f for f in ALL_LIMITS if f not in proof.keeps and proof.worst(f)[0] > 1.0]
+    if beyond:
+        words = ", ".join(f"{f.replace('_', ' ')} {much(proof.worst(f)[0])}" for f in beyond)
+        out_console.print(f"not promised by {planned.law}, and exceeded: {words}", style="yellow", highlight=False)
     if proof.holds:
-        out_console.print("the certificate holds: all that the law promises is kept exactly", style="green")
+        kept = (
+            "all that the law promises is kept exactly"
+            if proof.keeps
+            else f"joint ranges and path; {planned.law} promises no more"
+        )
+        out_console.print(f"the certificate holds: {kept}", style="green", highlight=False)
     else:
         out_console.print("the certificate does NOT hold: " + "; ".join(proof.broken), style="yellow", highlight=False)

@@ -54,6 +54,9 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
         values = [float(v) for v in degrees.replace(",", " ").split()]
     except ValueError:
         raise InvalidInput(option, repr(degrees), f"{arm.n} numbers in degrees, comma separated") from None
+    if len(values) != arm.n:
+        expected = f"{arm.n} joint values of {arm.name} [degrees, mm], comma separated"
+        raise InvalidInput(option, f"{len(values)}: {degrees}", expected)
     q = arm.configuration(values, option) / per(arm)
     lower, upper = arm.limits.lower, arm.limits.upper
     if not arm.limits.contains(q):

@@ -110,7 +110,7 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
     if result and sigma > NEARLY_SINGULAR:
         words = f"no continuous motion goes on at s = {s:.6g}, where the arm is not singular: does the path jump there?"
         return FollowStatus.BRANCH_JUMP, words
-    close = f": the smallest singular value comes to {_march.SMALLEST_SINGULAR_VALUE:g}"
+    close = f": the smallest singular value comes to {_march.SMALLEST_SINGULAR_VALUE:g} or below"
     singular = f"the arm is singular at s = {s:.6g}{close if ended.code == _march.SINGULAR else f', {this} ends there'}"
     if result:
         return FollowStatus.SINGULAR, f"{singular}; just beyond, another configuration meets the path"

@@ -127,6 +127,20 @@ def test_plan_joints_lasts_as_long_as_asked_and_writes_a_ros_message(tmp_path: P
     assert "joint_names" in file.read_text()
 
 
+def test_a_law_that_promises_nothing_is_not_praised() -> None:
+    done = inside("plan", "line", "--timing", "quintic")
+    assert done.exit_code == 0, done.output
+    words = " ".join(done.output.split())
+    assert "not promised by quintic, and exceeded: acceleration 4.2 times its limit, jerk 192 times its limit" in words
+    assert "all that the law promises" not in words
+
+
+def test_help_shows_units() -> None:
+    words = inside("plan", "line", "--help").output
+    assert "[m]" in words
+    assert "[rad/s³" in words
+
+
 def test_bench_list_lists_every_suite() -> None:
     done = optik_command("bench", "list", "--json")
     assert [s["name"] for s in json.loads(done.stdout)] == list(names("benchmarks.suites"))
@@ -148,6 +162,9 @@ def test_bench_list_lists_every_suite() -> None:
         (["plan", "line", "--robot", "ur5e", "--start-deg", "10,-80,90,20,30,40"], "--acceleration"),
         (["plan", "line", "--out", "plan.txt"], ".json"),
         (["plan", "line", "--branch", "any"], "branch"),
+        (["plan", "line", "--robot", "panda"], "expected 7 joint values of panda"),
+        (["plan", "line", "--start-deg", "1,2"], "expected 6 joint values"),
+        (["plan", "joints", "--to-deg", ""], "--to-deg"),
         (["plan", "line", "--tool-speed", "0"], "tool_speed"),
         (["plan", "arc", "--via", "1,2,3"], "--via and --to, or --centre"),
         (["plan", "arc", "--via", "1,2,3", "--to", "1,2"], "3 or 6 numbers"),
