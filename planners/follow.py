@@ -235,7 +235,7 @@ def _redundant(
             break
     if best is None:
         return Followed(None, _no_start(solver, path, q))
-    return _finished(solver, path, grid, *best, branch, best[0].q[0] if q is None else q)
+    return _finished(solver, path, grid, *best, branch, best[0].q[0] if branch == "best" or q is None else q)
 
 
 # ---------------------------------------------------------------- samples, the method's record, the joint path

@@ -183,7 +183,8 @@ def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
 def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
     """Quintic Hermite in time through exact q, q̇, q̈ at the places."""
     length, time = given.units
-    s, v, a = given.s, z[:, :1] * (length / time), z[:, 1:2] * (length / time**2)
+    state = np.vstack([z[:-1, :2], given.problem.goal])  # which the optimum meets to its own tolerance only
+    s, v, a = given.s, state[:, :1] * (length / time), state[:, 1:] * (length / time**2)
     t = np.concatenate([[0.0], np.cumsum(z[:-1, 2] * time)])
     q, q1, q2 = (joint_path(s, order) for order in (0, 1, 2))
     return Trajectory(through(t, q, q1 * v, q1 * a + q2 * v * v))

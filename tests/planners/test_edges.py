@@ -1,0 +1,188 @@
+"""Inputs at the edge of what can be meant: each has a named error or a status, and nothing calls a network."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from optik.errors import InvalidInput
+from planners import Arc, JointLine, Line, MotionLimits, Plan, PlanStatus, Polyline, laws, make_law, plan
+from planners.timing.base import ALL_LIMITS
+from tests.planners.plain import START, paper6r
+
+Array = NDArray[np.float64]
+ROBOT = paper6r()
+HERE = ROBOT.fk(START)
+NUMBERS = pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("-inf")])
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("a planner calls a network")
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    monkeypatch.setattr(socket, "create_connection", refuse)
+    monkeypatch.setattr(socket, "getaddrinfo", refuse)
+
+
+def at(x: float, y: float, z: float, turn: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+    """A pose that far from the start."""
+    T = HERE.copy()
+    T[:3, 3] += (x, y, z)
+    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
+    return T
+
+
+def planned(path: Any, q_start: Any = START, **options: Any) -> Plan:
+    return plan(ROBOT, path, q_start, **{"timing": "smooth", "samples": 21} | options)
+
+
+def refused(argument: str, path: Any, q_start: Any = START, **options: Any) -> str:
+    with pytest.raises(InvalidInput) as info:
+        planned(path, q_start, **options)
+    assert info.value.argument == argument
+    return str(info.value)
+
+
+# ---------------------------------------------------------------- paths
+
+
+@pytest.mark.parametrize("path", [Line(HERE, HERE), JointLine(ROBOT, START, START), HERE, START], ids=str)
+def test_a_path_of_length_0_is_refused(path: Any) -> None:
+    assert "length of 0" in refused("path", path)
+
+
+def test_waypoints_that_are_all_one_are_refused() -> None:
+    with pytest.raises(InvalidInput) as info:
+        Polyline([HERE] * 3)
+    assert info.value.argument == "waypoints"
+
+
+@pytest.mark.parametrize("law", laws())
+def test_repeated_waypoints_are_one(law: str) -> None:
+    once = [HERE, at(0.03, 0.0, 0.0), at(0.03, 0.04, 0.0)]
+    twice = [HERE, HERE, once[1], once[1], once[1], once[2], once[2]]
+    one, other = (planned(Polyline(w), timing=law).trajectory for w in (once, twice))
+    np.testing.assert_array_equal(one.knots, other.knots)
+    np.testing.assert_array_equal(one.coefficients, other.coefficients)
+
+
+def test_two_waypoints_are_a_line() -> None:
+    goal = at(0.03, 0.04, -0.02, (0.1, 0.0, 0.05))
+    line, polyline = (planned(path) for path in (Line(HERE, goal), Polyline([HERE, goal])))
+    assert line.certificate.holds
+    assert polyline.certificate.holds
+    assert polyline.trajectory.duration == pytest.approx(line.trajectory.duration, rel=1e-6)
+
+
+@pytest.mark.parametrize("axis", np.eye(3), ids=str)
+def test_a_half_turn_has_no_shortest_way(axis: Array) -> None:
+    opposite = at(0.01, 0.0, 0.0, tuple(np.pi * axis))
+    for build in (
+        lambda: Line(HERE, opposite),
+        lambda: Polyline([HERE, at(0.02, 0.0, 0.0), at(0.03, 0.0, 0.0), opposite]),
+        lambda: Arc.through(HERE, HERE[:3, 3] + [0.01, 0.01, 0.0], opposite),
+        lambda: planned(opposite),
+    ):
+        with pytest.raises(InvalidInput, match=r"180|half turn"):
+            build()
+
+
+def test_a_turn_of_nearly_180_degrees_ends_in_a_status() -> None:
+    result = planned(Line(HERE, at(0.0, 0.0, 0.01, (0.0, 0.0, np.pi - 1e-4))))
+    assert result.status in PlanStatus
+    assert bool(result) == (result.stop is None)
+
+
+def test_a_path_that_leaves_the_workspace_says_where() -> None:
+    result = planned(Line(HERE, at(3.0, 0.0, 0.0)))
+    assert result.status in (PlanStatus.UNREACHABLE, PlanStatus.OUTSIDE_LIMITS)
+    assert result.stop is not None
+    assert 0.0 < result.stop.s < 3.0
+    assert result.stop.advice
+    assert result.prefix is not None
+    again = planned(Line(HERE, result.path.pose(0.98 * result.stop.s)))
+    assert again.certificate.holds
+
+
+def test_a_path_that_begins_beyond_reach_is_unreachable_at_0() -> None:
+    result = planned(Line(at(5.0, 0.0, 0.0), at(5.1, 0.0, 0.0)), None)
+    assert result.status is PlanStatus.UNREACHABLE
+    assert result.stop is not None
+    assert result.stop.s == 0.0
+
+
+# ---------------------------------------------------------------- starts
+
+
+def test_a_start_off_the_path_is_refused() -> None:
+    assert "mm" in refused("q_start", Line(at(0.001, 0.0, 0.0), at(0.1, 0.0, 0.0)))
+    assert "rad" in refused("q_start", JointLine(ROBOT, START + 0.01, START + 0.1))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 10.0])
+def test_a_start_that_is_no_configuration_is_refused(bad: float) -> None:
+    for path in (Line(HERE, at(0.05, 0.0, 0.0)), at(0.05, 0.0, 0.0), START + 0.1):
+        refused("q_start", path, np.where(np.arange(6) == 2, bad, START))
+    refused("q_start", Line(HERE, at(0.05, 0.0, 0.0)), START[:5])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_goal_that_is_no_pose_and_no_joints_is_refused(bad: float) -> None:
+    for goal in (np.full((4, 4), bad), np.full(6, bad), np.eye(3), "goal", None):
+        with pytest.raises(InvalidInput):
+            planned(goal)
+
+
+# ---------------------------------------------------------------- numbers
+
+
+@NUMBERS
+@pytest.mark.parametrize("field", ALL_LIMITS)
+def test_limits_that_are_none_are_refused(field: str, bad: float) -> None:
+    with pytest.raises(InvalidInput) as info:
+        MotionLimits(**{field: bad})
+    assert info.value.argument == field
+
+
+@pytest.mark.parametrize("law", laws())
+def test_limits_that_are_infinite_on_every_joint_are_missing(law: str) -> None:
+    kept = [f for f in ("velocity", "acceleration", "jerk") if f in make_law(law).keeps]
+    for field in kept:
+        given = {"velocity": 1.0, "acceleration": 5.0, "jerk": 50.0} | {field: np.full(6, np.inf)}
+        message = refused("limits", Line(HERE, at(0.05, 0.0, 0.0)), timing=law, limits=MotionLimits(**given))
+        assert field in message
+
+
+@NUMBERS
+def test_tolerances_durations_and_rates_that_are_none_are_refused(bad: float) -> None:
+    line = Line(HERE, at(0.05, 0.0, 0.0))
+    refused("tolerance", line, tolerance=(bad, 1e-5))
+    refused("tolerance", line, tolerance=(1e-5, bad))
+    refused("duration", line, duration=bad)
+    refused("rate", line, rate=bad)
+
+
+@NUMBERS
+def test_blends_that_are_none_are_refused(bad: float) -> None:
+    with pytest.raises(InvalidInput) as info:
+        Polyline([HERE, at(0.05, 0.0, 0.0), at(0.05, 0.05, 0.0)], blend=bad)
+    assert info.value.argument == "blend"
+
+
+@pytest.mark.parametrize("samples", [0, 1, -3, 2.5, float("nan"), True])
+def test_samples_that_are_no_count_are_refused(samples: Any) -> None:
+    refused("samples", Line(HERE, at(0.05, 0.0, 0.0)), samples=samples)
+
+
+@pytest.mark.parametrize("law", [law for law in laws() if law != "quintic"])
+def test_the_least_path_has_a_motion_or_a_named_reason(law: str) -> None:
+    result = planned(Line(HERE, at(1e-6, 0.0, 0.0)), timing=law)
+    assert result, result.stop
+    assert result.certificate.holds
