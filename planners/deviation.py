@@ -26,6 +26,12 @@ GRID = 512
 """Places of a path on a first look for the one that the tool is at."""
 TURN = 0.1
 """Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
+AT_ONCE = 2048
+"""Instants whose places on the grid are chosen together."""
+LITTLE = 1e-3
+"""Metres that it counts to say which place is nearest: little where the position moves."""
+STILL = 1e-6
+"""Share of the path's greatest rate below which it stands still: there, at a cusp, no place is nearer than another."""
 NEAR = 3e-14
 """How near to the nearest place of the path it is enough to be, as a share of the path."""
 ROUNDING = 2e-15
@@ -232,36 +238,50 @@ def _path_bounds(limits: _PieceBounds, s0: Array, s1: Array, v0: Array, v1: Arra
 
 
 def _places(path: Path, instants: Instants, guess: Array) -> _Places:
-    """Nearest places to the tool near a guess: by position where the path moves there, by rotation where it only turns."""
-    s = np.clip(guess, 0.0, path.end)
+    """Nearest places to the tool near a guess: Gauss and Newton's steps, quartered where they lead away.
+
+    Any place gives a true bound, and the nearest the least.
+    """
     part = _Part(path)
+    s = np.clip(guess, 0.0, path.end)
+    poses, twist = path.pose(s), path.twist(s)
+    offset = _offset(instants.poses, poses)
+    step = part.along(twist, offset)
     for _ in range(20):
-        poses, twist = path.pose(s), path.twist(s)
-        position = instants.poses[:, :3, 3] - poses[:, :3, 3]
-        turn = instants.poses[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
-        step = part.along(twist, position, 0.5 * _vee(turn - turn.transpose(0, 2, 1)))
         after = np.clip(s + step, 0.0, path.end)
-        if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:  # any place near the nearest gives a true bound
+        if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:
             break
-        s = after
-    else:
-        poses, twist = path.pose(s), path.twist(s)
-    return _Places(s, part.along(twist, instants.motion[:, 0, :3], instants.motion[:, 0, 3:]), poses, twist)
+        new = after, path.pose(after), path.twist(after)
+        there = _offset(instants.poses, new[1])
+        nearer = _weighed(there, there) <= 1.000001 * _weighed(offset, offset)  # and what rounding may add
+        step = np.where(nearer, part.along(new[2], there), 0.25 * step)
+        for old, x in zip((s, poses, twist, offset), (*new, there), strict=True):
+            old[nearer] = x[nearer]
+    return _Places(s, part.along(twist, instants.motion[:, 0]), poses, twist)
+
+
+def _offset(tool: Array, poses: Array) -> Array:
+    """Small motion (k, 6), linear and angular, from the path's poses to the tool's, to first order."""
+    turn = tool[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
+    return np.concatenate([tool[:, :3, 3] - poses[:, :3, 3], 0.5 * _vee(turn - turn.transpose(0, 2, 1))], axis=1)
 
 
 class _Part:
-    """What tells how far along a path something is: its position, or its rotation where the position stands."""
+    """How far along a path something is: by its position, and by its rotation where the position stands."""
 
     def __init__(self, path: Path) -> None:
-        self._least = 1e-3 * path.derivative_bounds()[0, 0]
+        rate = path.derivative_bounds()[:, 0]
+        self._still = (STILL * np.hypot(rate[0], LITTLE * rate[1])) ** 2  # at a cusp nothing tells
 
-    def along(self, twist: Array, linear: Array, angular: Array) -> Array:
-        """Distance in s (k,) that a small motion (linear, angular) of the tool makes, to first order."""
-        moving = np.linalg.norm(twist[:, :3], axis=1) > self._least
-        direction = np.where(moving[:, None], twist[:, :3], twist[:, 3:])
-        motion = np.where(moving[:, None], linear, angular)
-        size = np.einsum("ki,ki->k", direction, direction)
-        return np.asarray(np.einsum("ki,ki->k", direction, motion) / np.where(size > 0.0, size, np.inf))
+    def along(self, twist: Array, motion: Array) -> Array:
+        """Distance in s (k,) that a small motion (k, 6) of the tool makes, to first order."""
+        return np.asarray(_weighed(twist, motion) / (_weighed(twist, twist) + self._still))
+
+
+def _weighed(a: Array, b: Array) -> Array:
+    """Inner products (k,) of motions (k, 6), where a turn of 1 rad counts as `LITTLE`."""
+    linear, angular = (np.einsum("ki,ki->k", a[:, i], b[:, i]) for i in (slice(0, 3), slice(3, 6)))
+    return np.asarray(linear + LITTLE**2 * angular)
 
 
 def _vee(w: Array) -> Array:
@@ -269,35 +289,49 @@ def _vee(w: Array) -> Array:
 
 
 def _track(path: Path, poses: Array) -> Array:
-    """Places (k,) of poses along a path on a grid, in their order: the nearest to the first, then each near the one before."""
+    """Places (k,) of poses on a grid of the path that together are nearest, where going back costs and going on does not.
+
+    So the leg out and the leg back of a path that returns on itself are told apart by the order of the poses.
+    """
     s = np.union1d(np.linspace(0.0, path.end, GRID + 1), path.breaks)
-    index = np.empty(len(poses), dtype=np.int64)
-    _descend(path.pose(s), poses, index)
+    grid, points = (np.ascontiguousarray(_embedded(T)) for T in (path.pose(s), poses))
+    back = np.append(np.sum(np.diff(grid, axis=0) ** 2, axis=1), 0.0)
+    index = np.zeros(len(poses), dtype=np.int64)
+    cost = np.zeros(s.size)
+    for first in range(0, len(poses), AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        _cheapest(grid, points[part], back, cost, index[part])
+        cost = np.append(np.cumsum(back[: index[part][-1]][::-1])[::-1], np.zeros(s.size - index[part][-1]))
     return s[index]
 
 
-@compiled
-def _apart(A: Array, B: Array) -> float:
-    total = 0.0
-    for i in range(3):
-        total += (A[i, 3] - B[i, 3]) ** 2
-        for j in range(3):
-            total += 0.5 * (TURN * (A[i, j] - B[i, j])) ** 2
-    return total
+def _embedded(poses: Array) -> Array:
+    """Poses as points (k, 12) with |a − b|² = |p − x|² + `TURN`² |R − X|² / 2."""
+    return np.concatenate([poses[:, :3, 3], (TURN / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
 
 
 @compiled
-def _descend(grid: Array, poses: Array, index: NDArray[np.int64]) -> None:
-    at, least = 0, np.inf
-    for i in range(grid.shape[0]):
-        if _apart(grid[i], poses[0]) < least:
-            at, least = i, _apart(grid[i], poses[0])
-    for k in range(poses.shape[0]):
-        least = _apart(grid[at], poses[k])
-        for way in (1, -1):
-            while 0 <= at + way < grid.shape[0]:
-                beside = _apart(grid[at + way], poses[k])
-                if beside > least:
-                    break
-                at, least = at + way, beside
-        index[k] = at
+def _cheapest(grid: Array, points: Array, back: Array, cost: Array, index: NDArray[np.int64]) -> None:
+    """Dynamic programming over the places (m, 12) of a grid for points (k, 12) in their order, from costs (m,) to begin with.
+
+    Going back from place i + 1 to place i costs back[i].
+    """
+    m, k = grid.shape[0], points.shape[0]
+    before = np.empty((k, m), dtype=np.int32)
+    cost = cost.copy()
+    for row in range(k):
+        best = np.arange(m).astype(np.int32)
+        for i in range(m - 2, -1, -1):
+            if cost[i + 1] + back[i] < cost[i]:
+                cost[i], best[i] = cost[i + 1] + back[i], best[i + 1]
+        for i in range(1, m):
+            if cost[i - 1] <= cost[i]:
+                cost[i], best[i] = cost[i - 1], best[i - 1]
+        before[row] = best
+        for i in range(m):
+            for j in range(12):
+                cost[i] += (grid[i, j] - points[row, j]) ** 2
+    at = np.argmin(cost)
+    for row in range(k - 1, -1, -1):
+        index[row] = at
+        at = before[row, at]

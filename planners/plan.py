@@ -29,6 +29,9 @@ from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+FOLLOWED = 0.95
+"""Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
+
 
 class PlanStatus(StrEnum):
     """How planning ended: as following the path did, or in timing.
@@ -251,7 +254,7 @@ def plan(
     if solver.robot != robot:
         raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
     law.need(limits, robot)
-    allowed = Tolerance(*tolerance)
+    allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
     followed = follow(solver, path, q_start, branch=branch, samples=samples, tolerance=allowed)
     asked = Asked(robot, path, limits, solver.name, law, tolerance, rate)
     if followed.stop is not None:

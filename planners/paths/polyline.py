@@ -22,6 +22,8 @@ METRES_PER_RADIAN = 0.1
 """Length [m] that a turn of 1 rad counts for, where a segment turns more than it moves: that of a hand's tool."""
 SAME_POSE = 1e-9
 """Waypoints nearer than this [m and rad] to the one before are the same pose to any arm."""
+RETURN = 1e-4
+"""A corner whose directions add to less turns back (0.006° from a reversal)."""
 MIDDLE = 5.0 / 64.0
 """∫f over half a corner: at its middle the path is 2h·5/64·|d₂ − d₁| from the waypoint."""
 
@@ -58,7 +60,8 @@ class Polyline(Path):
     turned against it by at most 2h·5/64·|w₂ − w₁| (the exponential map of SO(3) does not stretch). h is the largest
     that keeps both within the tolerance, and at most half of either segment.
 
-    A reversal is a corner like others: the tool slows to dp/ds = 0 short of the waypoint by the tolerance, and returns.
+    A path that returns the way it came has no smooth corner there, whatever the tolerance: the tool has to stop, and it is
+    refused.
 
     Parameters
     ----------
@@ -81,8 +84,8 @@ class Polyline(Path):
     Raises
     ------
     InvalidInput
-        No poses, fewer than two different ones, a turn within 1e-6 rad of 180°, or a tolerance that is not above 0: a
-        sharp corner needs a stop, so plan each line by itself.
+        No poses, fewer than two different ones, a turn within 1e-6 rad of 180°, a path that returns the way it came, or a
+        tolerance that is not above 0: a sharp corner needs a stop, so plan each line by itself.
     """
 
     name: ClassVar[str] = "polyline"
@@ -104,6 +107,7 @@ class Polyline(Path):
         ends = np.cumsum(length)
         self._end = float(ends[-1])
         self.corners: Array = ends[:-1]
+        _refuse_returns(chords / length[:, None], turns / length[:, None], kept)
         inner = np.array(kept[1:-1], dtype=np.int64) - 1
         half = _half_widths(chords, turns, length, self._blend[inner], self._blend_rotation[inner])
         self._pieces = _pieces(self.waypoints, chords, turns, length, half)
@@ -253,6 +257,18 @@ def _different(waypoints: Array) -> list[int]:
     if len(kept) < 2:
         raise InvalidInput("waypoints", f"{len(waypoints)} equal poses", "at least two poses that differ")
     return kept
+
+
+def _refuse_returns(d: Array, w: Array, kept: list[int]) -> None:
+    """Refuse a corner in whose middle neither position nor rotation would go on: half of d₁ + d₂ and w₁ + w₂ remain there."""
+    left = [np.linalg.norm(x[1:] + x[:-1], axis=1) for x in (d, METRES_PER_RADIAN * w)]
+    back = np.flatnonzero(np.maximum(*left) < RETURN)
+    if back.size:
+        raise InvalidInput(
+            f"waypoints[{kept[back[0] + 1]}]",
+            "a path that returns the way it came",
+            "a corner to round; the tool has to stop here, so end this path here and plan another one back",
+        )
 
 
 def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend_rotation: Array) -> Array:

@@ -69,6 +69,29 @@ def programme(
     return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state is not None)
 
 
+def within(given: Programme, z: Array, u: Array) -> Array:
+    """Places s (m, K) at shares u (m, 1) of the durations of the intervals of a motion z (K + 1, 4)."""
+    v, a, tau, j = z[:-1].T
+    x = u * tau
+    return np.asarray(given.s[:-1] + given.units[0] * (x * (v + x * (a / 2.0 + x * (j / 6.0)))))
+
+
+def divided(
+    joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
+) -> Programme:
+    """The programme with some intervals (K,) halved in time; its start is the motion z (K + 1, 4)."""
+    length, time = given.units
+    i = np.flatnonzero(which)
+    v, a, tau, j = z[i].T
+    x = 0.5 * tau
+    middle = np.stack([within(given, z, np.array([[0.5]]))[0, i], v + x * (a + x * j / 2.0), a + x * j])
+    s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
+    tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, x)
+    return _numbers(
+        joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
+    )
+
+
 def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
     """Times (count + 1,) of the filtered motion, half of them spread evenly, half where its acceleration changes."""
     end = float(t[-1]) + width

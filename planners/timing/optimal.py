@@ -14,7 +14,7 @@ from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum
-from planners.timing._programme import UNITS, Programme, programme
+from planners.timing._programme import UNITS, Programme, divided, programme, within
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -35,7 +35,10 @@ MOST = 100
 """Iterations; 12 to 22 are usual."""
 CLOSE = 3e-4
 """What may be left to the slow-down: a share of the limits."""
-
+OFF = 1e-7
+"""How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved…"""
+FINEST = 4000
+"""…up to so many."""
 BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
 WIDER = (1.0, 1.001, 1.003, 1.01)
@@ -149,20 +152,35 @@ def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
-    problem = given.problem
-    K, n = problem.ds.size, problem.node.shape[1]
-    z = given.start if given.moving else _inside(problem, given.start, 0.9)
-    mu, trajectory = weight * FIRST * UNITS / K, None
-    for _ in range(PASSES if close else 2 * PASSES):
-        if _optimum.solve(problem, z, mu, GAP * UNITS / (6.0 * n * K), MOST) < 0:
-            return trajectory if close else None
-        trajectory = _motion(joint_path, given, z)
+    z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
+    weight, again, trajectory = weight * FIRST, 0, None
+    while again < (PASSES if close else 2 * PASSES):
+        problem = given.problem
+        K, n = problem.ds.size, problem.node.shape[1]
+        if _optimum.solve(problem, z, weight * UNITS / K, GAP * UNITS / (6.0 * n * K), MOST) < 0:
+            break
+        motion = _motion(joint_path, given, z)
+        if (off := _off(joint_path, given, z, motion)).any() and K < FINEST:
+            given = divided(joint_path, limits, given, z, off)
+            z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
+            weight, trajectory = FIRST, None
+            continue
+        trajectory, again = motion, again + 1
         if not _tighten(joint_path, problem, trajectory, limits, close):
             return trajectory
         if not given.moving:
             z = _inside(problem, z, 0.98)
-        mu = AGAIN * UNITS / K
+        weight = AGAIN
     return trajectory if close else None
+
+
+def _off(joint_path: JointPath, given: Programme, z: Array, trajectory: Trajectory) -> NDArray[np.bool_]:
+    """Intervals (K,) in which the motion leaves the joint path by more than `OFF` between the places."""
+    u = np.array([0.25, 0.5, 0.75])[:, None]
+    s = np.clip(within(given, z, u).ravel(), 0.0, joint_path.end)
+    t = (trajectory.knots[:-1] + u * np.diff(trajectory.knots)).ravel()
+    off = np.abs(trajectory(t) - joint_path(s)).max(axis=1).reshape(3, -1)
+    return np.asarray(off.max(axis=0) > OFF)
 
 
 def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:

@@ -74,7 +74,7 @@ def _polylines() -> dict[str, Path]:
         "turns far": Polyline(
             [reached((0, 0, 0), w) for w in ((0, 0, 0), (3.0, 0, 0), (3.0, 0.3, 2.0))], blend_rotation=9.0
         ),
-        "there and back": Polyline([reached((0, 0, 0)), reached((-0.1, 0, 0.05)), reached((0, 0, 0))], blend=5e-3),
+        "nearly back": Polyline([reached((0, 0, 0)), reached((-0.1, 0, 0.05)), reached((0, 1e-3, 0))], blend=5e-3),
     }
 
 
@@ -322,7 +322,7 @@ def test_the_nearest_place_to_a_pose_of_the_path_is_where_it_is(name: str, kind:
     found = path.nearest(path(s))
     assert found.shape == s.shape
     np.testing.assert_allclose(path(found), path(s), rtol=0.0, atol=1e-8)
-    if kind not in ("there and back", "to a goal"):  # other paths pass each place once
+    if kind != "to a goal":  # other paths pass each place once
         np.testing.assert_allclose(found, s, rtol=0.0, atol=1e-8 * path.end)
 
 

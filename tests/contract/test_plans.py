@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import optik
+from optik.errors import InvalidInput
 from optik.robot import Robot
 from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan, replan
 from planners.replan import OFF_PATH
@@ -63,7 +64,7 @@ def moved(robot: Robot, T: Array, q: Array, size: float, rng: np.random.Generato
     return out_pose
 
 
-def path_from(robot: Robot, q: Array, kind: str, rng: np.random.Generator, reversals: bool) -> Path:
+def path_from(robot: Robot, q: Array, kind: str, rng: np.random.Generator) -> Path:
     start = robot.fk(q)
     reach = float(np.linalg.norm(robot.fixed[:, :3, 3], axis=1).sum())
     size = reach * 10.0 ** rng.uniform(-2.0, -0.2)
@@ -77,9 +78,12 @@ def path_from(robot: Robot, q: Array, kind: str, rng: np.random.Generator, rever
         poses = [start]
         for _ in range(rng.integers(1, 5)):
             poses.append(moved(robot, poses[-1], q, size * rng.uniform(0.1, 1.0), rng))
-        if reversals and rng.random() < 0.15:
-            poses.append(poses[-2])  # there and back
-        return Polyline(poses, blend=10.0 ** rng.uniform(-4.0, -1.7), blend_rotation=10.0 ** rng.uniform(-3.0, -1.0))
+        blends = {"blend": 10.0 ** rng.uniform(-4.0, -1.7), "blend_rotation": 10.0 ** rng.uniform(-3.0, -1.0)}
+        try:
+            return Polyline(poses, **blends)
+        except InvalidInput as error:  # arms of few joints often have but one way to turn, and come back on it
+            assert "returns" in error.got
+            return Polyline(poses[:2], **blends)
     flat = robot.n < 6
     axis = np.array([0.0, 0.0, 1.0]) if robot.n == 4 else rng.normal(size=3)
     if robot.n == 5:
@@ -109,14 +113,14 @@ def limits_of(robot: Robot, rng: np.random.Generator) -> MotionLimits:
     return MotionLimits(**given)
 
 
-def problem(seed: int, reversals: bool = True) -> Problem:
+def problem(seed: int) -> Problem:
     rng = np.random.default_rng([4, seed])
     robot = arm(ROBOTS[seed % len(ROBOTS)])
     kind = PATHS[rng.choice(4, p=(0.35, 0.2, 0.3, 0.15))]
     law = laws()[(seed // len(ROBOTS)) % len(laws())]
     middle, half = 0.5 * (robot.limits.lower + robot.limits.upper), 0.5 * (robot.limits.upper - robot.limits.lower)
     q = middle + rng.uniform(-0.9, 0.9, robot.n) * half
-    path = path_from(robot, q, kind, rng, reversals)
+    path = path_from(robot, q, kind, rng)
     how = rng.random()
     start, branch = (q, None) if how < 0.7 else (q, "best") if how < 0.85 else (None, None)
     options = {
@@ -159,7 +163,7 @@ def untrue(one: Problem, result: Plan, seed: int) -> list[str]:
         if sigma > 2e-2:
             words.append(f"singular with a smallest singular value of {sigma:.3g}")
     elif result.status in (PlanStatus.UNREACHABLE, PlanStatus.OUTSIDE_LIMITS):
-        found = brute.cold(robot, path.pose(beyond), rng, 20)
+        found = brute.cold(robot, path.pose(beyond), rng, 8)
         if found is not None:
             words.append(f"{result.status}, but {found} is at s = {beyond:.6g}")
     elif result.status is PlanStatus.TIMING_INFEASIBLE:
@@ -207,7 +211,7 @@ def findings(one: Problem, result: Plan, seed: int, rate: float, most: int) -> l
 
 @pytest.mark.parametrize("seed", range(SHORT))
 def test_no_plan_is_contradicted_and_every_failure_is_true(seed: int) -> None:
-    one = problem(seed, reversals=False)
+    one = problem(seed)
     assert not findings(one, one.planned(), seed, 1e5, 10_000)
 
 
@@ -216,7 +220,7 @@ def test_no_plan_is_contradicted_and_every_failure_is_true(seed: int) -> None:
 def test_no_plan_is_contradicted_and_every_failure_is_true_at_length(chunk: int) -> None:
     wrong, solved = {}, 0
     for seed in range(SHORT + chunk, SHORT + LONG, 20):
-        one = problem(seed, reversals=False)
+        one = problem(seed)
         result = one.planned()
         solved += bool(result)
         if found := findings(one, result, seed, 1e5, 2_000_000):
@@ -234,23 +238,23 @@ def test_what_was_wrong_once_is_not(seed: int) -> None:
 
 
 @cache
-def sound() -> tuple[Plan, Array | None]:
-    one = problem(41)  # some micrometres off its path, and it turns
-    result = one.planned(timing="optimal")
+def sound(law: str) -> tuple[Plan, Array | None]:
+    one = problem(41)  # it turns; the quintic leaves the path by a tenth of a millimetre
+    result = one.planned(timing=law, samples=21)
     assert not brute.contradictions(result, one.q_start, 1e5, 10_000)
     return result, one.q_start
 
 
 @pytest.mark.parametrize("field", ["velocity", "acceleration", "jerk", "tool_speed", "rotation_speed"])
 def test_the_oracle_sees_an_extreme_that_is_a_hair_too_small(field: str) -> None:
-    result, q = sound()
+    result, q = sound("optimal")
     said = getattr(result.certificate, field)
     proof = replace(result.certificate, **{field: said._replace(value=said.value * (1.0 - 1e-4))})
     assert brute.contradictions(replace(result, _certificate=proof), q, 1e5, 10_000)
 
 
 def test_the_oracle_sees_every_other_figure_that_is_not_so() -> None:
-    result, q = sound()
+    result, q = sound("quintic")
     proof = result.certificate
     off = proof.path_error
     wrong: tuple[dict[str, Any], ...] = (
@@ -270,22 +274,13 @@ def test_the_oracle_sees_every_other_figure_that_is_not_so() -> None:
     assert brute.contradictions(result, q + 1e-6 if q is not None else np.zeros(6), 1e5, 10_000)
 
 
-@pytest.mark.xfail(reason="places on a path that turns back are told apart by position only", strict=True)
-@pytest.mark.parametrize("seed", [196, 626])
-def test_a_path_there_and_back_is_run_to_its_end(seed: int) -> None:
-    one = problem(seed)
-    result = one.planned()
-    assert result
-    assert not brute.contradictions(result, one.q_start, 1e5, 10_000)
-
-
 # ---------------------------------------------------------------- replanning
 
 
 @pytest.mark.parametrize("seed", range(0, 60, 6))
 @pytest.mark.parametrize("stop", [False, True])
 def test_a_replanned_motion_starts_at_the_state_and_ends_at_rest_on_the_path(seed: int, stop: bool) -> None:
-    one = problem(seed, reversals=False)
+    one = problem(seed)
     first = one.planned(timing="optimal")
     if not first:
         return

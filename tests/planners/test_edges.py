@@ -31,6 +31,10 @@ def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socket, "getaddrinfo", refuse)
 
 
+def kind_of(path: Any) -> str:
+    return type(path).__name__ if not isinstance(path, np.ndarray) else f"goal {path.shape}"
+
+
 def at(x: float, y: float, z: float, turn: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
     """A pose that far from the start."""
     T = HERE.copy()
@@ -53,7 +57,7 @@ def refused(argument: str, path: Any, q_start: Any = START, **options: Any) -> s
 # ---------------------------------------------------------------- paths
 
 
-@pytest.mark.parametrize("path", [Line(HERE, HERE), JointLine(ROBOT, START, START), HERE, START], ids=str)
+@pytest.mark.parametrize("path", [Line(HERE, HERE), JointLine(ROBOT, START, START), HERE, START], ids=kind_of)
 def test_a_path_of_length_0_is_refused(path: Any) -> None:
     assert "length of 0" in refused("path", path)
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from optik import se3
 from optik.errors import InvalidInput
 from planners import Line, Polyline
 from tests.planners import plain
@@ -26,6 +27,12 @@ def pose_of(position: Any, turn: Any = (0.0, 0.0, 0.0)) -> Array:
 
 
 waypoints = st.lists(st.builds(pose_of, vectors, vectors.map(lambda w: 0.8 * w)), min_size=3, max_size=6)
+
+
+def returns(poses: list[Array]) -> bool:
+    """Whether the way back from a pose is that of the way there."""
+    rates = [se3.error(a, b) / length(a, b) for a, b in pairwise(poses)]
+    return any(np.linalg.norm(a + b) < 1e-2 for a, b in pairwise(rates))
 
 
 def length(a: Array, b: Array) -> float:
@@ -48,7 +55,7 @@ def corner_width(path: Polyline, i: int) -> float:
 def test_the_path_stays_within_its_tolerance_of_the_sharp_polyline_and_of_its_corners(
     given_poses: list[Array], blend: float, turn: float
 ) -> None:
-    assume(min(length(a, b) for a, b in pairwise(given_poses)) > 0.05)
+    assume(min(length(a, b) for a, b in pairwise(given_poses)) > 0.05 and not returns(given_poses))
     path = Polyline(given_poses, blend=blend, blend_rotation=turn)
     lengths = [length(a, b) for a, b in pairwise(given_poses)]
     np.testing.assert_allclose(path.corners, np.cumsum(lengths)[:-1], rtol=1e-12)
@@ -133,17 +140,32 @@ def test_waypoints_on_a_straight_way_at_one_rate_do_not_round_it() -> None:
     np.testing.assert_allclose(path(s, 2), 0.0, rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("blend", [1e-4, 1e-2])
-def test_a_reversal_slows_down_short_of_the_waypoint_and_returns(blend: float) -> None:
-    path = Polyline([pose_of([0, 0, 0]), pose_of([0.5, 0, 0]), pose_of([0.1, 0, 0])], blend=blend)
-    np.testing.assert_allclose(path(0.5)[:3, 3], [0.5 - blend, 0.0, 0.0], rtol=0.0, atol=1e-15)
-    np.testing.assert_allclose(path(0.5, 1), 0.0, rtol=0.0, atol=1e-12)
-    assert path(0.5, 2)[0] < 0.0
-    s = np.linspace(0.0, path.end, 2001)
-    assert path(s)[:, 0, 3].max() <= 0.5 - blend + 1e-15
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_path_that_returns_the_way_it_came_is_refused(turns: bool) -> None:
+    there, way = np.array([0.0, 0.0, 0.3]), np.array([0.5, 0.0, 0.0])
+    out = [pose_of(0.2 * i * way, i * there * turns) for i in (0, 1, 1, 3)]
+    for back in (out[0], out[1]):
+        with pytest.raises(InvalidInput) as info:
+            Polyline([*out, back])
+        assert info.value.argument == "waypoints[3]"
+        assert "returns" in info.value.got
+    only_turning = [pose_of([0, 0, 0], i * there) for i in (0, 1, 0)]
+    with pytest.raises(InvalidInput, match="returns"):
+        Polyline(only_turning)
 
 
-def test_the_speed_along_s_is_at_most_one_and_never_stands_still_but_at_reversals() -> None:
+@pytest.mark.parametrize("aside", [1e-3, 0.1])
+def test_a_path_that_nearly_returns_never_stands_still(aside: float) -> None:
+    path = Polyline([pose_of([0, 0, 0]), pose_of([0.5, 0, 0]), pose_of([0, 0.5 * aside, 0])], blend=1e-3)
+    s = np.append(np.linspace(0.0, path.end, 100_001), path.corners)
+    assert np.linalg.norm(path(s, 1)[:, :3], axis=1).min() == pytest.approx(0.5 * aside, rel=0.01)
+    turned = Polyline(
+        [pose_of([0, 0, 0]), pose_of([0.5, 0, 0], [0, 0, 0.1]), pose_of([0, 0, 0], [0, 0, 0.2])], blend=1e-3
+    )
+    assert np.linalg.norm(turned(0.5, 1)[3:]) == pytest.approx(0.2, rel=1e-9)
+
+
+def test_the_speed_along_s_is_at_most_one_and_never_stands_still() -> None:
     rng = np.random.default_rng(5)
     path = Polyline([plain.random_pose(rng) for _ in range(6)], blend=0.02)
     v = np.linalg.norm(path(np.linspace(0.0, path.end, 5001), 1)[:, :3], axis=1)
@@ -236,7 +258,7 @@ def test_the_rotation_at_a_corner_keeps_its_tolerance() -> None:
 @settings(max_examples=15)
 @given(waypoints, tolerances, st.builds(pose_of, vectors, vectors))
 def test_no_place_of_a_polyline_is_nearer_than_the_nearest(poses: list[Array], blend: float, tool: Array) -> None:
-    assume(min(length(a, b) for a, b in pairwise(poses)) > 0.01)
+    assume(min(length(a, b) for a, b in pairwise(poses)) > 0.01 and not returns(poses))
     path = Polyline(poses, blend=blend)
     found = path(path.nearest(tool[None]))[0]
     everywhere = path(np.linspace(0.0, path.end, 4001))
