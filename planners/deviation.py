@@ -22,8 +22,8 @@ FLOOR = 1e-9
 """…or this [m or rad], where all values are smaller."""
 MOST = 400_000
 """Intervals at most; a motion that needs more keeps the bound it has then."""
-GRID = 512
-"""Places of a path on a first look for the one that the tool is at."""
+GRID, PER_PIECE = 512, 16
+"""Intervals of a path, and of each of its pieces, on a first look for the place that the tool is at."""
 TURN = 0.1
 """Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
 AT_ONCE = 2048
@@ -293,7 +293,7 @@ def _track(path: Path, poses: Array) -> Array:
 
     So the leg out and the leg back of a path that returns on itself are told apart by the order of the poses.
     """
-    s = np.union1d(np.linspace(0.0, path.end, GRID + 1), path.breaks)
+    s = path.places(GRID, PER_PIECE)
     grid, points = (np.ascontiguousarray(_embedded(T)) for T in (path.pose(s), poses))
     back = np.append(np.sum(np.diff(grid, axis=0) ** 2, axis=1), 0.0)
     index = np.zeros(len(poses), dtype=np.int64)

@@ -45,6 +45,12 @@ class Path(Curve):
         """`derivative_bounds` of each piece between two breaks, (k − 1, 2, 4); a sharp corner is felt only there."""
         return np.tile(self.derivative_bounds(), (self.breaks.size - 1, 1, 1))
 
+    def places(self, count: int, per_piece: int) -> Array:
+        """Places (k,) from 0 to the end: `count` equal intervals, and `per_piece` equal ones between any two breaks."""
+        breaks, u = self.breaks, np.arange(per_piece) / per_piece
+        within = breaks[:-1, None] + np.diff(breaks)[:, None] * u
+        return np.union1d(np.linspace(0.0, self.end, count + 1), within.ravel())
+
     def nearest(self, poses: ArrayLike) -> Array:
         """Where on the path the poses are nearest to it.
 

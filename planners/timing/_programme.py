@@ -19,6 +19,10 @@ UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
 INTERVALS = 128
 """Of a path without breaks; each break adds four."""
+PER_PIECE = 12
+"""Intervals of the start between any two breaks."""
+STEADY = 1.5
+"""Times the speed that would keep the jerk limits at rest of s̈ and s⃛, where the start is cut."""
 SMOOTHEST = 0.02
 """Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
 SHORTEST = 0.02
@@ -44,12 +48,14 @@ def programme(
     """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
     begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
-    s = np.linspace(begin, end, max(150, joint_path.knots.size) + 1)
+    s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
+    s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
     x, t = np.empty(s.size), np.empty(s.size)
-    q1, q2 = joint_path(s, 1), joint_path(s, 2)
+    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
+        speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
     if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x):
         return None
     _reach.in_time(s, x, t)
