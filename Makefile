@@ -12,10 +12,10 @@ demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 soak: $(VENV)/.dev
-	$(BIN)/python -m pytest -m soak
+	$(BIN)/python -m pytest -m soak -n auto
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

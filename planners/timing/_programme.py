@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
-INTERVALS = 128
-"""Of a path without breaks; each break adds four."""
+INTERVALS, PER_BREAK = 128, 8
+"""Of a path without breaks, and what each break adds."""
 PER_PIECE = 12
 """Intervals of the start between any two breaks."""
 STEADY = 1.5
@@ -64,7 +64,7 @@ def programme(
     if first > 0.0:  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
-    count = round(more * (intervals or min(INTERVALS + 4 * (joint_path.path.breaks.size - 2), 1000)))
+    count = round(more * (intervals or min(INTERVALS + PER_BREAK * (joint_path.path.breaks.size - 2), 1000)))
     when = _spread(t, s, v, width, since, count)
     at, v, a = _filtered(t, s, v, width, when)
     at = np.clip(at, begin, end)

@@ -10,10 +10,13 @@ from scipy.interpolate import PPoly
 
 from optik._compile import compiled
 from planners.follow import JointPath
+from planners.paths.base import Path
 from planners.timing.base import MotionLimits, speed_bound
 
 Array = NDArray[np.float64]
 
+INTERVALS, PER_PIECE = (1024, 16384), 12
+"""Least and most intervals of a table, and those of the path's shortest piece."""
 LEAST_FLAT = 0.02
 """Least share of a ramp with constant acceleration: without any, Ruckig's roots lose half their digits; it costs 1e-4 of T."""
 SHORTEST = 5e-4
@@ -54,11 +57,16 @@ class Table(NamedTuple):
     parts: Array
 
 
-def table(joint_path: JointPath, limits: MotionLimits, intervals: int = 1024) -> Table:
+def table(joint_path: JointPath, limits: MotionLimits) -> Table:
     """Evaluate the path once."""
-    s = np.linspace(0.0, joint_path.end, intervals + 1)
+    s = np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
     return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(joint_path, limits, q1, q2, q3))
+
+
+def fine_enough(path: Path) -> int:
+    """Intervals of a table of the path in which its shortest piece is seen."""
+    return int(np.clip(PER_PIECE * path.end / np.diff(path.breaks).min(), *INTERVALS))
 
 
 def parts(joint_path: JointPath, limits: MotionLimits, q1: Array, q2: Array, q3: Array) -> Array:

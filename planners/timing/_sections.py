@@ -41,7 +41,7 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
         They may exceed the limits a little, or leave room: a uniform scaling in time is left to the caller.
     """
     fastest = _fastest(what.slowness, what.parts, what.s)
-    nodes = _candidates(what, fastest, breaks)
+    nodes, open_since = _candidates(what, fastest, breaks)
     speeds = fastest[nodes][:, None] * LEVELS
     speeds[[0, -1]] = -1.0
     speeds[[0, -1], 0] = 0.0
@@ -49,13 +49,14 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     shortest = min(SHORTEST, 0.01 * duration)
     most = 1.0 + 1e-9  # candidates that stand exactly on a limit are in, however they round
     while True:
-        found = _programme(what.slowness, what.parts, scale, what.s[nodes], speeds, SHAPES, most, shortest)
+        found = _programme(what.slowness, what.parts, scale, what.s[nodes], open_since, speeds, SHAPES, most, shortest)
         if found.shape[0] or most > 1e6:
             break
         most *= 1.3  # no candidate speed is low enough: take a motion that is too fast, and let it be slowed
+    fixed = np.isin(found[:, 2], what.s[nodes[open_since[1:]]])
     for sharpness, rounds in SEARCH:
         slow = max(_ratio(what, scale, ramp) for ramp in found)
-        _search(what.slowness, what.parts, scale, found, rounds, sharpness, slow, shortest / slow)
+        _search(what.slowness, what.parts, scale, found, fixed, rounds, sharpness, slow, shortest / slow)
     return [Ramp(*map(float, row)) for row in found]
 
 
@@ -80,22 +81,39 @@ def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
     return np.asarray(np.where(finite, here, here[finite].max()))
 
 
-def _candidates(what: Table, fastest: Array, breaks: Array) -> Indices:
-    """Indices of the places: spread half by s and half by time, and the path's breaks."""
+def _candidates(what: Table, fastest: Array, breaks: Array) -> tuple[Indices, Indices]:
+    """Indices (k,) of the places, and for each that of the last break before it.
+
+    Places are spread half by s and half by time; each piece between two breaks has its ends and its quarters besides.
+    """
     last = what.s.size - 1
-    inner = np.round(breaks[1:-1] / what.s[-1] * last).astype(np.int64)
     slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())
     time = np.concatenate([[0.0], np.cumsum(0.5 * (slow[1:] + slow[:-1]))])
     spread = 0.5 * time / time[-1] + 0.5 * np.arange(last + 1) / last
-    even = np.interp(np.linspace(0.0, 1.0, PLACES + 3 * inner.size + 1), spread, np.arange(last + 1))
-    return np.unique(np.concatenate([np.round(even).astype(np.int64), inner, [0, last]]))
+    even = np.interp(np.linspace(0.0, 1.0, PLACES + 1), spread, np.arange(last + 1))
+    quarters = breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(4) / 4.0
+    pieces = quarters.ravel() / what.s[-1] * last if breaks.size > 2 else np.empty(0)
+    nodes = np.unique(np.round(np.concatenate([even, pieces, [0, last]])).astype(np.int64))
+    ends = np.unique(np.searchsorted(nodes, np.round(breaks[:-1] / what.s[-1] * last)))
+    return nodes, ends[np.maximum(np.searchsorted(ends, np.arange(nodes.size)) - 1, 0)]
 
 
 @compiled
 def _programme(
-    slowness: Array, parts: Array, scale: float, s: Array, speeds: Array, shapes: Array, most: float, shortest: float
+    slowness: Array,
+    parts: Array,
+    scale: float,
+    s: Array,
+    open_since: Indices,
+    speeds: Array,
+    shapes: Array,
+    most: float,
+    shortest: float,
 ) -> Array:
-    """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6)."""
+    """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6).
+
+    A ramp to place i starts at place open_since[i] or later.
+    """
     places, levels = speeds.shape
     best = np.full((places, levels), np.inf)
     back = np.zeros((places, levels, 3), np.int64)
@@ -103,7 +121,7 @@ def _programme(
     for to in range(1, places):
         for high in range(levels):
             v1 = speeds[to, high]
-            for at in range(to - 1, max(to - 1 - REACH, -1), -1):
+            for at in range(to - 1, max(to - 1 - REACH, open_since[to] - 1), -1):
                 for low in range(levels):
                     v0 = speeds[at, low]
                     if v1 < 0.0 or v0 < 0.0 or v0 + v1 <= 0.0 or best[at, low] >= best[to, high]:
@@ -183,27 +201,38 @@ def _power(
 
 @compiled
 def _search(
-    slowness: Array, parts: Array, scale: float, ramps: Array, rounds: int, sharpness: int, slow: float, shortest: float
+    slowness: Array,
+    parts: Array,
+    scale: float,
+    ramps: Array,
+    fixed: NDArray[np.bool_],
+    rounds: int,
+    sharpness: int,
+    slow: float,
+    shortest: float,
 ) -> None:
     """Move the ends and shapes of ramps (k, 6), in place, one number at a time, while the scaled motion gets faster.
+
+    Those whose ends are fixed (k,) keep them.
 
     The duration after a uniform scaling to the limits is (duration) · (largest r); a mean of order p stands for the
     largest, so that every step that lets a ramp breathe counts, and not only those at the worst place.
     """
     count, order = len(ramps), 3.0 * 2.0**sharpness
-    length, samples = ramps[-1, 2], 5
+    lengths, samples = ramps[:, 2] - ramps[:, 0], 5
+    least = min(1e-3 * ramps[-1, 2], 0.25 * lengths.min())
     time, power = np.empty(count), np.empty(count)
     for k in range(count):
         time[k], power[k] = _power(slowness, parts, scale, ramps[k], samples, sharpness, slow)
     best = np.log(time.sum()) + np.log(power.sum() / time.sum()) / order
     step = np.empty((count, 4))
-    step[:, 0], step[:, 1], step[:, 2], step[:, 3] = 0.02 * length, 0.05, 0.1, 0.1
+    step[:, 0], step[:, 1], step[:, 2], step[:, 3] = np.minimum(0.02 * ramps[-1, 2], 0.5 * lengths), 0.05, 0.1, 0.1
     kept, kept_time, kept_power = np.empty((2, 6)), np.empty(2), np.empty(2)
     for _ in range(rounds):
         for k in range(count):
             for number in range(4):
                 junction = number < 2
-                if junction and k == count - 1:
+                if (junction and k == count - 1) or (number == 0 and fixed[k]):
                     continue
                 end = k + 2 if junction else k + 1
                 better = False
@@ -222,7 +251,7 @@ def _search(
                         ramps[k, 2 + number] = min(max(ramps[k, 2 + number] + move, 0.02), 1.0 - LEAST_FLAT - other)
                     allowed = True
                     for i in range(k, end):
-                        allowed = allowed and ramps[i, 2] - ramps[i, 0] > 1e-3 * length
+                        allowed = allowed and ramps[i, 2] - ramps[i, 0] > least
                     if allowed:
                         for i in range(k, end):
                             time[i], power[i] = _power(slowness, parts, scale, ramps[i], samples, sharpness, slow)

@@ -19,6 +19,7 @@ from planners.timing._ramps import (
     Ramp,
     Table,
     Worst,
+    fine_enough,
     law_of,
     parts,
     phases_of,
@@ -32,8 +33,8 @@ from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-CELLS = 1024
-"""Intervals of the grid along the travelled distance."""
+CELLS, PER_PIECE, STEEP = 1024, 16, 0.1
+"""Least intervals of the path and of each of its pieces, and what ln |v| may change over one, where s(x) is a spline."""
 SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
     (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
@@ -116,14 +117,19 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     With c = dx/ds the tool's speed at ṡ = 1: s' = 1 / c, s'' = −c' / c³, s''' = (3 c'² − c c'') / c⁵.
     """
     path, end = joint_path.path, joint_path.end
-    s = np.linspace(0.0, end, CELLS + 1)
+    s = path.places(CELLS, PER_PIECE)
     turning = getattr(path, "turns_only", False) or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
-    c, c1, c2 = _rates(joint_path, s, turning)
-    if c.min() <= 1e-6 * c.max():
-        raise NoSolution(
-            f"the tool's point stands still at s = {s[c.argmin()]:.6g}: no speed of it is constant along this path",
-            s=float(s[c.argmin()]), advice="another law, with tool_speed= or rotation_speed= as limits",
-        )  # fmt: skip
+    while True:
+        c, c1, c2 = _rates(joint_path, s, turning)
+        if c.min() <= 1e-6 * c.max():
+            raise NoSolution(
+                f"the tool's point stands still at s = {s[c.argmin()]:.6g}: no speed of it is constant along this path",
+                s=float(s[c.argmin()]), advice="another law, with tool_speed= or rotation_speed= as limits",
+            )  # fmt: skip
+        steep = np.abs(np.diff(np.log(c))) > STEEP
+        if not steep.any():
+            break
+        s = np.sort(np.append(s, 0.5 * (s[:-1] + s[1:])[steep]))
     uniform = bool(np.ptp(c) <= 1e-9 * c.max())
     if uniform:
         mean = float(c.mean())
@@ -135,7 +141,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
         x = np.concatenate([[0.0], np.cumsum(pieces)])
         s_of_x = through(x, s[:, None], 1.0 / c[:, None], (-c1 / c**3)[:, None])
         s_of_x = PPoly(s_of_x.c[..., 0], x, extrapolate=True)
-    grid = np.linspace(0.0, s_of_x.x[-1], CELLS + 1)
+    grid = np.linspace(0.0, s_of_x.x[-1], fine_enough(path) + 1)
     at = np.clip(s_of_x(grid), 0.0, end)
     if not uniform:
         c, c1, c2 = _rates(joint_path, at, turning)

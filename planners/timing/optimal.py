@@ -37,6 +37,8 @@ CLOSE = 3e-4
 """What may be left to the slow-down: a share of the limits."""
 OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved…"""
+COARSE, HALVINGS = 1.05, 6
+"""So are, some times, intervals in which a limit is passed by more, …"""
 FINEST = 4000
 """…up to so many."""
 BETWEEN = 1.00005
@@ -153,15 +155,18 @@ def _solved(
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
     z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
-    weight, again, trajectory = weight * FIRST, 0, None
+    weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
         K, n = problem.ds.size, problem.node.shape[1]
         if _optimum.solve(problem, z, weight * UNITS / K, GAP * UNITS / (6.0 * n * K), MOST) < 0:
             break
         motion = _motion(joint_path, given, z)
-        if (off := _off(joint_path, given, z, motion)).any() and K < FINEST:
-            given = divided(joint_path, limits, given, z, off)
+        coarse = _off(joint_path, given, z, motion)
+        if halvings < HALVINGS:
+            coarse |= _over(joint_path, motion, limits).max(axis=(0, 2)) > COARSE
+        if coarse.any() and K < FINEST:
+            given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
             weight, trajectory = FIRST, None
             continue
@@ -212,10 +217,9 @@ def _tighten(
     joint_path: JointPath, problem: _optimum.Problem, trajectory: Trajectory, limits: MotionLimits, close: float
 ) -> bool:
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
-    bound = limits.arrays(joint_path.robot.n)
-    over = [trajectory.piece_worst(order) / bound[field] for order, field in enumerate(DERIVATIVES, start=1)]
+    over = _over(joint_path, trajectory, limits)
     tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
-    if max(float(o.max()) for o in (*over, tool)) <= 1.0 + close:
+    if max(over.max(), tool.max()) <= 1.0 + close:
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
@@ -226,6 +230,12 @@ def _tighten(
     problem.top[:-1] /= slow
     problem.top[1:] /= slow
     return True
+
+
+def _over(joint_path: JointPath, trajectory: Trajectory, limits: MotionLimits) -> Array:
+    """Exact extrema of velocity, acceleration and jerk of every piece (3, K, n) over their limits."""
+    bound = limits.arrays(joint_path.robot.n)
+    return np.stack([trajectory.piece_worst(order) / bound[field] for order, field in enumerate(DERIVATIVES, start=1)])
 
 
 def _tool_ratios(joint_path: JointPath, trajectory: Trajectory, limits: MotionLimits) -> Array:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, NoSolution
-from planners import JointPath, Line, MotionLimits, TimeLaw, Trajectory, certify, laws, make_law
+from planners import JointPath, Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, laws, make_law, plan
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
 from tests.planners import plain
 from tests.planners.plain import default_joint_path, paper6r, random_joint_paths
@@ -321,3 +321,34 @@ def test_limits_on_nothing_that_moves_are_no_motion(law: str) -> None:
 def test_joints_that_do_not_move_stand_still(law: str) -> None:
     trajectory = make_law(law).run(one_joint_path(), MotionLimits(*SETS["fast"]))
     assert np.ptp(trajectory(np.linspace(0.0, trajectory.duration, 200))[:, :5], axis=0).max() <= 1e-12
+
+
+@cache
+def sharp_corners() -> Plan:
+    """Corners of 30° between stretches and nearly back on the way, rounded within a tenth of a millimetre."""
+    robot = paper6r()
+    poses = np.tile(robot.fk(plain.START), (4, 1, 1))
+    poses[1, :3, 3] += (0.0, 0.06, 0.0)
+    poses[2, :3, 3] += (0.03, 0.008, 0.0)
+    poses[3, :3, 3] += (0.03, 0.058, 0.004)
+    return plan(robot, Polyline(poses, blend=1e-4), plain.START, limits=MotionLimits(2.0, 10.0, 100.0))
+
+
+@pytest.mark.parametrize("law", [law for law in laws() if make_law(law).keeps])
+def test_sharp_corners_are_kept_to_and_certified(law: str) -> None:
+    followed = sharp_corners().joint_path
+    assert followed is not None
+    limits = MotionLimits(2.0, 10.0, 100.0)
+    proof = plan(paper6r(), followed.path, plain.START, timing=law, limits=limits).certificate
+    assert proof.holds
+    assert max(proof.path_error[:2]) <= 1e-6
+    s = proof.binding.s
+    assert (np.diff(s) >= 0.0).all()
+    assert s[-1] >= (1.0 - 1e-9) * followed.end
+
+
+def test_a_corner_paces_the_corner_only() -> None:
+    followed, best = sharp_corners().joint_path, sharp_corners().trajectory.duration
+    assert followed is not None
+    assert best < 1.2
+    assert make_law("ruckig").run(followed, MotionLimits(2.0, 10.0, 100.0)).duration <= 1.5 * best
