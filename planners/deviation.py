@@ -294,13 +294,13 @@ def _track(path: Path, poses: Array) -> Array:
     So the leg out and the leg back of a path that returns on itself are told apart by the order of the poses.
     """
     s = path.places(GRID, PER_PIECE)
-    grid, points = (np.ascontiguousarray(_embedded(T)) for T in (path.pose(s), poses))
-    back = np.append(np.sum(np.diff(grid, axis=0) ** 2, axis=1), 0.0)
+    grid, points = (np.ascontiguousarray(_embedded(T).T) for T in (path.pose(s), poses))
+    back = np.append(np.sum(np.diff(grid, axis=1) ** 2, axis=0), 0.0)
     index = np.zeros(len(poses), dtype=np.int64)
     cost = np.zeros(s.size)
     for first in range(0, len(poses), AT_ONCE):
         part = slice(first, first + AT_ONCE)
-        _cheapest(grid, points[part], back, cost, index[part])
+        _cheapest(grid, points[:, part], back, cost, index[part])
         cost = np.append(np.cumsum(back[: index[part][-1]][::-1])[::-1], np.zeros(s.size - index[part][-1]))
     return s[index]
 
@@ -312,26 +312,28 @@ def _embedded(poses: Array) -> Array:
 
 @compiled
 def _cheapest(grid: Array, points: Array, back: Array, cost: Array, index: NDArray[np.int64]) -> None:
-    """Dynamic programming over the places (m, 12) of a grid for points (k, 12) in their order, from costs (m,) to begin with.
+    """Dynamic programming over places (12, m) for points (12, k) in their order, from costs (m,) to begin with.
 
-    Going back from place i + 1 to place i costs back[i].
+    A place costs its squared distance from the point, and going back to it from the one behind costs back (m,).
     """
-    m, k = grid.shape[0], points.shape[0]
+    m, k = grid.shape[1], points.shape[1]
     before = np.empty((k, m), dtype=np.int32)
-    cost = cost.copy()
+    total = cost.copy()
     for row in range(k):
-        best = np.arange(m).astype(np.int32)
+        came = before[row]
+        came[m - 1] = m - 1
         for i in range(m - 2, -1, -1):
-            if cost[i + 1] + back[i] < cost[i]:
-                cost[i], best[i] = cost[i + 1] + back[i], best[i + 1]
+            came[i] = i
+            if total[i + 1] + back[i] < total[i]:
+                total[i], came[i] = total[i + 1] + back[i], came[i + 1]
         for i in range(1, m):
-            if cost[i - 1] <= cost[i]:
-                cost[i], best[i] = cost[i - 1], best[i - 1]
-        before[row] = best
-        for i in range(m):
-            for j in range(12):
-                cost[i] += (grid[i, j] - points[row, j]) ** 2
-    at = np.argmin(cost)
+            if total[i - 1] <= total[i]:
+                total[i], came[i] = total[i - 1], came[i - 1]
+        for j in range(12):
+            x = points[j, row]
+            for i in range(m):
+                total[i] += (grid[j, i] - x) * (grid[j, i] - x)
+    at = np.argmin(total)
     for row in range(k - 1, -1, -1):
         index[row] = at
         at = before[row, at]

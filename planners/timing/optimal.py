@@ -36,11 +36,9 @@ MOST = 100
 CLOSE = 3e-4
 """What may be left to the slow-down: a share of the limits."""
 OFF = 1e-7
-"""How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved…"""
+"""How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
 COARSE, HALVINGS = 1.05, 6
-"""So are, some times, intervals in which a limit is passed by more, …"""
-FINEST = 4000
-"""…up to so many."""
+"""So are those in which a limit is passed by more, so many times; the former twice as many."""
 BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
 WIDER = (1.0, 1.001, 1.003, 1.01)
@@ -162,10 +160,9 @@ def _solved(
         if _optimum.solve(problem, z, weight * UNITS / K, GAP * UNITS / (6.0 * n * K), MOST) < 0:
             break
         motion = _motion(joint_path, given, z)
-        coarse = _off(joint_path, given, z, motion)
-        if halvings < HALVINGS:
-            coarse |= _over(joint_path, motion, limits).max(axis=(0, 2)) > COARSE
-        if coarse.any() and K < FINEST:
+        coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
+        coarse |= (_over(joint_path, motion, limits).max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
+        if coarse.any():
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
             weight, trajectory = FIRST, None
