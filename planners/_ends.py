@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import optik
 from optik import kinematics
-from optik.ik import IKResult, IKSolver, IKStatus
+from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.reach import outside_reach
 from optik.robot import Robot
 from planners import _march
@@ -24,6 +24,9 @@ NEARLY_SINGULAR = 1e-2
 
 BEYOND = 1e-3
 """How far beyond its end [share of the path] the arm is asked whether it reaches there by another configuration."""
+
+EXACT = Tolerance(1e-9, 1e-9)
+"""Of whether an arm with fewer than six joints meets a pose: beside a path that it can keep, others are nearly met."""
 
 
 class FollowStatus(StrEnum):
@@ -100,9 +103,10 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
         )
     if robot.n < 6 and ended.code == _march.NOT_MET and sigma > NEARLY_SINGULAR:
         few = f"{robot.name} has {robot.n} joints and cannot keep to this path from s = {s:.6g} on"
-        near = optik.solve_ik(robot, path.pose(min(s + 10.0 * BEYOND * path.end, path.end)), robot.limits.clip(q))
+        target = path.pose(min(s + 10.0 * BEYOND * path.end, path.end))
+        near = optik.solve_ik(robot, target, robot.limits.clip(q), tolerance=EXACT)
         if near:
-            return FollowStatus.SINGULAR, f"{few} without a jump to another configuration"
+            return FollowStatus.BRANCH_JUMP, f"{few} without a jump to another configuration"
         off = f"{1e3 * near.position_error:.3g} mm and {np.degrees(near.rotation_error):.3g}° off"
         return FollowStatus.UNREACHABLE, f"{few}: a little further it stays {off}"
     result = optik.solve_ik(robot, beyond, robot.limits.clip(q))

@@ -294,7 +294,8 @@ def _solve_samples(
 ) -> tuple[IKRecord, Stop | None]:
     """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch.
 
-    For a redundant arm, where answers may drift along their curves of solutions, from the tracked one before.
+    For a redundant arm, where answers may drift along their curves of solutions, from the tracked one before; from the
+    tracked one itself where that leads far away, since the free motion is not the method's to choose.
     """
     robot, stop = solver.robot, None
     solve, redundant = solver.solve, robot.n > 6
@@ -302,6 +303,8 @@ def _solve_samples(
     q = q_start
     for i, target in enumerate(path.pose(samples)):
         result = solve(target, q)
+        if redundant and result and np.abs(result.q - tracked[i]).max() > _march.LARGEST_STEP:
+            result = solve(target, tracked[i])
         if not result:
             stop = no_ik(solver, float(samples[i]), result, q)
             break
