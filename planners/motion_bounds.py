@@ -161,8 +161,20 @@ def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array
     A curve is within fourth · h⁴ / 384 of the cubic through its ends (de Boor, A Practical Guide to Splines, ch. IV; the
     bound holds for vectors, along every direction), and the cubic within the hull of its Bézier points.
     """
-    third = h[:, None] / 3.0
-    points = (left, left + third * left_rate, right - third * right_rate, right)
-    largest = np.max([np.linalg.norm(p, axis=1) for p in points], axis=0)
-    bound: Array = largest + fourth * h**4 / 384.0
+    bound = np.empty(h.size)
+    left, left_rate, right, right_rate = (np.ascontiguousarray(x) for x in (left, left_rate, right, right_rate))
+    _bezier_bound(left, left_rate, right, right_rate, h, np.ascontiguousarray(fourth), bound)
     return bound
+
+
+@compiled
+def _bezier_bound(
+    left: Array, left_rate: Array, right: Array, right_rate: Array, h: Array, fourth: Array, bound: Array
+) -> None:
+    for k in range(h.shape[0]):
+        third, points = h[k] / 3.0, (0.0, 0.0, 0.0, 0.0)
+        for i in range(left.shape[1]):
+            a, b = left[k, i], right[k, i]
+            c, d = a + third * left_rate[k, i], b - third * right_rate[k, i]
+            points = (points[0] + a * a, points[1] + b * b, points[2] + c * c, points[3] + d * d)
+        bound[k] = np.sqrt(max(points)) + fourth[k] * h[k] ** 4 / 384.0

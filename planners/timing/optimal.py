@@ -161,14 +161,15 @@ def _solved(
             break
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
-        coarse |= (_over(joint_path, motion, limits).max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
+        over = _over(joint_path, motion, limits)
+        coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
         if coarse.any():
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
             weight, trajectory = FIRST, None
             continue
         trajectory, again = motion, again + 1
-        if not _tighten(joint_path, problem, trajectory, limits, close):
+        if not _tighten(joint_path, problem, trajectory, over, limits, close):
             return trajectory
         if not given.moving:
             z = _inside(problem, z, 0.98)
@@ -211,10 +212,10 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
 
 
 def _tighten(
-    joint_path: JointPath, problem: _optimum.Problem, trajectory: Trajectory, limits: MotionLimits, close: float
-) -> bool:
+    joint_path: JointPath, problem: _optimum.Problem, trajectory: Trajectory, over: Array, limits: MotionLimits,
+    close: float,
+) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
-    over = _over(joint_path, trajectory, limits)
     tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
     if max(over.max(), tool.max()) <= 1.0 + close:
         return False
