@@ -240,10 +240,10 @@ def _against_singularity(b: TimingRows, run: Run) -> Board:
         if about is None:
             continue
         for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
-            marker = {
-                "color": run.timing_colour(str(label)), "size": 5, "opacity": 0.75,
-                "symbol": "x" if about["kind"] == "peer" else "circle",
-            }  # fmt: skip
+            colour = run.timing_colour(str(label))
+            marker = {"color": colour, "size": 5, "opacity": 0.75, "symbol": "circle"}
+            if about["kind"] == "peer":
+                marker |= {"symbol": "x-thin", "size": 6, "line": {"width": 1.5, "color": colour}}
             trace = line(
                 mode="markers", x=lean(rows["singular_value"], 4), y=lean(rows[column], 5), name=str(label), marker=marker,
                 text=[f"{r} {k.replace('_', '-')} {i}" for r, k, i in rows.select("robot", "kind", "index").iter_rows()],
