@@ -12,6 +12,7 @@ from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _optimum, _reach
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
+from planners.timing.smooth import QUINTIC, least_duration
 
 Array = NDArray[np.float64]
 
@@ -64,8 +65,7 @@ def programme(
     if first > 0.0:  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
-    count = round(more * (intervals or min(INTERVALS + PER_BREAK * (joint_path.path.breaks.size - 2), 1000)))
-    when = _spread(t, s, v, width, since, count)
+    when = _spread(t, s, v, width, since, round(more * _count(joint_path, intervals)))
     at, v, a = _filtered(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
@@ -73,6 +73,18 @@ def programme(
     v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
     return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state is not None)
+
+
+def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float) -> Programme:
+    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
+    duration, count = least_duration(joint_path, limits), round(more * _count(joint_path, intervals))
+    u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
+    for order in range(3):
+        motion[order] = joint_path.end / duration**order * np.polyval(np.polyder(QUINTIC, order), u)
+    motion[:, 0], motion[:, -1] = 0.0, (joint_path.end, 0.0, 0.0)
+    s, v, a = motion
+    units = joint_path.end / UNITS, duration / UNITS
+    return _numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, False)
 
 
 def within(given: Programme, z: Array, u: Array) -> Array:
@@ -96,6 +108,10 @@ def divided(
     return _numbers(
         joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
     )
+
+
+def _count(joint_path: JointPath, intervals: int | None) -> int:
+    return intervals or min(INTERVALS + PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
 
 
 def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:

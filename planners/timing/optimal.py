@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum
-from planners.timing._programme import UNITS, Programme, divided, programme, within
+from planners.timing._programme import UNITS, Programme, divided, gentle, programme, within
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -31,6 +32,8 @@ STARTS = (
     (2.0, 10.0, 1.5), (4.0, 1.0, 0.7), (0.25, 10.0, 2.0),
 )  # fmt: skip
 """Widths of the start's filter, first barrier weights and numbers of intervals, over the usual ones, tried in turn."""
+GENTLE = ((1.0, 1.0), (100.0, 1.0), (1.0, 2.0), (1.0, 3.0), (10.0, 1.5))
+"""First barrier weights and numbers of intervals, over the usual ones, from one quintic in s: where no other start led on."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
 CLOSE = 3e-4
@@ -83,8 +86,7 @@ class Optimal(TimeLaw):
             The iteration found no motion.
         """
         self.need(limits, joint_path.robot)
-        for width, weight, more in STARTS:
-            problem = programme(joint_path, limits, self.intervals, width=width, more=more)
+        for problem, weight in _problems(joint_path, limits, self.intervals):
             trajectory = None if problem is None else _solved(joint_path, problem, limits, CLOSE, weight)
             if trajectory is not None:
                 return fitted(joint_path.robot, trajectory, limits, self.keeps)
@@ -131,6 +133,16 @@ class Optimal(TimeLaw):
             s=state.s,
             advice="higher limits" if stop else "stop=True, or higher limits",
         )
+
+
+def _problems(
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None
+) -> Iterator[tuple[Programme | None, float]]:
+    """Programmes with their starts and barrier weights, the likeliest first."""
+    for width, weight, more in STARTS:
+        yield programme(joint_path, limits, intervals, width=width, more=more), weight
+    for weight, more in GENTLE:
+        yield gentle(joint_path, limits, intervals, more), weight
 
 
 def _stopping_places(joint_path: JointPath, limits: MotionLimits, state: PathState) -> list[float]:

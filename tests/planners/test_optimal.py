@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, MotionLimits, Trajectory, laws, make_law
+from planners.timing import optimal
 from planners.timing.base import DERIVATIVES, PathState
 from planners.timing.optimal import Optimal
 from tests.planners.plain import default_joint_path, random_joint_paths
@@ -202,3 +203,22 @@ def test_intervals_that_cannot_be_meant_are_refused(wrong: Any) -> None:
     with pytest.raises(InvalidInput) as info:
         Optimal(intervals=wrong)
     assert info.value.argument == "intervals"
+
+
+def test_a_gentle_start_leads_to_the_same_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = make_law("optimal").run(default_joint_path(), LIMITS)
+    monkeypatch.setattr(optimal, "STARTS", ())
+    gentle = make_law("optimal").run(default_joint_path(), LIMITS)
+    assert gentle.duration == pytest.approx(usual.duration, rel=5e-3)
+    assert not np.array_equal(gentle.knots, usual.knots)
+
+
+def test_acceleration_limits_far_below_the_others_have_a_motion() -> None:
+    """Of random limits: none of the usual starts leads on here, or nearly none."""
+    acceleration = np.full(6, 0.10771508)
+    jerk = np.full(6, 184.17958317)
+    acceleration[5], jerk[0] = 0.05345505, 12.21961096
+    limits = MotionLimits(3.15623072, acceleration, jerk)
+    for joint_path in (default_joint_path(), *random_joint_paths(4)):
+        best = make_law("optimal").run(joint_path, limits)
+        assert best.duration <= make_law("ruckig").run(joint_path, limits).duration
