@@ -101,8 +101,9 @@ def divided(
     length, time = given.units
     i = np.flatnonzero(which)
     v, a, tau, j = z[i].T
-    x = 0.5 * tau
-    middle = np.stack([within(given, z, np.array([[0.5]]))[0, i], v + x * (a + x * j / 2.0), a + x * j])
+    x, width = 0.5 * tau, given.s[i + 1] - given.s[i]
+    half = np.clip(within(given, z, np.array([[0.5]]))[0, i], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
+    middle = np.stack([half, np.maximum(v + x * (a + x * j / 2.0), 0.0), a + x * j])  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
     tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, x)
     return _numbers(

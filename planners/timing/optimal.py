@@ -42,6 +42,8 @@ OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
 COARSE, HALVINGS = 1.05, 6
 """So are those in which a limit is passed by more, so many times; the former twice as many."""
+FINEST = 4000
+"""Intervals that are not halved any more."""
 BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
 WIDER = (1.0, 1.001, 1.003, 1.01)
@@ -175,7 +177,7 @@ def _solved(
         coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
         over = _over(joint_path, motion, limits)
         coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
-        if coarse.any():
+        if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
             weight, trajectory = FIRST, None

@@ -222,3 +222,20 @@ def test_acceleration_limits_far_below_the_others_have_a_motion() -> None:
     for joint_path in (default_joint_path(), *random_joint_paths(4)):
         best = make_law("optimal").run(joint_path, limits)
         assert best.duration <= make_law("ruckig").run(joint_path, limits).duration
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(3))
+def test_no_limits_over_four_decades_are_without_a_motion(seed: int) -> None:
+    rng = np.random.default_rng([8, seed])
+    joint_paths = (default_joint_path(), *random_joint_paths(12))
+    for _ in range(500):
+        sizes = np.array([2.0, 10.0, 100.0]) * 10.0 ** rng.uniform(-2.0, 2.0, 3)
+        each = sizes[:, None] * np.where(
+            np.arange(6) == rng.integers(6, size=(3, 1)), rng.uniform(0.05, 1.0, (3, 1)), 1.0
+        )
+        tool = None if rng.random() < 0.7 else 10.0 ** rng.uniform(-3.0, 0.0)
+        limits = MotionLimits(*each, tool_speed=tool)
+        trajectory = make_law("optimal").run(joint_paths[rng.integers(len(joint_paths))], limits)
+        for order, field in enumerate(DERIVATIVES, start=1):
+            assert (trajectory.extrema(order).worst <= limits.arrays(6)[field]).all()
