@@ -22,6 +22,9 @@ METRES_PER_RADIAN = 0.1
 """Length [m] that a turn of 1 rad counts for, where a segment turns more than it moves: that of a hand's tool."""
 SAME_POSE = 1e-9
 """Waypoints nearer than this [m and rad] to the one before are the same pose to any arm."""
+MERGED, SMALLEST = 0.25, np.array([1e-4, 1e-3])
+"""A waypoint is merged with the one before where it is nearer than this share of its tolerance, and nearer than 0.1 mm and
+1 mrad, which is what arms repeat to: a corner between would be far sharper than was asked for, and all but stop the tool."""
 RETURN = 1e-4
 """A corner whose directions add to less turns back (0.006° from a reversal)."""
 MIDDLE = 5.0 / 64.0
@@ -58,7 +61,8 @@ class Polyline(Path):
     The tolerance holds both ways. At u the path is at most min(F(u), F(1 − u))·2h·|d₂ − d₁| ≤ 2h·5/64·|d₂ − d₁| from a
     place of the sharp polyline (F = ∫f), which runs over all places of the sharp corner as u goes from 0 to 1, and is
     turned against it by at most 2h·5/64·|w₂ − w₁| (the exponential map of SO(3) does not stretch). h is the largest
-    that keeps both within the tolerance, and at most half of either segment.
+    that keeps both within the tolerance, and at most half of either segment. Waypoints that nearly repeat one before are
+    merged with it first, well within their tolerance, so that none of them all but stops the tool.
 
     A path that returns the way it came has no smooth corner there, whatever the tolerance: the tool has to stop, and it is
     refused.
@@ -77,7 +81,8 @@ class Polyline(Path):
     waypoints : (m + 1, 4, 4) array
         Those that the path passes.
     dropped : tuple of int
-        Indices of waypoints that were left out since they equal the one before (within 1e-9 m and rad).
+        Indices of waypoints that were left out since they are nearly one that is kept: within a quarter of their
+        tolerance, at most 0.1 mm and 1 mrad (of the end: within half of it).
     corners : (m − 1,) array
         Where in s the inner waypoints are passed.
 
@@ -94,7 +99,7 @@ class Polyline(Path):
         self._given = _check_waypoints(waypoints)
         self._blend = _tolerances(blend, "blend", "m", len(self._given) - 2)
         self._blend_rotation = _tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
-        kept = _different(self._given)
+        kept, room = _merged(self._given, self._blend, self._blend_rotation)
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))
         self.waypoints: Array = self._given[kept]
         chords = np.diff(self.waypoints[:, :3, 3], axis=0)
@@ -108,8 +113,8 @@ class Polyline(Path):
         self._end = float(ends[-1])
         self.corners: Array = ends[:-1]
         _refuse_returns(chords / length[:, None], turns / length[:, None], kept)
-        inner = np.array(kept[1:-1], dtype=np.int64) - 1
-        half = _half_widths(chords, turns, length, self._blend[inner], self._blend_rotation[inner])
+        inner = np.array(kept[1:-1], dtype=np.int64)
+        half = _half_widths(chords, turns, length, *room[inner].T)
         self._pieces = _pieces(self.waypoints, chords, turns, length, half)
         self._breaks: Array = np.append(_begins(self._pieces, length, half), self._end)
         self._turns = bool(turns.any())
@@ -248,15 +253,32 @@ def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
     return np.full(corners, array) if not array.ndim else array.copy()
 
 
-def _different(waypoints: Array) -> list[int]:
-    """Indices of waypoints that differ from the last one kept."""
+def _merged(waypoints: Array, blend: Array, blend_rotation: Array) -> tuple[list[int], Array]:
+    """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use.
+
+    An inner waypoint near the last one kept is merged with it, and near the end with that. So every waypoint that is left
+    out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses what remains.
+    """
+    last = len(waypoints) - 1
+    room = np.vstack([np.full(2, np.inf), np.stack([blend, blend_rotation], axis=1), np.full(2, np.inf)])
+    near = np.clip(MERGED * room, SAME_POSE, SMALLEST)
+    near[last] = SAME_POSE
     kept = [0]
-    for i in range(1, len(waypoints)):
-        if np.linalg.norm(se3.error(waypoints[kept[-1]], waypoints[i]).reshape(2, 3), axis=1).max() > SAME_POSE:
+    for i in range(1, last + 1):
+        if not _within(waypoints[kept[-1]], waypoints[i], near[i]):
             kept.append(i)
+        elif not _within(waypoints[kept[-1]], waypoints[i], np.full(2, SAME_POSE)):
+            room[kept[-1]] = np.minimum(room[kept[-1]], (1.0 - 2.0 * MERGED) * room[i])
+    while len(kept) > 2 and kept[-1] == last and _within(waypoints[kept[-2]], waypoints[last], near[kept[-2]]):
+        del kept[-2]
     if len(kept) < 2:
         raise InvalidInput("waypoints", f"{len(waypoints)} equal poses", "at least two poses that differ")
-    return kept
+    return kept, room
+
+
+def _within(a: Array, b: Array, near: Array) -> bool:
+    """Whether two poses differ by no more than a distance and an angle (2,)."""
+    return bool((np.linalg.norm(se3.error(a, b).reshape(2, 3), axis=1) <= near).all())
 
 
 def _refuse_returns(d: Array, w: Array, kept: list[int]) -> None:

@@ -198,9 +198,49 @@ def test_the_tolerance_of_a_dropped_waypoint_goes_with_it() -> None:
     np.testing.assert_array_equal(path.waypoints, plain_one.waypoints)
 
 
-def test_a_chain_of_tiny_steps_is_not_dropped_as_a_whole() -> None:
-    steps = [pose_of([0.6e-9 * i, 0, 0]) for i in range(5)]
-    assert Polyline([*steps, pose_of([1, 0, 0])]).dropped == (1, 3)
+@pytest.mark.parametrize(("blend", "near"), [(1e-3, 1e-4), (1e-5, 2.5e-6), (0.05, 1e-4), (1e-9, 1e-9)])
+def test_a_chain_of_tiny_steps_is_not_dropped_as_a_whole(blend: float, near: float) -> None:
+    steps = [pose_of([0.6 * near * i, 0, 0]) for i in range(5)]
+    assert Polyline([*steps, pose_of([1, 0, 0])], blend=blend).dropped == (1, 3)
+    turned = [pose_of([0, 0, 0], [6.0 * near * i, 0, 0]) for i in range(5)]
+    kept = Polyline([*turned, pose_of([1, 0, 0])], blend=1.0, blend_rotation=10.0 * blend)
+    assert kept.dropped == (() if near == 1e-9 else (1, 3))
+
+
+def test_a_waypoint_that_nearly_repeats_its_neighbour_changes_little() -> None:
+    rng = np.random.default_rng(3)
+    sharp = [pose_of(p) for p in ([0, 0, 0], [0, 0.05, 0], [0.03, 0.05, 0.03], [0.03, 0, 0.05])]
+    smooth = Polyline(sharp, blend=1e-3)
+    for where, eps in [(i, e) for i in (0, 1, 2, 3) for e in (1e-8, 1e-6, 9e-5)]:
+        again = plain.moved(sharp[where], eps * Rotation.random(random_state=rng).as_matrix()[0], np.zeros(3))
+        for at in (where, where + 1):
+            poses = [*sharp[:at], again, *sharp[at:]]
+            if at in (0, len(poses) - 1):
+                continue
+            path = Polyline(poses, blend=1e-3)
+            assert len(path.dropped) == 1
+            assert path.breaks.size == smooth.breaks.size
+            for kept, T in ((path(0.0), poses[0]), (path(path.end), poses[-1])):
+                np.testing.assert_allclose(kept, T, rtol=0.0, atol=1e-15)
+
+
+@settings(max_examples=40, phases=[Phase.explicit, Phase.generate])
+@given(st.integers(0, 2**32 - 1), st.floats(-5.0, -1.5), st.floats(-9.0, -3.0))
+def test_every_waypoint_is_passed_within_its_tolerance_merged_or_not(seed: int, blend: float, step: float) -> None:
+    rng = np.random.default_rng(seed)
+    big, small = 0.05 * rng.normal(size=(8, 3)), 10.0**step * rng.normal(size=(8, 3))
+    poses = [pose_of(x) for x in np.cumsum(np.where(rng.random((8, 1)) < 0.5, big, small), axis=0)]
+    try:
+        path = Polyline(poses, blend=10.0**blend)
+    except InvalidInput:  # all of them are one, or it returns the way it came
+        assume(False)
+    s = np.unique(np.concatenate([np.linspace(a, b, 60) for a, b in pairwise(path.breaks)]))
+    at = path(s)[:, :3, 3]
+    chords = np.diff(at, axis=0)
+    for i, T in enumerate(poses):
+        u = np.clip(np.einsum("ij,ij->i", T[:3, 3] - at[:-1], chords) / np.einsum("ij,ij->i", chords, chords), 0.0, 1.0)
+        off = np.linalg.norm(at[:-1] + u[:, None] * chords - T[:3, 3], axis=1).min()
+        assert off <= (10.0**blend if 0 < i < 7 else 0.0) * (1.0 + 1e-3) + 1e-12
 
 
 # ---------------------------------------------------------------- turns
