@@ -1,51 +1,371 @@
-"""The one way a hot loop is compiled: kept on disk, and never older than its source."""
+"""The one way a hot loop is compiled: kept on disk for as long as all that it depends on is the same, and no longer."""
 
+import ctypes
+import importlib
 import os
+import pickle
+import stat
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
+import pytest
+from numba import typeof
 
+import optik._compile
 from optik._compile import compiled
+from optik._fingerprint import Opaque, fingerprint
 from tests.oracles import REPOSITORY
 
 INNER = "from optik._compile import compiled\n\n@compiled\ndef inner(x):\n    return {} * x\n"
 OUTER = "from inner import inner\nfrom optik._compile import compiled\n\n@compiled\ndef outer(x):\n    return inner(x) + 1.0\n"
 
-
-def outer_of_one(folder):
-    """What a fresh process computes with the two files in the folder."""
-    path = os.pathsep.join([str(REPOSITORY), str(folder)])
-    done = subprocess.run(
-        [sys.executable, "-c", "from outer import outer; print(outer(1.0))"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": path},
-    )
-    return float(done.stdout)
+RUN = """
+from numba.core import event
+compilations = event.RecordingListener()
+event.register("numba:compile", compilations)
+from outer import outer
+print(outer(1.0), sum(e.is_start for _, e in compilations.buffer))
+"""
 
 
-def write(file, text, second):
-    file.write_text(text)
-    os.utime(file, (second, second))  # so that two writes within one tick of the clock differ too
+def start(folder, env=None, **options):
+    """A fresh process in a folder; it prints what `outer` computes, and how many functions were compiled for it."""
+    kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    path = {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(folder)])}
+    return subprocess.Popen(
+        [sys.executable, "-c", RUN], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+        env=kept | path | (env or {}), **options,
+    )  # fmt: skip
 
 
-def test_a_changed_function_is_compiled_anew(tmp_path):
-    write(tmp_path / "inner.py", INNER.format("2.0"), 1_700_000_000)
-    write(tmp_path / "outer.py", OUTER, 1_700_000_000)
-    assert outer_of_one(tmp_path) == outer_of_one(tmp_path) == 3.0
-    write(tmp_path / "outer.py", OUTER.replace("+ 1.0", "+ 7.0"), 1_700_000_100)
-    assert outer_of_one(tmp_path) == 9.0
+def finish(process):
+    """Value, number of compiled functions, and warnings of a process."""
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    value, count = out.split()
+    return float(value), int(count), err
 
 
-def test_a_changed_function_is_compiled_anew_into_its_callers_in_other_files(tmp_path):
-    write(tmp_path / "inner.py", INNER.format("2.0"), 1_700_000_000)
-    write(tmp_path / "outer.py", OUTER, 1_700_000_000)
-    assert outer_of_one(tmp_path) == 3.0
-    write(tmp_path / "inner.py", INNER.format("5.0"), 1_700_000_100)
-    assert outer_of_one(tmp_path) == 6.0
+def write_two(folder, factor="2.0"):
+    (folder / "inner.py").write_text(INNER.format(factor))
+    (folder / "outer.py").write_text(OUTER)
+
+
+def kept_in(folder):
+    return sorted(folder.rglob("*.nbk"))
+
+
+def test_a_changed_function_is_compiled_anew_into_its_callers_and_nothing_else_is(tmp_path):
+    write_two(tmp_path)
+    assert finish(start(tmp_path)) == (3.0, 2, "")
+    inner = tmp_path / "inner.py"
+    inner.write_text('"""A file."""\n\n\n' + INNER.format("2.0") + "\n\ndef another():\n    return 1\n")
+    os.utime(inner, (1, 1))
+    assert finish(start(tmp_path, {"PYTHONHASHSEED": "7"})) == (3.0, 0, "")
+    inner.write_text(INNER.format("5.0"))
+    assert finish(start(tmp_path)) == (6.0, 2, "")
+    assert [f.name.split("-")[0] for f in kept_in(tmp_path)] == ["inner.inner", "outer.outer"]  # written over
+
+
+def test_processes_may_compile_at_once(tmp_path):
+    write_two(tmp_path)
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    for process in [start(tmp_path, cache) for _ in range(3)]:
+        assert finish(process)[::2] == (3.0, "")
+    assert finish(start(tmp_path, cache)) == (3.0, 0, "")
+    assert len(kept_in(tmp_path)) == len([f for f in (tmp_path / "cache").rglob("*") if f.is_file()]) == 2  # no halves
+
+
+# ---------------------------------------------------------------- what a kernel depends on
+
+FILES = {
+    "far": """
+from enum import IntEnum
+from typing import NamedTuple
+import numpy as np
+from numba import types
+from numba.extending import intrinsic, overload, register_jitable
+from optik._compile import compiled, inlined, parallel
+
+FACTOR = 2.0
+TABLE = np.array([1.0, 2.0])
+PAIR = (1, ("a", 2.5))
+class Kind(IntEnum):
+    A = 1
+class Fields(NamedTuple):
+    first: float
+    second: float
+@compiled
+def helper(x: float, more=1.0) -> float:
+    'What it does.'
+    return FACTOR * x + more
+@inlined
+def small(x):
+    return x + 3.0
+@register_jitable
+def taught(x):
+    return x + 4.0
+def plain(x):
+    return x
+@overload(plain)
+def _plain(x):
+    return lambda x: x - 5.0
+def _own(typingctx, x):
+    def generate(context, builder, signature, arguments):
+        return builder.fadd(*arguments, *arguments)
+    return types.float64(types.float64), generate
+own = intrinsic(_own)
+def closed(n):
+    @compiled
+    def inside(x):
+        return x + n
+    return inside
+inside = closed(6)
+""",
+    "near": """
+import far
+from optik._compile import compiled
+@compiled
+def through(x):
+    if str(x) in {"north", "south", "east"}:
+        return 0.0
+    return far.helper(x) + far.TABLE[0] + far.PAIR[0] + far.Kind.A
+""",
+    "kernel": """
+from far import Fields, inside, own, plain, small, taught
+from near import through
+from optik._compile import compiled
+@compiled
+def kernel(x):
+    'What it says.'
+    f = Fields(x, x)
+    return through(x) + small(x) + taught(x) + plain(x) + own(x) + inside(x) + f.first
+""",
+}
+
+
+@pytest.fixture(name="written")
+def _written(tmp_path, monkeypatch):
+    """Fingerprint of `kernel`, read anew from files of which one may differ."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def write(file="far", old="", new=""):
+        assert old in FILES[file]
+        for name, text in FILES.items():
+            (tmp_path / f"{name}.py").write_text(text.replace(old, new) if name == file and old else text)
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        try:
+            return fingerprint(importlib.import_module("kernel").kernel, ())
+        finally:
+            for name in FILES:
+                sys.modules.pop(name, None)
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("far", "FACTOR = 2.0", "FACTOR = 2.5"),
+        ("far", "FACTOR = 2.0", "FACTOR = 2"),
+        ("far", "[1.0, 2.0]", "[1.0, 2.1]"),
+        ("far", "np.array([1.0, 2.0])", "np.array([1.0, 2.0], np.float32)"),
+        ("far", '("a", 2.5)', '("a", 2.6)'),
+        ("far", "A = 1", "A = 2"),
+        ("far", "first: float\n    second", "second: float\n    first"),
+        ("far", "more=1.0", "more=1.5"),
+        ("far", "FACTOR * x + more", "FACTOR * x - more"),
+        ("far", "return x + 3.0", "return x + 3.5"),
+        ("far", "@inlined", "@compiled"),
+        ("far", "@compiled\ndef helper", "@parallel\ndef helper"),
+        ("far", "return x + 4.0", "return x + 4.5"),
+        ("far", "x - 5.0", "x - 5.5"),
+        ("far", "fadd", "fmul"),
+        ("far", "closed(6)", "closed(7)"),
+        ("near", "north", "west"),
+        ("near", "far.helper(x)", "far.small(x)"),
+        ("kernel", "@compiled", "from optik._compile import parallel\n@parallel"),
+    ],
+)
+def test_a_kernel_depends_on(written, file, old, new):
+    assert written(file, old, new) != written()
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("near", "import far", "# A comment.\n\nimport far"),
+        ("near", "return far.helper(x)", "# why\n    return far.helper(x)"),
+        ("near", "import far", "import far\nOTHER = 3.0\n@far.compiled\ndef unused(x):\n    return OTHER * x\n"),
+        ("kernel", "'What it says.'", "'What it says now.'"),
+        ("kernel", "def kernel(x)", "def kernel(x: 'float') -> 'float'"),
+        ("far", "", ""),
+    ],
+)
+def test_a_kernel_does_not_depend_on(written, file, old, new):
+    assert written(file, old, new) == written()
+
+
+def test_a_docstring_that_the_code_returns_is_code():
+    def made(text):
+        inside = {"__name__": "made"}
+        exec(f"def f():\n    '{text}'\n    return '{text}'\n", inside)
+        return fingerprint(compiled(inside["f"]), ())
+
+    assert made("one") != made("two")
+
+
+def test_a_function_that_is_passed_is_compiled_in():
+    def calls(f, x):
+        return f(x)
+
+    def one(x):
+        return x + 1.0
+
+    def two(x):
+        return x + 2.0
+
+    kernel = compiled(calls)
+    prints = [fingerprint(kernel, (typeof(compiled(f)),)) for f in (one, two, one)]
+    assert prints[0] == prints[2] != prints[1]
+
+
+def test_modules_and_functions_may_reach_each_other_in_a_circle(written):
+    circle = "import far\nimport sys\nfar.near = sys.modules['near']\n"
+    called = "far.near.far.near.through(x) + far.helper(x)"
+    original = FILES["near"]
+    FILES["near"] = original.replace("import far\n", circle).replace("far.helper(x)", called)
+    try:
+        assert written() == written() != written("near", "0.0", "0.5")
+    finally:
+        FILES["near"] = original
+
+
+def test_what_nothing_stands_for_is_compiled_in_every_process():
+    unseen = (i for i in range(3))
+
+    @compiled
+    def kernel():
+        return unseen
+
+    with pytest.raises(Opaque):
+        fingerprint(kernel, ())
+
+
+# ---------------------------------------------------------------- where it is kept
+
+
+@pytest.fixture(name="cache")
+def _cache(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
+    return tmp_path
+
+
+def doubled(x):
+    return 2.0 * x
+
+
+def test_damaged_code_is_compiled_anew(cache):
+    assert compiled(doubled)(1.5) == 3.0
+    (file,) = kept_in(cache)
+    whole = file.read_bytes()
+    for damaged in (b"", whole[:200], whole[:-1], whole[:500] + bytes([whole[500] ^ 1]) + whole[501:]):
+        file.write_bytes(damaged)
+        again = compiled(doubled)
+        assert again(1.5) == 3.0
+        assert again.stats.cache_misses.total() == 1
+    last = compiled(doubled)
+    assert last(1.5) == 3.0
+    assert last.stats.cache_hits.total() == 1
+    assert pickle.loads(pickle.dumps(last))(2.5) == 5.0
+    last._cache.flush()
+    assert not kept_in(cache)
+
+
+def test_a_full_disk_only_means_that_nothing_is_kept(cache, monkeypatch):
+    def full(self, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert compiled(doubled)(1.5) == 3.0
+    assert not kept_in(cache)
+
+
+def test_closures_of_different_values_are_kept_side_by_side(cache):
+    def plus(n):
+        @compiled
+        def kernel(x):
+            return x + n
+
+        return kernel
+
+    assert [plus(n)(1.0) for n in (6, 7, 6, 7)] == [7.0, 8.0, 7.0, 8.0]
+    assert len(kept_in(cache)) == 2
+
+
+def bound_by_permissions():
+    """In a child before it starts: not even root may write where the permissions say no (the capability's number is 1)."""
+    if os.geteuid() == 0:
+        assert ctypes.CDLL(None).prctl(24, 1, 0, 0, 0) == 0
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="root gives up its right to write by a call of Linux")
+def test_where_nothing_can_be_written_a_private_folder_keeps_it_with_one_line_of_warning(tmp_path):
+    folder, home, temporary = (tmp_path / name for name in ("package", "home", "tmp"))
+    for place in (folder, home, temporary):
+        place.mkdir()
+    write_two(folder)
+    env = {"HOME": str(home), "TMPDIR": str(temporary)}
+    for place in (folder, home):
+        place.chmod(0o555)
+    try:
+        value, count, warning = finish(start(folder, env, preexec_fn=bound_by_permissions))
+        assert (value, count) == (3.0, 2)
+        (line,) = warning.splitlines()
+        assert "NUMBA_CACHE_DIR" in line
+        (private,) = temporary.iterdir()
+        assert stat.S_IMODE(private.stat().st_mode) == 0o700
+        assert finish(start(folder, env, preexec_fn=bound_by_permissions))[:2] == (3.0, 0)
+        env["NUMBA_CACHE_DIR"] = str(temporary / "own")
+        assert finish(start(folder, env, preexec_fn=bound_by_permissions)) == (3.0, 2, "")
+    finally:
+        folder.chmod(0o755)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="users as POSIX has them")
+def test_a_private_folder_is_nobody_elses(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(optik._compile, "_warn", lambda what: None)
+    found = optik._compile._private_folder.__wrapped__
+    usual = tmp_path / f"optik-{os.getuid()}"
+    assert found() == usual == found()
+    assert stat.S_IMODE(usual.stat().st_mode) == 0o700
+    usual.chmod(0o770)
+    other = found()
+    assert other != usual
+    assert stat.S_IMODE(other.stat().st_mode) == 0o700
+    usual.rmdir()
+    usual.symlink_to(other)
+    assert found() not in (usual, other)
+    if os.geteuid() == 0:
+        usual.unlink()
+        usual.mkdir(mode=0o700)
+        os.chown(usual, 65534, 65534)
+        assert found() != usual
+
+
+def test_where_no_folder_at_all_can_be_written_it_is_compiled_all_the_same(monkeypatch):
+    monkeypatch.setattr(optik._compile._Place, "_locator_classes", ())
+    optik._compile._warn.cache_clear()
+    kernel = compiled(doubled)
+    with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
+        assert kernel(1.5) == 3.0
+    assert kernel._cache.cache_path is None
 
 
 def test_division_by_zero_is_infinite_and_nan_stays_nan():

@@ -1,0 +1,275 @@
+"""What a compiled function's code depends on, in one number: its bytecode, and the values and functions that it reaches.
+
+Numba compiles into a function whatever it calls, and every global it names as a constant. So the walk follows names:
+to other compiled functions, to helpers, through modules to their attributes, to closures and default values. What does
+not reach the machine code, docstrings, comments, annotations, line numbers and other functions of a file, is left out.
+Where the walk cannot see through a value, the text of the file that made it stands for it. It does not see what Numba
+has been taught about the methods and attributes of foreign types (`overload_method`, `overload_attribute`).
+"""
+
+from __future__ import annotations
+
+import dis
+import enum
+import hashlib
+import re
+import sys
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodDescriptorType, ModuleType
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import dumps
+from numba.core.typing.templates import builtin_registry
+from numba.extending import is_jitted
+
+FOREIGN = {"numpy", "numba", "llvmlite"} | set(sys.stdlib_module_names)
+"""Packages whose functions are known by name: their versions are part of every fingerprint."""
+
+VERSIONS = (numba.__version__, np.__version__, sys.version)
+"""Of what turns the same source into machine code."""
+
+LOADS_CONSTANT = {dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap}
+"""Instructions that load a constant by its index, in the versions of Python that have them."""
+
+PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), range, np.generic)
+"""Types whose values are told whole by their `repr`."""
+
+NAMED = (BuiltinFunctionType, MethodDescriptorType, np.ufunc, np.dtype, types.Type)
+"""Types whose values are known by name: their code is of a version that the fingerprint holds."""
+
+ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
+"""Where an object lies in memory, as `repr` writes it: another place in every process."""
+
+
+class Opaque(Exception):
+    """Nothing stands for a value: the function must be compiled anew in every process."""
+
+
+def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
+    """Return what the machine code of a kernel for some types of arguments depends on, as 64 hexadecimal digits.
+
+    Raises
+    ------
+    Opaque
+        The kernel reaches a value that nothing can stand for.
+    """
+    walk = _Walk()
+    walk.note("versions", *map(repr, VERSIONS))
+    walk.value(kernel)
+    for kind in signature:
+        walk.argument(kind)
+    return walk.digest.hexdigest()
+
+
+def variant(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
+    """Short name for what tells one function's kernels apart: types of arguments, and plain values that it closes over."""
+    closed = (_cell(c) for c in kernel.py_func.__closure__ or ())
+    parts = [ADDRESS.sub("", str(kind)) for kind in signature] + [repr(v) for v in closed if isinstance(v, PLAIN)]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+
+
+class _Walk:
+    """One pass over everything that a function reaches; what was met before is told by its number."""
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+        self.met: dict[int, int] = {}
+        self.modules: set[tuple[str, frozenset[str]]] = set()
+
+    def note(self, *parts: str | bytes) -> None:
+        """Add words to the fingerprint, each with its length, so that no two lists of words look alike."""
+        for part in parts:
+            data = part.encode(errors="surrogatepass") if isinstance(part, str) else part
+            self.digest.update(len(data).to_bytes(8, "little") + data)
+
+    def value(self, v: Any, names: Iterable[str] = ()) -> None:
+        """Add a value; of a module, those attributes that the code names."""
+        if isinstance(v, enum.Enum):  # before numbers: some enumerations are numbers
+            self.note("member", v.name)
+            self.value(type(v))
+        elif isinstance(v, PLAIN):
+            self.note("plain", type(v).__qualname__, repr(v))
+        elif isinstance(v, CodeType):
+            self._code(v)
+        elif isinstance(v, tuple | list):
+            self.note("items", type(v).__qualname__, str(len(v)))
+            if type(v) not in (tuple, list):
+                self.value(type(v))
+            for item in v:
+                self.value(item)
+        elif isinstance(v, frozenset | set | dict):
+            self._unordered(v)
+        elif isinstance(v, ModuleType):
+            self._module(v, frozenset(names))
+        elif isinstance(v, NAMED):
+            self.note("named", str(type(v)), ADDRESS.sub("", repr(v)))
+        elif not self._again(v):
+            self._object(v)
+
+    def _object(self, v: Any) -> None:
+        """Add what may be reached more than once, or by itself."""
+        if isinstance(v, np.ndarray) and not v.dtype.hasobject:
+            self.note("array", repr(v.dtype), str(v.shape), str(v.strides), v.tobytes())
+        elif is_jitted(v):
+            self.note("compiled", repr(sorted(v.targetoptions.items())), repr(v.locals))
+            self._function(v.py_func)
+        elif isinstance(v, FunctionType):
+            self._plain_function(v)
+        elif isinstance(v, type):
+            self._class(v)
+        else:
+            self._other(v)
+
+    def argument(self, kind: Any) -> None:
+        """Add the type of an argument; a function that is passed is compiled in, and so is the order of named fields."""
+        self.note("argument", type(kind).__qualname__, ADDRESS.sub("", str(kind)), repr(getattr(kind, "fields", ())))
+        if isinstance(kind, types.Dispatcher):
+            self.value(kind.dispatcher)
+        elif ADDRESS.search(str(kind)):
+            raise Opaque(str(kind))
+
+    def _again(self, v: Any) -> bool:
+        """Whether an object was met before: functions may reach each other in a circle."""
+        number = len(self.met)
+        known = self.met.setdefault(id(v), number)
+        if known != number:
+            self.note("again", str(known))
+        return known != number
+
+    def _function(self, f: FunctionType) -> None:
+        self.note("function", str(f.__module__))
+        self._code(f.__code__)
+        self.value(f.__defaults__)
+        self.value(f.__kwdefaults__)
+        for cell in f.__closure__ or ():
+            self.value(_cell(cell))
+        named = list(_names(f.__code__))
+        for name in named:
+            if name in f.__globals__:
+                self.note("global", name)
+                self.value(f.__globals__[name], named)
+
+    def _code(self, code: CodeType) -> None:
+        arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
+        self.note("code", code.co_name, repr(arguments), code.co_code, code.co_exceptiontable)
+        for names in (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars):
+            self.note(str(len(names)), *names)
+        for constant in code.co_consts[1:] if _starts_with_docstring(code) else code.co_consts:
+            self.value(constant)
+
+    def _module(self, module: ModuleType, names: frozenset[str]) -> None:
+        self.note("module", module.__name__)
+        if (module.__name__, names) in self.modules:  # modules hold each other
+            return
+        self.modules.add((module.__name__, names))
+        foreign = _foreign(module.__name__)
+        for name in sorted(names):
+            # NumPy makes some attributes, with warnings, when they are asked for; what compiled code may use is there.
+            attribute = vars(module).get(name, _MISSING) if foreign else getattr(module, name, _MISSING)
+            if attribute is not _MISSING:
+                self.note("attribute", name)
+                self.value(attribute, names)
+
+    def _plain_function(self, f: FunctionType) -> None:
+        """Add what Numba has been taught, by `overload` or `register_jitable`, of a function that is not compiled."""
+        self.note("plain function", str(f.__module__), f.__qualname__)
+        if _foreign(f.__module__):
+            return
+        for taught in _overloads(f):
+            self.note("overload", _text(taught.__module__))
+            self._function(taught)
+
+    def _class(self, c: type) -> None:
+        self.note("class", c.__module__, c.__qualname__)
+        if _foreign(c.__module__) or issubclass(c, BaseException):  # machine code names exceptions, no more
+            return
+        if hasattr(c, "class_type"):
+            raise Opaque(repr(c))  # a `jitclass`: its methods are compiled elsewhere
+        if issubclass(c, tuple) and hasattr(c, "_fields"):  # a named tuple: compiled code sees its fields only
+            self.value(c._fields)
+            self.value(getattr(c, "_field_defaults", {}))
+        elif issubclass(c, enum.Enum):
+            self.value({name: member.value for name, member in c.__members__.items()})
+        else:
+            self.note(*(_text(base.__module__) for base in c.__mro__ if not _foreign(base.__module__)))
+
+    def _unordered(self, v: Any) -> None:
+        """Add a set or dictionary, in the order of what its items are by themselves: that of strings is drawn anew."""
+        parts = []
+        for item in v.items() if isinstance(v, dict) else v:
+            alone = _Walk()
+            alone.value(item)
+            parts.append(alone.digest.digest())
+        self.note("unordered", type(v).__qualname__, *sorted(parts))
+
+    def _other(self, v: Any) -> None:
+        """Add what only its maker understands: intrinsics by their definition, the rest by its pickle; and its file."""
+        made = getattr(v, "_defn", None)
+        self.note("other", type(v).__module__, type(v).__qualname__)
+        if isinstance(made, FunctionType):
+            self.note(repr(getattr(v, "_prefer_literal", None)), repr(getattr(v, "_ctor_kwargs", None)))
+            self.note(_text(made.__module__))
+            self._function(made)
+            return
+        try:
+            self.note(dumps(v))
+        except Exception as error:  # whatever a foreign object's pickling raises
+            raise Opaque(repr(v)) from error
+        for module in {type(v).__module__, str(getattr(v, "__module__", type(v).__module__))}:
+            if not _foreign(module):
+                self.note(_text(module))
+
+
+_MISSING = object()
+"""What a module does not have; None may be an attribute."""
+
+
+def _foreign(module: str | None) -> bool:
+    return (module or "").partition(".")[0] in FOREIGN
+
+
+def _cell(cell: Any) -> Any:
+    """Value of a closure's cell; a function that is not yet bound to its name stands for nothing."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return None
+
+
+def _names(code: CodeType) -> dict[str, None]:
+    """Names of globals and attributes in a function and the functions inside it, in the order of its code."""
+    names = dict.fromkeys(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            names |= _names(constant)
+    return names
+
+
+@cache
+def _starts_with_docstring(code: CodeType) -> bool:
+    """Whether the first constant is a text that no instruction loads, as a docstring is."""
+    if not (code.co_consts and isinstance(code.co_consts[0], str)):
+        return False
+    instructions = zip(code.co_code[::2], code.co_code[1::2], strict=True)
+    return not any(argument == 0 and operation in LOADS_CONSTANT for operation, argument in instructions)
+
+
+def _overloads(f: FunctionType) -> list[FunctionType]:
+    """Return the functions that tell Numba what to compile for a plain function."""
+    kinds = [kind for known, kind in builtin_registry.globals if known is f]
+    found = [getattr(template, "_overload_func", None) for kind in kinds for template in getattr(kind, "templates", ())]
+    return [taught for taught in found if isinstance(taught, FunctionType)]
+
+
+def _text(module: str | None) -> bytes:
+    """Text of a module's file."""
+    try:
+        return Path(str(getattr(sys.modules.get(str(module)), "__file__", None))).read_bytes()
+    except OSError as error:
+        raise Opaque(str(module)) from error
