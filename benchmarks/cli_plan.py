@@ -89,7 +89,7 @@ def plan_line(
 ) -> None:
     """Move the tool along a straight line, time it, and say what the motion keeps.
 
-    Exit status 0 where there is a motion; whether its certificate holds is printed, and "holds" in the JSON.
+    Exit status 0 where there is a motion and its certificate holds; 1 where not, and nothing is written.
     """
     import planners
     from optik import se3
@@ -281,7 +281,7 @@ def plan_joints(
 
 
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
-    """Plan, write and print; exit status 1 where there is no motion."""
+    """Plan, write and print; exit status 1 where there is no motion, or one whose certificate does not hold."""
     import planners
 
     if wish.out is not None and wish.out.suffix.lower() not in FILES:
@@ -299,9 +299,9 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     if wish.as_json:
         print_json(plan.to_dict())
         raise typer.Exit(0 if plan else 1)
+    print_certificate(plan)  # raises NoSolution with the reason where there is no motion
     if not plan:
-        plan.trajectory  # noqa: B018  (raises NoSolution with the reason)
-    print_certificate(plan)
+        raise typer.Exit(1)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
 

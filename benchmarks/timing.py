@@ -26,7 +26,7 @@ from optik.registry import load_method
 from optik.robot import load
 from planners.certificate import certify
 from planners.follow import Followed, JointPath, follow
-from planners.plan import Plan, make_law, plan
+from planners.plan import Plan, PlanStatus, make_law, plan
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -238,10 +238,11 @@ def _planned_row(
         timed_plan = {"ms_plan": ms}
     else:
         planned, timed_plan = plan_it(), {}
-    if planned.stop is not None:
-        return timed_plan | {"status": str(planned.status), "reason": planned.stop.reason}
+    failed = {} if planned.stop is None else {"status": str(planned.status), "reason": planned.stop.reason}
+    if planned.status not in (PlanStatus.SOLVED, PlanStatus.NOT_PROVED):
+        return timed_plan | failed
     facts = facts_of(line.robot, line.path, planned.trajectory, planned.certificate, limits)
-    return timed_plan | facts | {"slowed": getattr(planned, "slowed", None)}
+    return timed_plan | facts | {"slowed": getattr(planned, "slowed", None)} | failed
 
 
 def _motion(c: Contestant, joints: JointPath, raw: Any) -> Trajectory | str:

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik import kinematics
+from optik import kinematics, se3
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import LIMIT_TOLERANCE, Robot
-from planners.deviation import PathError, path_error
+from planners.deviation import Passage, PathError, path_error
 from planners.motion_bounds import MotionBounds
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
@@ -22,7 +22,15 @@ from planners.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 JUMP = 1e-5
-"""A derivative jumps where its one-sided values differ by more than this part of its greatest value: above rounding."""
+"""A joint's derivative jumps where its one-sided values differ by more than this part of its own greatest value…"""
+ROUNDING = 1e-14
+"""…and by more than rounding can: this share of q, over the shorter piece's duration to the power of the derivative's order."""
+
+COVERED = (1e-5, 1e-5)
+"""How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given."""
+
+FALLS = 100
+"""Stretches between two instants on which a motion goes back that are measured, the longest first."""
 
 PERIODS = 1_000_000
 """Most periods of a controller that are all looked at."""
@@ -48,6 +56,22 @@ class ToolExtreme(NamedTuple):
     time: float
 
 
+class Coverage(NamedTuple):
+    """Which part of its path a motion runs through.
+
+    ``begin`` and ``end`` are the places where it begins and ends, ``wanted`` those where it should; ``back`` and ``t_back`` are
+    the place that it goes back to farthest from one it had come to before, and when it is there [s]. ``missing`` says how far
+    along the path [m, rad] it begins away from where it should, ends away from where it should, and goes back.
+    """
+
+    begin: float
+    end: float
+    wanted: tuple[float, float]
+    back: float
+    t_back: float
+    missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+
 class Binding(NamedTuple):
     """How fast along the path, and which joint and limit say no: for the m pieces of a motion, exact.
 
@@ -64,9 +88,17 @@ class Binding(NamedTuple):
     joint: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+class Failure(NamedTuple):
+    """A promise that does not hold: what, when [s], and the joint, where it is one."""
+
+    words: str
+    t: float
+    joint: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a trajectory keeps.
+    """What a trajectory keeps. Certificates are equal only where they are the same object.
 
     Attributes
     ----------
@@ -95,6 +127,8 @@ class Certificate:
         Smallest singular value of the Jacobian, and when: the least of a grid, refined around its least places.
     binding : Binding
         Which joint and limit say no, piece by piece along the path.
+    coverage : Coverage
+        Which part of the path the motion runs through.
     continuous : int
         How many derivatives are continuous, standstill before a start and after an end at rest included: 0 to 3; −1
         where the position itself jumps.
@@ -119,6 +153,7 @@ class Certificate:
     singular_value: float
     t_singular_value: float
     binding: Binding
+    coverage: Coverage
     continuous: int
     rest: tuple[bool, bool]
 
@@ -142,31 +177,62 @@ class Certificate:
         return float(extreme.ratio[i]), self.joint_names[i], float(extreme.time[i])
 
     @property
-    def broken(self) -> tuple[str, ...]:
-        """The promises that do not hold, in words; empty where the certificate holds."""
-        words = []
+    def failures(self) -> tuple[Failure, ...]:
+        """The promises that do not hold; empty where the certificate holds."""
+        found = []
         for field in self.keeps:
             ratio, joint, t = self.worst(field)
             if ratio > 1.0 + EXACT:
-                words.append(f"{field} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s")
+                words = f"{field} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
+                found.append(Failure(words, t, None if joint == "tool" else joint))
         if self.continuous < 1:
-            words.append(f"the {'position' if self.continuous < 0 else 'velocity'} jumps")
+            found.append(Failure(f"the {'position' if self.continuous < 0 else 'velocity'} jumps", 0.0))
         margin = int(np.argmin(self.position_margin))
         if self.position_margin[margin] < -LIMIT_TOLERANCE:
-            words.append(
-                f"{self.joint_names[margin]} passes its range by {-self.position_margin[margin]:.3g} (rad or m)"
-            )
-        if self.tolerance is not None:
-            off = self.path_error
-            if off.distance > self.tolerance[0]:
-                words.append(f"the tool is up to {off.distance:.3g} m off its path at t = {off.t_distance:.6g} s")
-            if off.angle > self.tolerance[1]:
-                words.append(f"the tool is turned by up to {off.angle:.3g} rad at t = {off.t_angle:.6g} s")
-        return tuple(words)
+            joint, beyond = self.joint_names[margin], -self.position_margin[margin]
+            found.append(Failure(f"{joint} passes its range by {beyond:.3g} (rad or m)", 0.0, joint))
+        return (*found, *self._uncovered(), *self._off_path())
+
+    def _uncovered(self) -> list[Failure]:
+        """In which ways the motion does not run through its path, forwards, and come to rest at its end."""
+        c = self.coverage
+        late, early, back = (not np.less_equal(x, self.tolerance or COVERED).all() for x in c.missing)
+        found = []
+        if late:
+            found.append(Failure(f"the motion begins at s = {c.begin:.6g} of its path, not at {c.wanted[0]:.6g}", 0.0))
+        if early:
+            words = f"the motion ends at s = {c.end:.6g} of its path, not at {c.wanted[1]:.6g}"
+            found.append(Failure(words, self.duration))
+        if back:
+            words = f"the motion goes back along its path, to s = {c.back:.6g} at t = {c.t_back:.6g} s"
+            found.append(Failure(words, c.t_back))
+        if not self.rest[1]:
+            found.append(Failure("the motion does not end at rest", self.duration))
+        return found
+
+    def _off_path(self) -> list[Failure]:
+        """How the tool leaves its path by more than the tolerance."""
+        off, found = self.path_error, []
+        if self.tolerance is not None and off.distance > self.tolerance[0]:
+            words = f"the tool is up to {off.distance:.3g} m off its path at t = {off.t_distance:.6g} s"
+            found.append(Failure(words, off.t_distance))
+        if self.tolerance is not None and off.angle > self.tolerance[1]:
+            words = f"the tool is turned by up to {off.angle:.3g} rad at t = {off.t_angle:.6g} s"
+            found.append(Failure(words, off.t_angle))
+        return found
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """The promises that do not hold, in words; empty where the certificate holds."""
+        return tuple(failure.words for failure in self.failures)
 
     @property
     def holds(self) -> bool:
-        """Whether all that the law promises, and the position limits, are kept exactly."""
+        """Whether all that the law promises is kept exactly, at every instant, and the motion runs through its path.
+
+        That is: the limits in ``keeps`` and the position limits, no jump of position or velocity, the tool within the
+        tolerance where there is one, all of the path run through forwards, and rest at its end.
+        """
         return not self.broken
 
     def to_dict(self) -> dict[str, Any]:
@@ -176,7 +242,7 @@ class Certificate:
             "duration": self.duration, "rate": self.rate, "continuous": self.continuous, "rest": list(self.rest),
             "tool_speed": _tool_dict(self.tool_speed), "rotation_speed": _tool_dict(self.rotation_speed),
             "singular_value": self.singular_value, "t_singular_value": self.t_singular_value,
-            "path_error": self.path_error._asdict(), "joint_names": list(self.joint_names),
+            "path_error": self.path_error._asdict(), "coverage": self.coverage._asdict(), "joint_names": list(self.joint_names),
             "tolerance": None if self.tolerance is None else list(self.tolerance),
         }  # fmt: skip
         for field in DERIVATIVES:
@@ -208,6 +274,7 @@ def certify(
     keeps: tuple[str, ...] = ALL_LIMITS,
     rate: float = 1000.0,
     tolerance: tuple[float, float] | None = None,
+    span: tuple[float, float] | None = None,
 ) -> Certificate:
     """Find what a trajectory keeps, between its samples too.
 
@@ -229,6 +296,8 @@ def certify(
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which the certificate holds.
+    span : (2,) tuple of float, optional
+        Places of the path where the motion shall begin and end; by default the path's own ends.
 
     Returns
     -------
@@ -238,10 +307,21 @@ def certify(
     Raises
     ------
     InvalidInput
-        A trajectory of another number of joints, a rate or a tolerance that is not above 0, an unknown name in ``keeps``.
+        Things of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that is
+        not above 0, an unknown name in ``keeps``, a span that is none.
     """
+    kinds = {
+        "robot": (robot, Robot),
+        "path": (path, Path),
+        "trajectory": (trajectory, Trajectory),
+        "limits": (limits, MotionLimits),
+    }
+    for argument, (value, kind) in kinds.items():
+        if not isinstance(value, kind):
+            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
+    span = check_span(span, path)
     if unknown := [field for field in keeps if field not in ALL_LIMITS]:
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(ALL_LIMITS)}")
     if tolerance is not None:
@@ -256,7 +336,7 @@ def certify(
     reach = trajectory.extrema(0)
     bounds = MotionBounds(robot, trajectory)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / 1.1, tolerance[1] / 1.1)
-    off, places = path_error(robot, path, trajectory, bounds, enough)
+    off, passage = path_error(robot, path, trajectory, bounds, enough)
     speeds = tool_speed(robot, trajectory, bounds)
     singular_value, t_singular_value = _smallest_singular_value(robot, trajectory)
     return Certificate(
@@ -274,10 +354,24 @@ def certify(
         rotation_speed=_tool_extreme(speeds.rotation, limits.tool[1], speeds.t_rotation),
         singular_value=singular_value,
         t_singular_value=t_singular_value,
-        binding=_binding(robot, path, trajectory, limits, places),
+        binding=_binding(trajectory, limits, passage.s[passage.knot], bounds),
+        coverage=_coverage(path, passage, span),
         continuous=next((order - 1 for order in range(4) if jumps[order].any()), 3),
         rest=rest(trajectory),
     )
+
+
+def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
+    """Return the part of a path that a motion shall run through: two places, the first one before the other."""
+    if span is None:
+        return 0.0, path.end
+    expected = f"two places on the path, in [0, {path.end:.9g}], the first one before the other"
+    if not isinstance(span, tuple | list) or len(span) != 2:
+        raise InvalidInput("span", repr(span)[:60], expected)
+    begin, end = (check_number(x, "span", expected, least=0.0) for x in span)
+    if not begin < end <= path.end:
+        raise InvalidInput("span", repr(span)[:60], expected)
+    return begin, end
 
 
 def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
@@ -293,14 +387,44 @@ def _tool_extreme(value: float, limit: float, time: float) -> ToolExtreme:
     return ToolExtreme(value, value / limit if np.isfinite(limit) else float("nan"), time)
 
 
-def _binding(robot: Robot, path: Path, trajectory: Trajectory, limits: MotionLimits, places: Array) -> Binding:
+def _coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverage:
+    """Which part of its path a motion runs through, and how far it goes back on the way."""
+    s = passage.s
+    begin, end = float(s[0]), float(s[-1])
+    top = np.maximum.accumulate(s)
+    first = np.maximum.accumulate(np.where(s == top, np.arange(s.size), 0))  # where it came to the farthest place yet
+    back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
+    if (s < top).any():
+        gap = se3.error(passage.poses[first], passage.poses)
+        away = np.stack([np.linalg.norm(part, axis=1) for part in (gap[:, :3], gap[:, 3:])], axis=1)
+        k = int(away.max(axis=1).argmax())
+        back = (float(away[k, 0]), float(away[k, 1])), float(s[k]), float(passage.t[k])
+    falls = passage.falls[np.argsort(passage.falls[:, 2] - passage.falls[:, 1], kind="stable")[:FALLS]]
+    for t, high, low in falls:
+        length = length_between(path, low, high)
+        if max(length) > max(back[0]):
+            back = length, float(low), float(t)
+    missing = length_between(path, begin, span[0]), length_between(path, end, span[1]), back[0]
+    return Coverage(begin, end, span, back[1], back[2], missing)
+
+
+def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
+    """How far the tool moves [m] and turns [rad] along a path between two places, by Simpson's rule."""
+    s = np.linspace(min(a, b), max(a, b), 65)
+    twist = path.twist(s)
+    weights = np.array([1.0, *[4.0, 2.0] * 31, 4.0, 1.0]) * (s[1] - s[0]) / 3.0
+    moved, turned = (float(weights @ np.linalg.norm(part, axis=1)) for part in (twist[:, :3], twist[:, 3:]))
+    return moved, turned
+
+
+def _binding(trajectory: Trajectory, limits: MotionLimits, places: Array, bounds: MotionBounds) -> Binding:
     """Worst ratio of every piece, its limit and its joint."""
-    bound, t = limits.arrays(robot.n), trajectory.knots
+    robot, t = bounds.robot, trajectory.knots
+    bound = limits.arrays(robot.n)
     worst = [trajectory.piece_worst(order) / bound[f] for order, f in enumerate(DERIVATIVES, start=1)]
-    twist = np.einsum("kij,kj->ki", robot.jacobian(trajectory(t)), trajectory(t, 1))
-    for part, limit in zip((twist[:, :3], twist[:, 3:]), limits.tool, strict=True):
-        speed = np.linalg.norm(part, axis=1) / limit
-        worst.append(np.maximum(speed[:-1], speed[1:])[:, None])
+    for part, limit in zip((slice(0, 3), slice(3, 6)), limits.tool, strict=True):
+        speed = np.maximum(*(np.linalg.norm(side.motion[:, 0, part], axis=1) for side in bounds.ends))
+        worst.append(speed[:, None] / limit)
     ratios = np.concatenate(worst, axis=1)
     joints = [*robot.joint_names * 3, "tool", "tool"]
     names = [f for f in DERIVATIVES for _ in range(robot.n)] + list(TOOL_SPEEDS)
@@ -334,9 +458,16 @@ def _extreme(trajectory: Trajectory, order: int, bound: Array) -> Extreme:
 
 
 def _jumps(trajectory: Trajectory, order: int) -> NDArray[np.bool_]:
-    """Where (m + 1, n) a derivative steps by more than rounding."""
-    scale = trajectory.extrema(order).worst.max()
-    return np.asarray(np.abs(steps(trajectory, order)) > JUMP * max(scale, 1e-12))
+    """Where (m + 1, n) a joint's derivative steps by more than rounding, each joint on its own scale."""
+    worst = trajectory.extrema(order).worst
+    return np.asarray(np.abs(steps(trajectory, order)) > JUMP * worst + _rounding(trajectory, order))
+
+
+def _rounding(trajectory: Trajectory, order: int) -> Array:
+    """What rounding may make of a derivative (m + 1, n) at the knots, whose pieces' shorter duration divides it."""
+    h = np.diff(trajectory.knots)
+    shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
+    return np.asarray(ROUNDING * trajectory.extrema(0).worst / shorter[:, None] ** order)
 
 
 def _infinite_at_jumps(
@@ -368,10 +499,10 @@ def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
 
 
 def rest(trajectory: Trajectory) -> tuple[bool, bool]:
-    """Whether a motion starts and ends at rest."""
+    """Whether a motion starts and ends at rest, each joint on its own scale."""
     first, last = trajectory.ends(1)
-    slow = 1e-9 * float(trajectory.extrema(1).worst.max())
-    return bool((np.abs(first[0]) <= slow).all()), bool((np.abs(last[-1]) <= slow).all())
+    slow = 1e-9 * trajectory.extrema(1).worst + _rounding(trajectory, 1)[[0, -1]]
+    return bool((np.abs(first[0]) <= slow[0]).all()), bool((np.abs(last[-1]) <= slow[1]).all())
 
 
 def steps(trajectory: Trajectory, order: int) -> Array:

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from optik._compile import compiled
 from optik.robot import Robot
-from planners.motion_bounds import Instants, MotionBounds, hermite_bound
+from planners.motion_bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
+from planners.paths._nearest import embedded
 from planners.paths.base import Path
+from planners.progress import BEND, TURN, places_along
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-Side = TypeVar("Side", Instants, "_Places")
+Bools = NDArray[np.bool_]
+Side = TypeVar("Side", Instants, "Places")
 
 LOOSE = 1.05
 """A bound may be so many times the largest value found…"""
@@ -22,18 +25,19 @@ FLOOR = 1e-9
 """…or this [m or rad], where all values are smaller."""
 MOST = 400_000
 """Intervals at most; a motion that needs more keeps the bound it has then."""
-GRID, PER_PIECE = 512, 16
-"""Intervals of a path, and of each of its pieces, on a first look for the place that the tool is at."""
-TURN = 0.1
-"""Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
-AT_ONCE = 2048
-"""Instants whose places on the grid are chosen together."""
+PARTS = 64
+"""Parts at most of a piece of the motion on a first look for the places that it comes to."""
 LITTLE = 1e-3
-"""Metres that it counts to say which place is nearest: little where the position moves."""
+"""Metres that a radian counts to say which place is nearest: little where the position moves."""
 STILL = 1e-6
 """Share of the path's greatest rate below which it stands still: there, at a cusp, no place is nearer than another."""
-NEAR = 3e-14
+NEAR = 1e-11
 """How near to the nearest place of the path it is enough to be, as a share of the path."""
+CUSP, AROUND, AT_ONCE = 0.5, 65, 1024
+"""Share of the path's greatest rate below which a place may be at a cusp, how many places are looked at around it, and for how
+many instants at a time."""
+STEPS = 20
+"""Most steps to the nearest place; one or two are usual."""
 ROUNDING = 2e-15
 """What rounding may take from a computed distance [m] or angle [rad]."""
 
@@ -52,7 +56,7 @@ class PathError(NamedTuple):
     t_angle: float
 
 
-class _Places(NamedTuple):
+class Places(NamedTuple):
     """Where on the path (k,) the tool is at some instants, how fast it goes there, and the path's pose and twist."""
 
     s: Array
@@ -61,19 +65,32 @@ class _Places(NamedTuple):
     twist: Array
 
 
+class Passage(NamedTuple):
+    """A motion along its path: places s (k,) and the path's poses (k, 4, 4) there at instants t (k,), some of them knots.
+
+    ``falls`` (m, 3) are stretches on which s(t) goes back between two instants: when, from which place, and to which.
+    """
+
+    t: Array
+    s: Array
+    poses: Array
+    knot: Bools
+    falls: Array
+
+
 def path_error(
     robot: Robot,
     path: Path,
     trajectory: Trajectory,
     bounds: MotionBounds | None = None,
     enough: tuple[float, float] = (FLOOR, FLOOR),
-) -> tuple[PathError, Array]:
+) -> tuple[PathError, Passage]:
     """Bound the distance and the angle between the tool and its path at every instant of a motion.
 
-    The tool is compared with the path at s(t), which follows the nearest place: so the path is run through in its order,
-    and a path that crosses itself is not taken for its other branch. Between instants the error is bounded by its cubic
-    and the fourth derivatives of both motions (`planners.motion_bounds`); intervals are divided until the bound is at most
-    1.05 times the largest value found, or 1 nm (1 nrad).
+    The tool is compared with the path at s(t), the places that the motion as a whole is at (`planners.progress`), each the
+    nearest around. Between instants the error is bounded by its cubic and the fourth derivatives of both motions
+    (`planners.motion_bounds`), which is true whatever s(t) is; intervals are divided until the bound is at most 1.05 times
+    the largest value found, or 1 nm (1 nrad).
 
     Parameters
     ----------
@@ -92,45 +109,73 @@ def path_error(
     -------
     PathError
         Distances in metres, angles in radians.
-    (m + 1,) array
-        Places s on the path at the trajectory's knots.
+    Passage
+        Where on the path the motion is, at its knots and between.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    piece = np.arange(trajectory.knots.size - 1)
-    left, right = bounds.ends
-    tracked = _track(path, np.concatenate([left.poses, right.poses[-1:]]))
-    here, there = _places(path, left, tracked[:-1]), _places(path, right, tracked[1:])
+    nearest = _Nearest(path)
+    piece, left, right, knot = _first_look(bounds)
+    guess = places_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
+    both = nearest.places(_joined(left, right), np.concatenate([guess[:-1], guess[1:]]))
+    here, there = (Places(*(x[i] for x in both)) for i in (slice(None, piece.size), slice(piece.size, None)))
+    times, at_times = np.append(left.t, right.t[-1]), np.append(here.s, there.s[-1])
+    poses, falls = np.concatenate([here.poses, there.poses[-1:]]), []
     found, when, proved = np.zeros(2), np.zeros(2), np.zeros(2)
     for instants, places in ((left, here), (right, there)):
         _note(instants, places, found, when)
-    limits, at_knots = _PieceBounds(path), np.append(here.s, there.s[-1])
-    kept, floor = 0, np.minimum(enough, FLOOR)
+    limits, kept, floor = PieceBounds.of(path), 0, np.minimum(enough, FLOOR)
     while True:
-        between = _between(limits, path.end, bounds, left, right, here, there)
+        between, fall = np.empty((2, left.t.size, 2))
+        _intervals(bounds.links, robot.prismatic, limits, path.end, left, right, here, there, between, fall)
         over = (between / ((LOOSE - 0.002) * np.maximum(found, floor))).max(axis=1)
         loose = over > 1.0
         loose &= (right.t - left.t > 1e-9 * trajectory.end) & (kept + loose.sum() <= MOST)
         proved = np.maximum(proved, between[~loose].max(axis=0, initial=0.0))
+        back = ~loose & (fall[:, 0] > fall[:, 1])
+        falls.append(np.column_stack([left.t[back], fall[back]]))
         if not loose.any():
             break
         kept += int(np.count_nonzero(~loose))
         piece = piece[loose]
         left, right = (Instants(*(x[loose] for x in side)) for side in (left, right))
-        here, there = (_Places(*(x[loose] for x in side)) for side in (here, there))
+        here, there = (Places(*(x[loose] for x in side)) for side in (here, there))
         parts = int(np.clip(np.ceil(np.median(over[loose]) ** 0.25), 2, 8))  # errors of cubics fall by parts⁴
         u = np.repeat(np.arange(1, parts) / parts, piece.size)
         t, guess = _within(u, parts - 1, left.t, right.t, here, there)
         middle = bounds.at(np.tile(piece, parts - 1), t)
-        at = _places(path, middle, guess)
+        at = nearest.places(middle, guess)
         _note(middle, at, found, when)
         piece = np.tile(piece, parts)
         left, right = _joined(left, middle), _joined(middle, right)
         here, there = _joined(here, at), _joined(at, there)
     proved = np.maximum(proved, found) + ROUNDING
-    return PathError(*(float(x) for x in (*proved, *found, *when))), at_knots
+    error = PathError(*(float(x) for x in (*proved, *found, *when)))
+    return error, Passage(times, at_times, poses, knot, np.concatenate(falls))
 
 
-def _within(u: Array, times: int, t0: Array, t1: Array, here: _Places, there: _Places) -> tuple[Array, Array]:
+def _first_look(bounds: MotionBounds) -> tuple[NDArray[np.int64], Instants, Instants, Bools]:
+    """Intervals in which the tool stays within about `BEND` of the straight way: their pieces, their ends, one-sided.
+
+    Also which of the k + 1 instants between them are knots of the motion.
+    """
+    t = bounds.knots
+    piece = np.arange(t.size - 1)
+    left, right = bounds.ends
+    way = right.poses[:, :3, 3] - left.poses[:, :3, 3]
+    length = np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+    aside = [np.cross(side.motion[:, 1, :3], way / length) for side in (left, right)]  # along the way nothing bends
+    bend = np.maximum(*(np.linalg.norm(x, axis=1) for x in aside)) * np.diff(t) ** 2 / 8.0
+    parts = np.clip(np.ceil(np.sqrt(bend / BEND)), 1, PARTS).astype(np.int64)
+    if parts.max() == 1:
+        return piece, left, right, np.ones(t.size, np.bool_)
+    which = np.repeat(piece, parts)
+    part = np.arange(which.size) - np.repeat(np.cumsum(parts) - parts, parts)
+    begin = t[which] + part * (np.diff(t) / parts)[which]
+    end = np.where(part + 1 == parts[which], t[which + 1], np.append(begin[1:], t[-1]))
+    return which, bounds.at(which, begin), bounds.at(which, end), np.append(part == 0, True)
+
+
+def _within(u: Array, times: int, t0: Array, t1: Array, here: Places, there: Places) -> tuple[Array, Array]:
     """Instants at parts u of intervals, tiled so many times, and the places that the cubic through their ends has there."""
     t0, h = np.tile(t0, times), np.tile(t1 - t0, times)
     s0, v0, s1, v1 = (np.tile(x, times) for x in (here.s, here.speed, there.s, there.speed))
@@ -143,197 +188,274 @@ def _joined(a: Side, b: Side) -> Side:
     return type(a)(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
 
 
-def _errors(instants: Instants, places: _Places) -> tuple[Array, Array]:
-    """Position error (k, 3), and the turn E = R_tool R_pathᵀ as E − I (k, 9): its norm is 2√2 sin(angle / 2)."""
-    position = instants.poses[:, :3, 3] - places.poses[:, :3, 3]
-    turn = instants.poses[:, :3, :3] @ places.poses[:, :3, :3].transpose(0, 2, 1) - np.eye(3)
-    return position, turn.reshape(-1, 9)
+# ---------------------------------------------------------------- the nearest place around
 
 
-def _angle(norm: Array) -> Array:
-    return np.asarray(2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0)))
+class _Nearest:
+    """Nearest places of a path to a tool: Gauss and Newton's steps, quartered where they lead away.
 
-
-def _note(instants: Instants, places: _Places, found: Array, when: Array) -> None:
-    """Keep the largest distance and angle found."""
-    position, turn = _errors(instants, places)
-    for i, size in enumerate((np.linalg.norm(position, axis=1), _angle(np.linalg.norm(turn, axis=1)))):
-        k = int(size.argmax())
-        if size[k] > found[i]:
-            found[i], when[i] = size[k], instants.t[k]
-
-
-def _between(
-    limits: _PieceBounds,
-    end: float,
-    bounds: MotionBounds,
-    left: Instants,
-    right: Instants,
-    here: _Places,
-    there: _Places,
-) -> Array:
-    """Bounds (k, 2) on distance and angle within the intervals.
-
-    s(t) is the cubic through its ends; rates are cut so that its Bézier points stay on the path.
+    Any place gives a true bound, and the nearest the least. Around a cusp, where the path all but stands still, several places
+    are nearest by position; the one where the rotation agrees as well is looked for among places around the guess.
     """
-    h = right.t - left.t
-    first = np.clip(here.speed, -3.0 * here.s / h, 3.0 * (end - here.s) / h)
-    last = np.clip(there.speed, -3.0 * (end - there.s) / h, 3.0 * there.s / h)
-    position, turn = zip(_errors(left, here), _errors(right, there), strict=True)
-    rates = [_rates(x, p, v) for x, p, v in ((left, here, first), (right, there, last))]
-    moves, turns, _ = bounds.between(left, h)
-    path_moves, path_turns = _path_bounds(limits, here.s, there.s, first, last, h)
-    fourth = moves[:, 4] + path_moves[:, 4]
-    distance = hermite_bound(position[0], rates[0][0], position[1], rates[1][0], h, fourth)
-    fourth = (turns[:, :5] * path_turns[:, ::-1]) @ np.array([1.0, 4.0, 6.0, 4.0, 1.0])
-    angle = hermite_bound(turn[0], rates[0][1], turn[1], rates[1][1], h, np.sqrt(3.0) * fourth)
-    return np.stack([distance, _angle(angle)], axis=1)
-
-
-def _rates(instants: Instants, places: _Places, speed: Array) -> tuple[Array, Array]:
-    """How fast the errors of `_errors` change, the path being run through at a speed."""
-    twist, path_twist = instants.motion[:, 0], places.twist * speed[:, None]
-    turn = instants.poses[:, :3, :3] @ places.poses[:, :3, :3].transpose(0, 2, 1)
-    rate = _cross_matrix(twist[:, 3:]) @ turn - turn @ _cross_matrix(path_twist[:, 3:])
-    return twist[:, :3] - path_twist[:, :3], rate.reshape(-1, 9)
-
-
-def _cross_matrix(w: Array) -> Array:
-    out = np.zeros((len(w), 3, 3))
-    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
-    return out - out.transpose(0, 2, 1)
-
-
-class _PieceBounds:
-    """The bounds on a path's derivatives on stretches of it: the largest of the smooth pieces that each one touches."""
 
     def __init__(self, path: Path) -> None:
-        self._breaks, self._bounds = path.breaks, path.piece_bounds()
+        self._path = path
+        bounds = path.derivative_bounds()
+        self._still = float(STILL * np.hypot(bounds[0, 0], LITTLE * bounds[1, 0])) ** 2  # at a cusp nothing tells
+        self._slow = CUSP * float(np.hypot(bounds[0, 0], TURN * bounds[1, 0]))
+        second = float(np.hypot(bounds[0, 1], TURN * bounds[1, 1]))
+        self._around = np.sqrt(8.0 * BEND / second) * np.linspace(-1.0, 1.0, AROUND) if second > 0.0 else np.zeros(1)
 
-    def between(self, low: Array, high: Array) -> Array:
-        """Bounds (2, 4, k) on the stretches from low to high (k,)."""
-        last = len(self._bounds) - 1
-        first = np.clip(np.searchsorted(self._breaks, low, side="left") - 1, 0, last)
-        final = np.clip(np.searchsorted(self._breaks, high, side="right") - 1, 0, last)
-        found = self._bounds[first]
-        for more in range(1, int((final - first).max(initial=0)) + 1):
-            found = np.maximum(found, self._bounds[np.minimum(first + more, final)])
-        return np.moveaxis(found, 0, -1)
+    def places(self, instants: Instants, guess: Array) -> Places:
+        """Places near a guess (k,)."""
+        guess = np.clip(guess, 0.0, self._path.end)
+        found, cost = self._descend(instants.poses, instants.motion, guess)
+        rate = np.hypot(np.linalg.norm(found.twist[:, :3], axis=1), TURN * np.linalg.norm(found.twist[:, 3:], axis=1))
+        at = np.flatnonzero((rate < self._slow) & (cost > FLOOR**2))
+        for part in (at[i : i + AT_ONCE] for i in range(0, at.size, AT_ONCE)):
+            tool, motion = instants.poses[part], instants.motion[part]
+            better, its_cost = self._descend(tool, motion, self._likeliest(tool, guess[part]))
+            nearer = _gap(tool, better.poses) < _gap(tool, found.poses[part])
+            for old, x in zip((*found, cost), (*better, its_cost), strict=True):
+                old[part[nearer]] = x[nearer]
+        return found
 
+    def _likeliest(self, tool: Array, guess: Array) -> Array:
+        """Of places around a guess (k,), those that are nearest by position and rotation together."""
+        s = np.clip(guess[:, None] + self._around, 0.0, self._path.end)
+        gap = _gap(np.repeat(tool, AROUND, axis=0), self._path(s.ravel())).reshape(s.shape)
+        return np.asarray(s[np.arange(guess.size), gap.argmin(axis=1)])
 
-def _path_bounds(limits: _PieceBounds, s0: Array, s1: Array, v0: Array, v1: Array, h: Array) -> tuple[Array, Array]:
-    """Bounds (k, 5) on the derivatives in time of the path's position and rotation (Faà di Bruno) at a cubic s(t)."""
-    slope = (s1 - s0) / h
-    a0, a1 = (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, (2.0 * v0 + 4.0 * v1 - 6.0 * slope) / h
-    j = np.abs(a1 - a0) / h
-    v = np.maximum(np.abs(v0), np.abs(v1)) + j * h * h / 8.0
-    a = np.maximum(np.abs(a0), np.abs(a1))
-    out = []
-    hull = np.stack([s0, s0 + v0 * h / 3.0, s1 - v1 * h / 3.0, s1])
-    for b1, b2, b3, b4 in limits.between(hull.min(axis=0), hull.max(axis=0)):
-        second, third = b1 * a + b2 * v * v, b1 * j + 3.0 * b2 * v * a + b3 * v**3
-        fourth = b2 * (4.0 * v * j + 3.0 * a * a) + 6.0 * b3 * v * v * a + b4 * v**4
-        out.append(np.stack([np.ones_like(v), b1 * v, second, third, fourth], axis=1))
-    return out[0], out[1]
-
-
-def _places(path: Path, instants: Instants, guess: Array) -> _Places:
-    """Nearest places to the tool near a guess: Gauss and Newton's steps, quartered where they lead away.
-
-    Any place gives a true bound, and the nearest the least.
-    """
-    part = _Part(path)
-    s = np.clip(guess, 0.0, path.end)
-    poses, twist = path.pose(s), path.twist(s)
-    offset = _offset(instants.poses, poses)
-    step = part.along(twist, offset)
-    for _ in range(20):
-        after = np.clip(s + step, 0.0, path.end)
-        if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:
-            break
-        new = after, path.pose(after), path.twist(after)
-        there = _offset(instants.poses, new[1])
-        nearer = _weighed(there, there) <= 1.000001 * _weighed(offset, offset)  # and what rounding may add
-        step = np.where(nearer, part.along(new[2], there), 0.25 * step)
-        for old, x in zip((s, poses, twist, offset), (*new, there), strict=True):
-            old[nearer] = x[nearer]
-    return _Places(s, part.along(twist, instants.motion[:, 0]), poses, twist)
-
-
-def _offset(tool: Array, poses: Array) -> Array:
-    """Small motion (k, 6), linear and angular, from the path's poses to the tool's, to first order."""
-    turn = tool[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
-    return np.concatenate([tool[:, :3, 3] - poses[:, :3, 3], 0.5 * _vee(turn - turn.transpose(0, 2, 1))], axis=1)
+    def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[Places, Array]:
+        """Places from a guess (k,), and their squared distances."""
+        path = self._path
+        poses, twist = path.frames(s)
+        cost, step, speed = np.empty((3, s.size))
+        _step(tool, motion, poses, twist, self._still, cost, step, speed)
+        for _ in range(STEPS):
+            after = np.clip(s + step, 0.0, path.end)
+            if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:
+                break
+            new_poses, new_twist = path.frames(after)
+            new_cost, new_step, new_speed = np.empty((3, s.size))
+            _step(tool, motion, new_poses, new_twist, self._still, new_cost, new_step, new_speed)
+            nearer = new_cost <= 1.000001 * cost  # and what rounding may add
+            step = np.where(nearer, new_step, 0.25 * step)
+            new = after, new_cost, new_speed, new_poses, new_twist
+            if nearer.all():
+                s, cost, speed, poses, twist = new
+                continue
+            s = s.copy()
+            for old, x in zip((s, cost, speed, poses, twist), new, strict=True):
+                old[nearer] = x[nearer]
+        return Places(s, speed, poses, twist), cost
 
 
-class _Part:
-    """How far along a path something is: by its position, and by its rotation where the position stands."""
-
-    def __init__(self, path: Path) -> None:
-        rate = path.derivative_bounds()[:, 0]
-        self._still = (STILL * np.hypot(rate[0], LITTLE * rate[1])) ** 2  # at a cusp nothing tells
-
-    def along(self, twist: Array, motion: Array) -> Array:
-        """Distance in s (k,) that a small motion (k, 6) of the tool makes, to first order."""
-        return np.asarray(_weighed(twist, motion) / (_weighed(twist, twist) + self._still))
-
-
-def _weighed(a: Array, b: Array) -> Array:
-    """Inner products (k,) of motions (k, 6), where a turn of 1 rad counts as `LITTLE`."""
-    linear, angular = (np.einsum("ki,ki->k", a[:, i], b[:, i]) for i in (slice(0, 3), slice(3, 6)))
-    return np.asarray(linear + LITTLE**2 * angular)
-
-
-def _vee(w: Array) -> Array:
-    return np.stack([w[:, 2, 1], w[:, 0, 2], w[:, 1, 0]], axis=1)
-
-
-def _track(path: Path, poses: Array) -> Array:
-    """Places (k,) of poses on a grid of the path that together are nearest, where going back costs and going on does not.
-
-    So the leg out and the leg back of a path that returns on itself are told apart by the order of the poses.
-    """
-    s = path.places(GRID, PER_PIECE)
-    grid, points = (np.ascontiguousarray(_embedded(T).T) for T in (path.pose(s), poses))
-    back = np.append(np.sum(np.diff(grid, axis=1) ** 2, axis=0), 0.0)
-    index = np.zeros(len(poses), dtype=np.int64)
-    cost = np.zeros(s.size)
-    for first in range(0, len(poses), AT_ONCE):
-        part = slice(first, first + AT_ONCE)
-        _cheapest(grid, points[:, part], back, cost, index[part])
-        cost = np.append(np.cumsum(back[: index[part][-1]][::-1])[::-1], np.zeros(s.size - index[part][-1]))
-    return s[index]
-
-
-def _embedded(poses: Array) -> Array:
-    """Poses as points (k, 12) with |a − b|² = |p − x|² + `TURN`² |R − X|² / 2."""
-    return np.concatenate([poses[:, :3, 3], (TURN / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
+def _gap(tool: Array, poses: Array) -> Array:
+    """Squared distances (k,) by position and rotation together, where a turn of 1 rad counts as `TURN`."""
+    return np.asarray(((embedded(tool, TURN) - embedded(poses, TURN)) ** 2).sum(axis=1))
 
 
 @compiled
-def _cheapest(grid: Array, points: Array, back: Array, cost: Array, index: NDArray[np.int64]) -> None:
-    """Dynamic programming over places (12, m) for points (12, k) in their order, from costs (m,) to begin with.
+def _step(
+    tool: Array, motion: Array, poses: Array, twist: Array, still: float, cost: Array, step: Array, speed: Array
+) -> None:
+    """Squared distances of poses of the tool from those of the path, steps along the path to less, and the tool's speed.
 
-    A place costs its squared distance from the point, and going back to it from the one behind costs back (m,).
+    A turn of 1 rad counts as `LITTLE`; along the path means by position, and by rotation where the position stands.
     """
-    m, k = grid.shape[1], points.shape[1]
-    before = np.empty((k, m), dtype=np.int32)
-    total = cost.copy()
-    for row in range(k):
-        came = before[row]
-        came[m - 1] = m - 1
-        for i in range(m - 2, -1, -1):
-            came[i] = i
-            if total[i + 1] + back[i] < total[i]:
-                total[i], came[i] = total[i + 1] + back[i], came[i + 1]
-        for i in range(1, m):
-            if total[i - 1] <= total[i]:
-                total[i], came[i] = total[i - 1], came[i - 1]
-        for j in range(12):
-            x = points[j, row]
-            for i in range(m):
-                total[i] += (grid[j, i] - x) * (grid[j, i] - x)
-    at = np.argmin(total)
-    for row in range(k - 1, -1, -1):
-        index[row] = at
-        at = before[row, at]
+    e = np.empty(6)
+    for k in range(tool.shape[0]):
+        A, B = tool[k], poses[k]
+        for i in range(3):
+            e[i] = A[i, 3] - B[i, 3]
+        # R_tool R_pathᵀ − its transpose, halved, as a vector
+        e[3] = 0.5 * _skew(A, B, 2, 1)
+        e[4] = 0.5 * _skew(A, B, 0, 2)
+        e[5] = 0.5 * _skew(A, B, 1, 0)
+        size, along, going, off = still, 0.0, 0.0, 0.0
+        for i in range(6):
+            weight = 1.0 if i < 3 else LITTLE * LITTLE
+            w = twist[k, i]
+            size += weight * w * w
+            along += weight * w * e[i]
+            going += weight * w * motion[k, 0, i]
+            off += weight * e[i] * e[i]
+        cost[k], step[k], speed[k] = off, along / size, going / size
+
+
+@compiled
+def _skew(A: Array, B: Array, i: int, j: int) -> float:
+    """Entry (i, j) of A Bᵀ minus entry (j, i), of their rotations."""
+    value = 0.0
+    for m in range(3):
+        value += A[i, m] * B[j, m] - A[j, m] * B[i, m]
+    return value
+
+
+# ---------------------------------------------------------------- errors, and their bounds between instants
+
+
+@compiled
+def _turn(A: Array, B: Array, out: Array) -> None:
+    """E = R_tool R_pathᵀ of two poses, into out (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
+
+
+@compiled
+def _angle(norm: float) -> float:
+    """Angle of a rotation E whose ‖E − I‖ (Frobenius) is known: it is 2√2 sin(angle / 2)."""
+    return float(2.0 * np.arcsin(min(norm / (2.0 * np.sqrt(2.0)), 1.0)))
+
+
+def _note(instants: Instants, places: Places, found: Array, when: Array) -> None:
+    """Keep the largest distance and angle found."""
+    _largest(instants.t, instants.poses, places.poses, found, when)
+
+
+@compiled
+def _largest(t: Array, tool: Array, poses: Array, found: Array, when: Array) -> None:
+    E = np.empty((3, 3))
+    for k in range(t.shape[0]):
+        _turn(tool[k], poses[k], E)
+        distance, turn = 0.0, 0.0
+        for i in range(3):
+            distance += (tool[k, i, 3] - poses[k, i, 3]) ** 2
+            E[i, i] -= 1.0
+            for j in range(3):
+                turn += E[i, j] * E[i, j]
+        distance, turn = np.sqrt(distance), _angle(np.sqrt(turn))
+        if distance > found[0]:
+            found[0], when[0] = distance, t[k]
+        if turn > found[1]:
+            found[1], when[1] = turn, t[k]
+
+
+@compiled
+def _error(tool: Array, motion: Array, pose: Array, twist: Array, speed: float, value: Array, rate: Array) -> None:
+    """Errors (12,) of position and of rotation, E − I, and how fast they change, the path being run through at a speed."""
+    E = np.empty((3, 3))
+    _turn(tool, pose, E)
+    for i in range(3):
+        value[i] = tool[i, 3] - pose[i, 3]
+        rate[i] = motion[0, i] - speed * twist[i]
+    w = (motion[0, 3], motion[0, 4], motion[0, 5])
+    p = (speed * twist[3], speed * twist[4], speed * twist[5])
+    for i in range(3):  # Ė = ω × E − E (ω_path ×)
+        a, b = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            c, d = (j + 1) % 3, (j + 2) % 3
+            value[3 + 3 * i + j] = E[i, j] - (1.0 if i == j else 0.0)
+            rate[3 + 3 * i + j] = w[a] * E[b, j] - w[b] * E[a, j] - (E[i, c] * p[d] - E[i, d] * p[c])
+
+
+class PieceBounds(NamedTuple):
+    """Bounds (m, 2, 4) on a path's derivatives, position and rotation, on the m pieces between its breaks (m + 1,)."""
+
+    breaks: Array
+    bounds: Array
+
+    @classmethod
+    def of(cls, path: Path) -> PieceBounds:
+        """Those of a path."""
+        return cls(np.ascontiguousarray(path.breaks), np.ascontiguousarray(path.piece_bounds()))
+
+
+@compiled
+def _on_stretch(limits: PieceBounds, low: float, high: float, out: Array) -> None:
+    """Bounds (2, 4) on the path's derivatives between two places: the largest of the pieces that are touched."""
+    last = limits.bounds.shape[0] - 1
+    first = min(max(np.searchsorted(limits.breaks, low) - 1, 0), last)
+    final = min(max(np.searchsorted(limits.breaks, high, side="right") - 1, 0), last)
+    for part in range(2):
+        for k in range(4):
+            out[part, k] = 0.0
+            for i in range(first, final + 1):
+                out[part, k] = max(out[part, k], limits.bounds[i, part, k])
+
+
+@compiled
+def path_rates(limits: PieceBounds, s0: float, s1: float, v0: float, v1: float, h: float, out: Array) -> None:
+    """Bounds (2, 5) on the derivatives in time of a path's position and rotation at a cubic s(t) over h (Faà di Bruno).
+
+    s(t) is given by its ends; its Bézier points bound the places that it comes to, its derivatives the rates.
+    """
+    slope = (s1 - s0) / h
+    a0, a1 = (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, (2.0 * v0 + 4.0 * v1 - 6.0 * slope) / h
+    j = abs(a1 - a0) / h
+    v = max(abs(v0), abs(v1)) + j * h * h / 8.0
+    a = max(abs(a0), abs(a1))
+    b = np.empty((2, 4))
+    p, q = s0 + v0 * h / 3.0, s1 - v1 * h / 3.0
+    _on_stretch(limits, min(s0, p, q, s1), max(s0, p, q, s1), b)
+    for part in range(2):
+        b1, b2, b3, b4 = b[part, 0], b[part, 1], b[part, 2], b[part, 3]
+        out[part, 0] = 1.0
+        out[part, 1] = b1 * v
+        out[part, 2] = b1 * a + b2 * v * v
+        out[part, 3] = b1 * j + 3.0 * b2 * v * a + b3 * v**3
+        out[part, 4] = b2 * (4.0 * v * j + 3.0 * a * a) + 6.0 * b3 * v * v * a + b4 * v**4
+
+
+@compiled
+def _cut(v: float, before: float, after: float, h: float) -> float:
+    """A rate of s, cut so that the Bézier points of its cubic stay on the path, which reaches so far back and on."""
+    return min(max(v, -3.0 * before / h), 3.0 * after / h)
+
+
+@compiled
+def _intervals(
+    links: Array, prismatic: Bools, limits: PieceBounds, end: float, left: Instants, right: Instants, here: Places,
+    there: Places, out: Array, fall: Array,
+) -> None:  # fmt: skip
+    """Bounds (k, 2) on distance and angle within intervals of time; s(t) is the cubic through their ends.
+
+    Into fall (k, 2), the places between which that cubic goes back.
+    """
+    k = left.t.shape[0]
+    h = right.t - left.t
+    D, moves, turns, spin = np.empty(left.joints.shape), np.empty((k, 6)), np.empty((k, 6)), np.empty(k)
+    joint_bounds(left.joints, h, D)
+    tool_bounds(links, prismatic, D, moves, turns, spin)
+    e0, r0, e1, r1, b = np.empty(12), np.empty(12), np.empty(12), np.empty(12), np.empty((2, 5))
+    for i in range(k):
+        v0 = _cut(here.speed[i], here.s[i], end - here.s[i], h[i])
+        v1 = _cut(there.speed[i], end - there.s[i], there.s[i], h[i])
+        _error(left.poses[i], left.motion[i], here.poses[i], here.twist[i], v0, e0, r0)
+        _error(right.poses[i], right.motion[i], there.poses[i], there.twist[i], v1, e1, r1)
+        path_rates(limits, here.s[i], there.s[i], v0, v1, h[i], b)
+        fall[i, 0], fall[i, 1] = _fall(here.s[i], v0 * h[i], there.s[i], v1 * h[i])
+        fourth = moves[i, 4] + b[0, 4]
+        out[i, 0] = bezier_bound(e0[:3], r0[:3], e1[:3], r1[:3], h[i], fourth)
+        fourth = product_bound(turns[i], b[1])
+        out[i, 1] = _angle(bezier_bound(e0[3:], r0[3:], e1[3:], r1[3:], h[i], fourth))
+
+
+@compiled
+def product_bound(a: Array, b: Array) -> float:
+    """Bound on the Frobenius norm of the fourth derivative of R_tool R_pathᵀ, from spectral ones (5,) of both."""
+    fourth = a[0] * b[4] + 4.0 * a[1] * b[3] + 6.0 * a[2] * b[2] + 4.0 * a[3] * b[1] + a[4] * b[0]
+    return float(np.sqrt(3.0) * fourth)  # of a 3×3 matrix
+
+
+@compiled
+def _fall(s0: float, v0: float, s1: float, v1: float) -> tuple[float, float]:
+    """Places between which the cubic with these values and slopes at 0 and 1 goes back farthest; twice the same if nowhere."""
+    c3, c2 = 2.0 * (s0 - s1) + v0 + v1, 3.0 * (s1 - s0) - 2.0 * v0 - v1
+    root = c2 * c2 - 3.0 * c3 * v0
+    turns = (0.0, 1.0)  # where it turns, in order: the roots of 3 c₃ u² + 2 c₂ u + v₀
+    if root > 0.0 and c2 + np.copysign(np.sqrt(root), c2) != 0.0:
+        w = -(c2 + np.copysign(np.sqrt(root), c2))
+        a, b = v0 / w, (w / (3.0 * c3) if c3 != 0.0 else 2.0)
+        turns = (min(a, b), max(a, b))
+    top = high = low = s0
+    for u in (turns[0], turns[1], 1.0):
+        if not 0.0 < u <= 1.0:
+            continue
+        s = s1 if u == 1.0 else s0 + u * (v0 + u * (c2 + u * c3))
+        top = max(top, s)
+        if top - s > high - low:
+            high, low = top, s
+    return high, low

@@ -89,3 +89,18 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
                 count = found
                 for i in range(found):
                     before[i] = roots[i]
+
+
+@compiled
+def piece_ends(c: Array, h: Array, first: Array, last: Array) -> None:
+    """Values of pieces c (6, m, n) and of their derivatives of order 0 to 3 at 0 and at h (m,), into (4, m, n) each."""
+    for k in range(c.shape[1]):
+        for j in range(c.shape[2]):
+            factor = np.ones(6)  # of each power, after so many derivatives
+            for order in range(4):
+                value = 0.0
+                for power in range(5, order - 1, -1):
+                    value = value * h[k] + factor[power] * c[5 - power, k, j]
+                first[order, k, j], last[order, k, j] = factor[order] * c[5 - order, k, j], value
+                for power in range(order, 6):
+                    factor[power] *= power - order

@@ -121,22 +121,25 @@ class MotionBounds:
 
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
         self.robot = robot
-        coefficients = trajectory.coefficients
-        self._c = np.zeros((6, *coefficients.shape[1:]))
-        self._c[6 - len(coefficients) :] = coefficients
-        self._knots = trajectory.knots
-        self._links = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
+        self._c = trajectory.padded
+        self.knots: Array = trajectory.knots
+        self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
 
     @cached_property
     def ends(self) -> tuple[Instants, Instants]:
         """The motion at the first and at the last instant of every piece."""
-        piece = np.arange(self._knots.size - 1)
-        return self.at(piece, self._knots[:-1]), self.at(piece, self._knots[1:])
+        piece = np.arange(self.knots.size - 1)
+        return self.at(piece, self.knots[:-1]), self.at(piece, self.knots[1:])
+
+    def joints_at(self, piece: NDArray[np.int64], t: Array) -> Array:
+        """Derivatives (k, 6, n) of the joints at t (k,), by given pieces."""
+        joints = np.empty((t.size, 6, self.robot.n))
+        instants(self._c, piece, t - self.knots[piece], joints)
+        return joints
 
     def at(self, piece: NDArray[np.int64], t: Array) -> Instants:
         """The motion at t (k,), by given pieces."""
-        joints = np.empty((t.size, 6, self.robot.n))
-        instants(self._c, piece, t - self._knots[piece], joints)
+        joints = self.joints_at(piece, t)
         robot = self.robot
         poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
         q = np.ascontiguousarray(joints[:, 0])
@@ -151,7 +154,7 @@ class MotionBounds:
         D = np.empty_like(left.joints)
         joint_bounds(left.joints, h, D)
         position, rotation, spin = np.empty((h.size, 6)), np.empty((h.size, 6)), np.empty(h.size)
-        tool_bounds(self._links, self.robot.prismatic, D, position, rotation, spin)
+        tool_bounds(self.links, self.robot.prismatic, D, position, rotation, spin)
         return position, rotation, spin
 
 
@@ -163,18 +166,24 @@ def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array
     """
     bound = np.empty(h.size)
     left, left_rate, right, right_rate = (np.ascontiguousarray(x) for x in (left, left_rate, right, right_rate))
-    _bezier_bound(left, left_rate, right, right_rate, h, np.ascontiguousarray(fourth), bound)
+    _bezier_bounds(left, left_rate, right, right_rate, h, np.ascontiguousarray(fourth), bound)
     return bound
 
 
 @compiled
-def _bezier_bound(
+def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: float, fourth: float) -> float:
+    """`hermite_bound` of one curve, with values and rates (d,)."""
+    third, p0, p1, p2, p3 = h / 3.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(left.shape[0]):
+        a, b = left[i], right[i]
+        c, d = a + third * left_rate[i], b - third * right_rate[i]
+        p0, p1, p2, p3 = p0 + a * a, p1 + b * b, p2 + c * c, p3 + d * d
+    return float(np.sqrt(max(p0, p1, p2, p3)) + fourth * h**4 / 384.0)
+
+
+@compiled
+def _bezier_bounds(
     left: Array, left_rate: Array, right: Array, right_rate: Array, h: Array, fourth: Array, bound: Array
 ) -> None:
     for k in range(h.shape[0]):
-        third, points = h[k] / 3.0, (0.0, 0.0, 0.0, 0.0)
-        for i in range(left.shape[1]):
-            a, b = left[k, i], right[k, i]
-            c, d = a + third * left_rate[k, i], b - third * right_rate[k, i]
-            points = (points[0] + a * a, points[1] + b * b, points[2] + c * c, points[3] + d * d)
-        bound[k] = np.sqrt(max(points)) + fourth[k] * h[k] ** 4 / 384.0
+        bound[k] = bezier_bound(left[k], left_rate[k], right[k], right_rate[k], h[k], fourth[k])

@@ -29,6 +29,8 @@ from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate are there to be looked at"
+
 FOLLOWED = 0.95
 """Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
 
@@ -37,6 +39,7 @@ class PlanStatus(StrEnum):
     """How planning ended: as following the path did, or in timing.
 
     LIMITS_EXCEEDED is the answer of ``strict=True`` where the law's own motion passes a limit that it promises to keep.
+    NOT_PROVED has a motion, but its certificate does not hold.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -47,11 +50,12 @@ class PlanStatus(StrEnum):
     UNREACHABLE = FollowStatus.UNREACHABLE
     TIMING_INFEASIBLE = "timing_infeasible"
     LIMITS_EXCEEDED = "limits_exceeded"
+    NOT_PROVED = "not_proved"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The result of `plan`. ``bool(plan)`` is success.
+    """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate holds.
 
     Attributes
     ----------
@@ -66,7 +70,7 @@ class Plan:
     prefix : JointPath or None
         The joint path, or on failure the good part of it.
     stop : Stop or None
-        Where and why it failed: s, joint, reason, advice.
+        Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion all the same, to be looked at.
     slowed : float
         By which factor the law's motion was slowed so that it keeps what the law promises; 1 where it kept it by itself.
     """
@@ -87,7 +91,7 @@ class Plan:
         return self.status is PlanStatus.SOLVED
 
     def _there(self) -> None:
-        if self.stop is not None:
+        if self.stop is not None and self._trajectory is None:
             raise NoSolution(self.stop.reason, s=self.stop.s, joint=self.stop.joint, advice=self.stop.advice)
 
     @property
@@ -124,12 +128,9 @@ class Plan:
             "path": getattr(self.path, "to_dict", dict)(),
         }
         if self.stop is not None:
-            return out | {
-                "s": self.stop.s,
-                "joint": self.stop.joint,
-                "reason": self.stop.reason,
-                "advice": self.stop.advice,
-            }
+            out |= {"s": self.stop.s, "joint": self.stop.joint, "reason": self.stop.reason, "advice": self.stop.advice}
+        if self._trajectory is None:
+            return out
         motion = self.trajectory
         t = motion.knots
         return out | {
@@ -310,16 +311,23 @@ class Asked:
         """A plan without a motion."""
         return Plan(self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None)
 
-    def solved(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
-        """A plan with its motion, certified."""
+    def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
+        """A plan with its motion, certified: solved where the certificate holds."""
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
             law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
         )  # fmt: skip
+        status, stop = PlanStatus.SOLVED, None
+        if proof.failures:
+            first = proof.failures[0]
+            place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
+            status = PlanStatus.NOT_PROVED
+            stop = Stop(
+                status, place, first.joint, f"the certificate does not hold: {'; '.join(proof.broken)}", UNPROVED
+            )
         return Plan(
-            self.robot, self.path, self.limits, PlanStatus.SOLVED, self.ik, self.law.name, joints, None, trajectory, proof,
-            slowed,
-        )  # fmt: skip
+            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed
+        )
 
     def refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """A motion that passes a limit, and strict was asked."""
@@ -352,7 +360,7 @@ def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool
             trajectory = _lasting(trajectory, duration, asked.law)
     except NoSolution as error:
         return asked.infeasible(joints, error)
-    return asked.solved(joints, trajectory, slowed)
+    return asked.judged(joints, trajectory, slowed)
 
 
 def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:

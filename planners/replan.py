@@ -80,10 +80,10 @@ def replan(
         trajectory = law.run_from(joints, limits, at, stop=stop)
     except NoSolution as error:
         return asked.infeasible(joints, error)
-    solved = asked.solved(joints, trajectory)
-    if strict and not solved.certificate.holds:
-        return asked.refused(joints, solved.certificate, "strict=False, or higher limits")
-    return solved
+    judged = asked.judged(joints, trajectory)
+    if strict and not judged:
+        return asked.refused(joints, judged.certificate, "strict=False, or higher limits")
+    return judged
 
 
 def _state(plan: Plan, joints: JointPath, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> PathState:

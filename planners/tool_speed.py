@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from optik._compile import compiled
 from optik.robot import Robot
-from planners.motion_bounds import Instants, MotionBounds, hermite_bound
+from planners.motion_bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -51,24 +52,21 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
         Bounds, and the instants of the largest values found.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    piece = np.arange(trajectory.knots.size - 1)
-    left, right = bounds.ends
     found, when, proved = np.zeros(2), np.zeros(2), np.zeros(2)
-    _note(left, found, when)
-    _note(right, found, when)
-    kept = 0
+    left, right = bounds.ends
+    for side in (left, right):
+        _largest(side.t, side.motion, found, when)
+    piece, kept, shortest = np.arange(trajectory.knots.size - 1), 0, 1e-9 * trajectory.end
     while True:
-        between = _between(bounds, left, right)
-        loose = (between > np.maximum(found * (1.0 + LOOSE), FLOOR)).any(axis=1)
-        loose &= (right.t - left.t > 1e-9 * trajectory.end) & (kept + loose.sum() <= MOST)
-        proved = np.maximum(proved, between[~loose].max(axis=0, initial=0.0))
+        between, loose = np.empty((piece.size, 2)), np.empty(piece.size, np.bool_)
+        _intervals(bounds.links, robot.prismatic, left, right, between)
+        kept += _passing(between, right.t - left.t, found, shortest, MOST - kept, proved, loose)
         if not loose.any():
             break
-        kept += int(np.count_nonzero(~loose))
         piece = piece[loose]
         left, right = (Instants(*(x[loose] for x in side)) for side in (left, right))
         middle = bounds.at(piece, 0.5 * (left.t + right.t))
-        _note(middle, found, when)
+        _largest(middle.t, middle.motion, found, when)
         piece = np.concatenate([piece, piece])
         left, right = (
             Instants(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
@@ -78,19 +76,49 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
     return ToolSpeed(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
 
 
-def _note(instants: Instants, found: Array, when: Array) -> None:
-    for i, part in enumerate((slice(0, 3), slice(3, 6))):
-        size = np.linalg.norm(instants.motion[:, 0, part], axis=1)
-        k = int(size.argmax())
-        if size[k] > found[i]:
-            found[i], when[i] = size[k], instants.t[k]
+@compiled
+def _norm(x: Array) -> float:
+    return float(np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]))
 
 
-def _between(bounds: MotionBounds, left: Instants, right: Instants) -> Array:
+@compiled
+def _largest(t: Array, motion: Array, found: Array, when: Array) -> None:
+    """Keep the largest speeds of given instants."""
+    for k in range(t.shape[0]):
+        for i in range(2):
+            size = _norm(motion[k, 0, 3 * i : 3 * i + 3])
+            if size > found[i]:
+                found[i], when[i] = size, t[k]
+
+
+@compiled
+def _passing(
+    between: Array, h: Array, found: Array, shortest: float, room: int, proved: Array, loose: NDArray[np.bool_]
+) -> int:
+    """Which intervals may hold more than was found; the bounds of the others count. Returns how many these are."""
+    number = 0
+    for k in range(h.shape[0]):
+        loose[k] = h[k] > shortest and (
+            between[k, 0] > max(found[0] * (1.0 + LOOSE), FLOOR) or between[k, 1] > max(found[1] * (1.0 + LOOSE), FLOOR)
+        )
+        number += loose[k]
+    for k in range(h.shape[0]):
+        loose[k] = loose[k] and number <= room
+        if not loose[k]:
+            for i in range(2):
+                proved[i] = max(proved[i], between[k, i])
+    return len(h) - number
+
+
+@compiled
+def _intervals(links: Array, prismatic: NDArray[np.bool_], left: Instants, right: Instants, out: Array) -> None:
+    """Bounds (k, 2) on |v| and |ω| within intervals of time."""
+    k = left.t.shape[0]
     h = right.t - left.t
-    moves, _, spin = bounds.between(left, h)
-    both = []
-    for part, fourth in ((slice(0, 3), moves[:, 5]), (slice(3, 6), spin)):
-        a, b = left.motion[:, :, part], right.motion[:, :, part]
-        both.append(hermite_bound(a[:, 0], a[:, 1], b[:, 0], b[:, 1], h, fourth))
-    return np.stack(both, axis=1)
+    D, moves, turns, spin = np.empty(left.joints.shape), np.empty((k, 6)), np.empty((k, 6)), np.empty(k)
+    joint_bounds(left.joints, h, D)
+    tool_bounds(links, prismatic, D, moves, turns, spin)
+    for i in range(k):
+        a, b = left.motion[i], right.motion[i]
+        out[i, 0] = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h[i], moves[i, 5])
+        out[i, 1] = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h[i], spin[i])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.curve import Curve
-from planners.extrema import piece_extrema
+from planners.extrema import piece_ends, piece_extrema
 
 Array = NDArray[np.float64]
 
@@ -78,6 +78,14 @@ class Trajectory(Curve):
         """Coefficients (6, m, n), highest power first, in the time since each piece's first knot."""
         return _locked(self._orders[0].c)
 
+    @cached_property
+    def padded(self) -> Array:
+        """Coefficients of quintics (6, m, n), whatever the degree: `coefficients` behind zeros."""
+        p = self._orders[0].c
+        c = np.zeros((6, *p.shape[1:]))
+        c[6 - len(p) :] = p
+        return c
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -101,13 +109,16 @@ class Trajectory(Curve):
         return t, self(t)
 
     def ends(self, order: int) -> tuple[Array, Array]:
-        """One-sided values (m, n) of a derivative at the first and the last instant of every piece."""
-        p = self._orders[order]
-        h = np.diff(p.x)[:, None]
-        last = p.c[0]
-        for c in p.c[1:]:
-            last = last * h + c
-        return np.asarray(p.c[-1]), np.asarray(last)
+        """One-sided values (m, n) of a derivative (0 to 3) at the first and the last instant of every piece."""
+        first, last = self._ends
+        return first[order], last[order]
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array]:
+        c, h = self.padded, np.diff(self.knots)
+        first, last = np.empty((2, 4, *c.shape[1:]))
+        piece_ends(c, h, first, last)
+        return first, last
 
     def jumps(self, order: int) -> Array:
         """How much a derivative jumps at the inner knots (m − 1, n)."""
@@ -142,11 +153,9 @@ class Trajectory(Curve):
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
         """Extrema of all pieces, and when since their first knots: orders, pieces, joints, least and greatest."""
-        p = self._orders[0]
-        c = np.zeros((6, *p.c.shape[1:]))
-        c[6 - len(p.c) :] = p.c
-        value, when = np.empty((2, 4, *p.c.shape[1:], 2))
-        piece_extrema(c, np.diff(p.x), value, when)
+        c = self.padded
+        value, when = np.empty((2, 4, *c.shape[1:], 2))
+        piece_extrema(c, np.diff(self.knots), value, when)
         return value, when
 
     def piece_worst(self, order: int) -> Array:

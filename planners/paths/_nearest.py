@@ -31,33 +31,38 @@ def nearest_places(path: Path, poses: Array) -> Array:
     The path bends away from the chords of a grid by a known bound. So the chords that may be nearest are known, and
     each of them is searched. Two places whose distances differ by less than twice that bound may count as one.
     """
-    edges, bend = _grid(path)
+    edges, bend = chords(path, TURN, GRID)
     rows = max(AT_ONCE // bend.size, 1)
     return np.concatenate([_search(path, edges, bend, poses[i : i + rows]) for i in range(0, len(poses), rows)])
 
 
-def _grid(path: Path) -> tuple[Array, Array]:
-    """Edges (m + 1,) of cells in s, and how far the path bends away from the chord of each (m,), by |z''| h²/8."""
+def chords(path: Path, turn: float, most: float) -> tuple[Array, Array]:
+    """Edges (m + 1,) of cells in s, and how far the path bends away from the chord of each (m,), by |z''| h²/8.
+
+    Distances are those of `embedded` points, where a turn of 1 rad counts `turn` metres. Cells are so short that the bend
+    is at most `most`, but no more than `MOST_CELLS` between two breaks.
+    """
     breaks, bounds = path.breaks, path.piece_bounds()[:, :, 1]
-    second = np.hypot(bounds[:, 0], TURN * np.sqrt(1.5) * bounds[:, 1])  # a 3×3 matrix: Frobenius ≤ √3 spectral
+    second = np.hypot(bounds[:, 0], turn * np.sqrt(1.5) * bounds[:, 1])  # a 3×3 matrix: Frobenius ≤ √3 spectral
     length = np.diff(breaks)
-    cells = np.clip(np.ceil(length * np.sqrt(second / (8.0 * GRID))), 1, MOST_CELLS).astype(int)
-    inner = [a + h * np.arange(n) / n for a, h, n in zip(breaks[:-1], length, cells, strict=True)]
-    bend = np.repeat(second * (length / cells) ** 2 / 8.0, cells)
-    return np.concatenate([*inner, breaks[-1:]]), bend
+    cells = np.clip(np.ceil(length * np.sqrt(second / (8.0 * most))), 1, MOST_CELLS).astype(int)
+    which = np.repeat(np.arange(cells.size), cells)
+    within = np.arange(which.size) - np.repeat(np.cumsum(cells) - cells, cells)
+    edges = breaks[which] + (length / cells)[which] * within
+    return np.append(edges, breaks[-1]), (second * (length / cells) ** 2 / 8.0)[which]
 
 
 def _search(path: Path, edges: Array, bend: Array, poses: Array) -> Array:
-    which, cell, part = _candidates(_embedded(path.pose(edges)), bend, _embedded(poses))
+    which, cell, part = _candidates(embedded(path.pose(edges), TURN), bend, embedded(poses, TURN))
     low, high = edges[cell], edges[cell + 1]
     s, cost = _newton(path, poses[which], low + part * (high - low), low, high)
     best = np.lexsort((s, cost, which))
     return s[best[np.searchsorted(which[best], np.arange(len(poses)))]]
 
 
-def _embedded(poses: Array) -> Array:
-    """Poses as points (k, 12) whose squared distance is |p − x|² + TURN² |R − X|²/2."""
-    return np.concatenate([poses[:, :3, 3], (TURN / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
+def embedded(poses: Array, turn: float) -> Array:
+    """Poses as points (k, 12) whose squared distance is |p − x|² + turn² |R − X|²/2."""
+    return np.concatenate([poses[:, :3, 3], (turn / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
 
 
 def _candidates(z: Array, bend: Array, x: Array) -> tuple[Indices, Indices, Array]:

@@ -110,6 +110,10 @@ class Path(Curve):
         """Twists (v, ω) per unit of s in the base frame, or their derivatives (order 2, 3)."""
         return self(s, order)
 
+    def frames(self, s: Array) -> tuple[Array, Array]:
+        """Poses (k, 4, 4) and twists (k, 6) at places inside the path, unchecked: for inner loops."""
+        return self._evaluate(s, 0), self._evaluate(s, 1)
+
 
 def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:
     """Return the named fields of a path's plain data.

@@ -1,0 +1,184 @@
+"""Where on its path a motion is, instant by instant: the cheapest way along the path's chords, in the order of time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+from planners.paths._nearest import chords, embedded
+from planners.paths.base import Path
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TURN = 0.1
+"""Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
+BEND = 1e-5
+"""How far the path may bend away from its chords, and the tool between two instants from its own [m]."""
+ROOM, WIDER = 1e-4, 8.0
+"""How far the tool may be from the chords of its path [m], and how many times as far where it leaves them by more."""
+MOST = 20_000_000
+"""Pairs of an instant and a chord that are looked at; a motion that needs more is nowhere near its path."""
+
+
+def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
+    """Places (k,) on the path of a tool that moves through poses (k, 4, 4), none left out between two of them.
+
+    The motion is put on the path as a whole, not pose by pose: among all ways to run through chords of the path one after
+    the other while staying near them, the one with the least sum of squared distances (dynamic programming). Going on
+    costs nothing and needs the tool to pass near every corner between; going back costs. So two legs of a path that lie
+    close together, or cross, are told apart by the order in which the tool gets there.
+
+    Parameters
+    ----------
+    path : Path
+        With a length.
+    poses : (k, 4, 4) array
+        T_base_tool at successive instants.
+    bend : float
+        How far the tool may be from the straight way between two of them [m].
+
+    Returns
+    -------
+    (k,) array
+        Places in [0, end], exact but for the path's bend; where the tool is nowhere near, those that are nearest.
+    """
+    edges, off = chords(path, TURN, BEND)
+    z, y = (np.ascontiguousarray(embedded(T, TURN)) for T in (path.pose(edges), poses))
+    cell, room = np.empty(len(poses), np.int64), ROOM + 2.0 * (bend + float(off.max()))
+    size = float(np.ptp(np.concatenate([z, y]), axis=0).sum())
+    while True:
+        found = _cheapest(z, y, room, MOST, cell)
+        if found == FOUND:
+            return _within(edges, z, y, cell)
+        if found == TOO_MANY or room > size:
+            return path.nearest(poses)
+        room *= WIDER
+
+
+def _within(edges: Array, z: Array, y: Array, cell: Indices) -> Array:
+    """Places (k,) on the chords of given cells that are nearest to points y."""
+    a, e = z[cell], z[cell + 1] - z[cell]
+    size = np.einsum("ij,ij->i", e, e)
+    part = np.einsum("ij,ij->i", y - a, e) / np.where(size > 0.0, size, 1.0)
+    return np.asarray(edges[cell] + np.clip(part, 0.0, 1.0) * (edges[cell + 1] - edges[cell]))
+
+
+FOUND, TOO_FAR, TOO_MANY = range(3)
+
+
+@compiled
+def _distance2(x: Array, a: Array, b: Array) -> float:
+    """Squared distance of a point from the chord between two others."""
+    along, size, off = 0.0, 0.0, 0.0
+    for j in range(x.shape[0]):
+        e, d = b[j] - a[j], x[j] - a[j]
+        along += e * d
+        size += e * e
+        off += d * d
+    if along <= 0.0 or size == 0.0:
+        return off
+    if along >= size:
+        return max(off - 2.0 * along + size, 0.0)
+    return max(off - along * along / size, 0.0)
+
+
+@compiled
+def _grown(x: Indices, count: int) -> Indices:
+    """The same array with room for so many entries."""
+    if count <= x.shape[0]:
+        return x
+    more = np.empty(2 * count, np.int64)
+    more[: x.shape[0]] = x
+    return more
+
+
+@compiled
+def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
+    """Dynamic programming: the chord of z (m + 1, d) of every point y (k, d), into cell (k,).
+
+    A state is a chord within `room` of the point. From one point to the next it stays or goes over vertices that the way
+    between the points passes within `room`: on for nothing, back for `room` times the chord's length.
+    """
+    m, k, limit = z.shape[0] - 1, y.shape[0], room * room
+    cost, new, origin = np.full(m, np.inf), np.full(m, np.inf), np.empty(m, np.int64)
+    near, touched = np.zeros(m + 1, np.bool_), np.empty(m, np.int64)
+    cells, before = np.empty(4 * k + m, np.int64), np.empty(4 * k + m, np.int64)
+    count = 0
+    for i in range(m):
+        d = _distance2(y[0], z[i], z[i + 1])
+        if d <= limit:
+            cost[i] = d
+            cells[count], before[count] = i, -1
+            count += 1
+    first, last = 0, count
+    for row in range(1, k):
+        number = _touched(z, y[row - 1], y[row], limit, cells[first:last], near, touched)
+        for j in range(first, last):
+            i = cells[j]
+            new[i], origin[i] = cost[i], j
+            cost[i] = np.inf
+        for j in range(1, number):
+            i = touched[j]
+            if near[i] and touched[j - 1] == i - 1 and new[i - 1] < new[i]:
+                new[i], origin[i] = new[i - 1], origin[i - 1]
+        for j in range(number - 2, -1, -1):
+            i = touched[j]
+            if near[i + 1] and touched[j + 1] == i + 1:
+                back = new[i + 1] + room * np.sqrt(_distance2(z[i], z[i + 1], z[i + 1]))
+                if back < new[i]:
+                    new[i], origin[i] = back, origin[i + 1]
+        cells, before = _grown(cells, count + number), _grown(before, count + number)
+        first = count
+        for j in range(number):
+            i = touched[j]
+            d = _distance2(y[row], z[i], z[i + 1])
+            if d <= limit and new[i] < np.inf:
+                cost[i] = new[i] + d
+                cells[count], before[count] = i, origin[i]
+                count += 1
+            new[i], near[i], near[i + 1] = np.inf, False, False
+        last = count
+        if count > most:
+            return TOO_MANY
+        if first == last:
+            return TOO_FAR
+    if first == last:
+        return TOO_FAR
+    at, least = first, np.inf
+    for j in range(first, last):
+        if cost[cells[j]] < least:
+            at, least = j, cost[cells[j]]
+    for row in range(k - 1, -1, -1):
+        cell[row] = cells[at]
+        at = before[at]
+    return FOUND
+
+
+@compiled
+def _touched(
+    z: Array, a: Array, b: Array, limit: float, active: Indices, near: NDArray[np.bool_], touched: Indices
+) -> int:
+    """Chords that the way from a to b may reach from the active ones, in order, into `touched`; how many.
+
+    near[i] is set where vertex i lies within the limit of that way.
+    """
+    m, number, next_free = z.shape[0] - 1, 0, 0
+    for i in active:
+        if i < next_free:
+            continue
+        low = i
+        while low > next_free and _distance2(z[low], a, b) <= limit:
+            near[low] = True
+            low -= 1
+        for j in range(low, i + 1):
+            touched[number] = j
+            number += 1
+        next_free = i + 1
+        while next_free < m and _distance2(z[next_free], a, b) <= limit:
+            near[next_free] = True
+            touched[number] = next_free
+            number += 1
+            next_free += 1
+    return number
