@@ -31,7 +31,7 @@ LITTLE = 1e-3
 """Metres that a radian counts to say which place is nearest: little where the position moves."""
 STILL = 1e-6
 """Share of the path's greatest rate below which it stands still: there, at a cusp, no place is nearer than another."""
-NEAR = 1e-11
+NEAR = 3e-14
 """How near to the nearest place of the path it is enough to be, as a share of the path."""
 CUSP, AROUND, AT_ONCE = 0.5, 65, 1024
 """Share of the path's greatest rate below which a place may be at a cusp, how many places are looked at around it, and for how

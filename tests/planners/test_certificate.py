@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from optik import JointLimits, Robot
 from optik.errors import InvalidInput
-from planners import Certificate, Line, MotionLimits, Trajectory, certify, make_law
+from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, certify, make_law
 from planners.hermite import through
+from planners.paths.base import Path
 from planners.timing.base import DERIVATIVES
 from tests.planners import plain
 from tests.planners.plain import START, default_joint_path, default_line, paper6r
@@ -23,8 +25,18 @@ ROOMY = MotionLimits(1e6, 1e9, 1e12)
 NAMES = [f"joint{i + 1}" for i in range(6)]
 
 
-def certified(trajectory: Trajectory, limits: MotionLimits = ROOMY, **options: Any) -> Certificate:
-    return certify(ROBOT, default_line(), trajectory, limits, **options)
+def certified(
+    trajectory: Trajectory, limits: MotionLimits = ROOMY, *, path: Path | None = None, **options: Any
+) -> Certificate:
+    return certify(ROBOT, path or default_line(), trajectory, limits, **options)
+
+
+def judged(trajectory: Trajectory, limits: MotionLimits = ROOMY, **options: Any) -> Certificate:
+    """Judged along the straight way in joint space from its start to its end, whatever the range of the joints."""
+    wide = JointLimits(np.full(6, -10.0), np.full(6, 10.0))
+    free = Robot("free", ROBOT.fixed, ROBOT.prismatic, ROBOT.tool, wide)
+    way = JointLine(free, trajectory(0.0), trajectory(trajectory.end))
+    return certified(trajectory, limits, path=way, **options)
 
 
 def around_start(rng: np.random.Generator, smooth: int, size: float = 0.02) -> Trajectory:
@@ -106,7 +118,7 @@ def test_each_broken_limit_is_reported_with_its_joint_and_time(joint: int, field
     order = DERIVATIVES.index(field) + 1
     limit = peak * size / T**order / 1.5
     trajectory = step_of(joint, size, T)
-    broken = certified(trajectory, MotionLimits(**{"velocity": 1e6, "acceleration": 1e6, "jerk": 1e6} | {field: limit}))
+    broken = judged(trajectory, MotionLimits(**{"velocity": 1e6, "acceleration": 1e6, "jerk": 1e6} | {field: limit}))
     ratio, name, t = broken.worst(field)
     assert ratio == pytest.approx(1.5, rel=1e-12)
     assert name == NAMES[joint]
@@ -116,7 +128,7 @@ def test_each_broken_limit_is_reported_with_its_joint_and_time(joint: int, field
     assert len(broken.broken) == 1
     assert broken.broken[0].startswith(f"{field} of {NAMES[joint]} is 1.5 of its limit at t = ")
     assert float(broken.broken[0].split("t = ")[1].split()[0]) == pytest.approx(t, abs=1e-5)
-    kept = certified(trajectory, MotionLimits(**{field: 1.5 * limit * (1 + 1e-12)}), keeps=(field,))
+    kept = judged(trajectory, MotionLimits(**{field: 1.5 * limit * (1 + 1e-12)}), keeps=(field,))
     assert kept.holds
     assert kept.broken == ()
 
@@ -127,7 +139,7 @@ def test_only_the_joint_whose_own_limit_is_broken_is_named() -> None:
     for joint in range(6):
         limit = 10.0 * worst
         limit[joint] = worst[joint] / 1.01
-        certificate = certified(trajectory, MotionLimits(velocity=limit), keeps=("velocity",))
+        certificate = judged(trajectory, MotionLimits(velocity=limit), keeps=("velocity",))
         assert certificate.worst("velocity")[1] == NAMES[joint]
         assert len(certificate.broken) == 1
         assert f"velocity of {NAMES[joint]} is 1.01 " in certificate.broken[0]
@@ -143,11 +155,11 @@ def _all_joints_move() -> Array:
 def test_what_a_law_does_not_promise_is_shown_but_not_judged() -> None:
     trajectory = step_of(0, 0.04, 0.8)
     limits = MotionLimits(1e-3, 1e6, 1e6)
-    assert certified(trajectory, limits, keeps=("acceleration", "jerk")).holds
-    certificate = certified(trajectory, limits, keeps=())
+    assert judged(trajectory, limits, keeps=("acceleration", "jerk")).holds
+    certificate = judged(trajectory, limits, keeps=())
     assert certificate.holds
     assert certificate.velocity.ratio[0] > 1.0
-    assert not certified(trajectory, limits).holds
+    assert not judged(trajectory, limits).holds
 
 
 def test_where_there_is_no_limit_there_is_no_ratio() -> None:
@@ -169,7 +181,7 @@ def test_the_position_margin_is_the_room_at_the_nearest_approach(joint: int, bey
     lower, upper = ROBOT.limits.lower, ROBOT.limits.upper
     assume(abs(beyond - 1e-9) > 1e-12)  # the tolerance itself
     size = (upper[joint] - START[joint] + beyond) if upward else (lower[joint] - START[joint] - beyond)
-    certificate = certified(step_of(joint, size, 2.0))
+    certificate = judged(step_of(joint, size, 2.0))
     assert certificate.position_margin[joint] == pytest.approx(-beyond, abs=1e-12)
     assert certificate.holds == (beyond <= 1e-9)
     if beyond > 1e-9:
@@ -236,7 +248,7 @@ def test_rest_is_a_velocity_of_zero() -> None:
     certificate = certified(Trajectory(PPoly(still, [0.0, 1.0])), MotionLimits(1.0, 1.0, 1.0))
     assert certificate.rest == (True, True)
     assert certificate.continuous == 3
-    assert certificate.holds
+    assert certificate.broken == (f"the motion ends at s = 0 of its path, not at {default_line().end:.6g}",)
 
 
 def bang_bang(joint: int, a: float, T: float) -> Trajectory:
@@ -249,7 +261,7 @@ def bang_bang(joint: int, a: float, T: float) -> Trajectory:
 
 
 def test_a_jump_of_acceleration_is_infinite_jerk_of_that_joint_at_its_largest_jump() -> None:
-    certificate = certified(bang_bang(3, 0.5, 1.0), MotionLimits(2.0, 10.0, 100.0))
+    certificate = judged(bang_bang(3, 0.5, 1.0), MotionLimits(2.0, 10.0, 100.0))
     others = [0, 1, 2, 4, 5]
     assert certificate.jerk.value[3] == certificate.jerk.ratio[3] == np.inf
     assert certificate.jerk.time[3] == 0.5, "the jump of 2a, not those of a at the ends"
