@@ -32,6 +32,8 @@ class Motion:
         Which limits that law promises; by default all.
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which its certificate holds.
+    span : (2,) tuple of float, optional
+        The part of the path [s] that it is meant to cover, by default all.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class Motion:
     law: str = ""
     keeps: tuple[str, ...] = ALL_LIMITS
     tolerance: tuple[float, float] | None = None
+    span: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}

@@ -69,6 +69,8 @@ class Plan:
         Where and why it failed: s, joint, reason, advice.
     slowed : float
         By which factor the law's motion was slowed so that it keeps what the law promises; 1 where it kept it by itself.
+    span : (2,) tuple of float, or None
+        The part of the path [s] that the motion covers, where that is not the whole: from a moving state, or to a stop.
     """
 
     robot: Robot
@@ -82,6 +84,7 @@ class Plan:
     _trajectory: Trajectory | None
     _certificate: Certificate | None
     slowed: float = 1.0
+    span: tuple[float, float] | None = None
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
@@ -145,7 +148,9 @@ class Plan:
     def motion(self) -> Motion:
         """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
         proof = self.certificate
-        return Motion(self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance)
+        return Motion(
+            self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance, self.span
+        )
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the motion, whole or not at all, as NPZ, JSON or CSV by the file's suffix: `planners.load_motion` reads it.
@@ -305,6 +310,7 @@ class Asked:
     law: TimeLaw
     tolerance: tuple[float, float]
     rate: float
+    span: tuple[float, float] | None = None
 
     def failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
         """A plan without a motion."""
@@ -318,7 +324,7 @@ class Asked:
         )  # fmt: skip
         return Plan(
             self.robot, self.path, self.limits, PlanStatus.SOLVED, self.ik, self.law.name, joints, None, trajectory, proof,
-            slowed,
+            slowed, self.span,
         )  # fmt: skip
 
     def refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:

@@ -92,11 +92,15 @@ class MotionLimits:
 
 
 class PathState(NamedTuple):
-    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there."""
+    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there.
+
+    ``joints`` are the q, q̇ and q̈ (n,) with which the motion begins exactly; None for those of the path.
+    """
 
     s: float
     speed: float
     acceleration: float
+    joints: tuple[Array, Array, Array] | None = None
 
 
 class TimeLaw(ABC):
