@@ -27,7 +27,7 @@ acceleration."""
 ENDED = 1e-9
 """A motion within this of its end has ended [s]: controllers count in nanoseconds."""
 STANDING = 1e-6
-"""Speed and acceleration along the path [1/s, 1/s²] below which a state has stopped."""
+"""Speed and acceleration along the path [1/s, 1/s²] below which a measured state has stopped."""
 WIDER = (1.001, 1.003, 1.01)
 """Shares of the limits that are tried where no motion from the state keeps the limits themselves."""
 INSTANT = 0.01
@@ -96,7 +96,7 @@ def replan(
     asked = Asked(plan.robot, plan.path, limits, plan.ik, law, check_tolerance(tolerance), rate)
     law.need(limits, plan.robot)
     start = _start(plan, running, state)
-    if stop and start.at.speed <= STANDING and abs(start.at.acceleration) <= STANDING:
+    if stop and start.still:
         raise InvalidInput(
             "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving one: this one has stopped already"
         )
@@ -104,10 +104,11 @@ def replan(
 
 
 class _Start(NamedTuple):
-    """A state on the path, and what is left of the running motion from there; None where the state is not of it."""
+    """A state on the path, what is left of the running motion from there (None where it is not of it), whether it stands."""
 
     at: PathState
     rest: Trajectory | None
+    still: bool
 
 
 def _running(plan: Plan) -> Trajectory:
@@ -220,6 +221,7 @@ def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
 
 def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> _Start:
     """Where and how fast on the path, and what is left of the running motion."""
+    measured = isinstance(state, tuple | list)
     if isinstance(state, tuple | list):
         q, dq, ddq = given = _measured(plan, state)
         t = _when(running, given)
@@ -242,7 +244,8 @@ def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, Arra
     if not of_it:
         _check_on_path(plan, s, (speed, acceleration), given)
     at = PathState(s, max(speed, 0.0), acceleration, given)
-    return _Start(at, begun(rest_of(running, t), given, plan.limits) if left else None)
+    still = speed <= STANDING and abs(acceleration) <= STANDING if measured else not dq.any()
+    return _Start(at, begun(rest_of(running, t), given, plan.limits) if left else None, still)
 
 
 def _measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:

@@ -54,6 +54,8 @@ def programme(
     begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
     s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
+    if s.size <= PER_PIECE:  # a stop within one cell of the path
+        s = np.linspace(begin, end, PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)

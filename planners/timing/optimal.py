@@ -15,7 +15,7 @@ from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum
 from planners.timing._programme import UNITS, Programme, divided, gentle, programme, within
-from planners.timing._restart import begun, stopping_places
+from planners.timing._restart import ROUNDING, begun, stopping_places, straight_stop
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -48,8 +48,6 @@ BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
 MOVING = STARTS[:1]
 """Those that are tried from a moving state."""
-ROUNDING = 5e-13
-"""By how much a limit may be passed where nothing is slowed afterwards: half of what a certificate forgives."""
 
 
 class Optimal(TimeLaw):
@@ -112,7 +110,8 @@ class Optimal(TimeLaw):
         state : PathState
             Where and how fast the motion is.
         stop : bool
-            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first.
+            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first, or Ruckig's stop where
+            that is quicker or the only one.
 
         Raises
         ------
@@ -122,13 +121,16 @@ class Optimal(TimeLaw):
             No motion from that state keeps the limits.
         """
         self.need(limits, joint_path.robot)
-        ends = stopping_places(joint_path, limits, state) if stop else [joint_path.end]
+        known = straight_stop(joint_path, limits, state) if stop else None
+        ends = stopping_places(joint_path, limits, state, known) if stop else [joint_path.end]
         for end in ends:
             for width, weight, more in MOVING:
                 problem = programme(joint_path, limits, self.intervals, state, end, width=width, more=more)
                 trajectory = None if problem is None else _solved(joint_path, problem, limits, 0.0, weight)
                 if trajectory is not None:
-                    return trajectory
+                    return trajectory if known is None or trajectory.duration <= known.duration else known
+        if known is not None:
+            return known
         raise NoSolution(
             f"no motion from this state {'comes to rest' if stop else 'ends at rest'} on the path within the limits",
             s=state.s,
