@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import Robot
 from planners.certificate import Certificate, certify, check_tolerance
@@ -34,6 +35,8 @@ class Motion:
         Largest distance [m] and angle [rad] to the path with which its certificate holds.
     span : (2,) tuple of float, optional
         The part of the path [s] that it is meant to cover, by default all.
+    speed : float, optional
+        The constant tool speed [m/s; rad/s for a pure rotation] that was asked.
 
     Raises
     ------
@@ -49,6 +52,7 @@ class Motion:
     keeps: tuple[str, ...] = ALL_LIMITS
     tolerance: tuple[float, float] | None = None
     span: tuple[float, float] | None = None
+    speed: float | None = None
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
@@ -64,11 +68,26 @@ class Motion:
 
         if self.tolerance is not None:
             object.__setattr__(self, "tolerance", check_tolerance(self.tolerance))
+        if self.span is not None:
+            object.__setattr__(self, "span", _part_of(self.path, self.span))
+        if self.speed is not None:
+            object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
 
     def certify(self, **options: Any) -> Certificate:
         """Find what the motion keeps, anew; options as `planners.certify`."""
         known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
+
+
+def _part_of(path: Path, span: tuple[float, float]) -> tuple[float, float]:
+    """Return a part of a path as two of its places, the first not behind the last."""
+    expected = f"two places of the path in their order, in [0, {path.end:.9g}]"
+    if not isinstance(span, tuple | list) or len(span) != 2:
+        raise InvalidInput("span", repr(span)[:60], expected)
+    first, last = (check_number(x, "span", expected, least=0.0) for x in span)
+    if not first <= last <= path.end * (1.0 + 1e-9):
+        raise InvalidInput("span", repr(span)[:60], expected)
+    return first, last
 
 
 def motion_of(thing: Motion | Plan) -> Motion:

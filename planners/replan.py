@@ -15,7 +15,7 @@ from planners.certificate import check_tolerance
 from planners.curve import Curve
 from planners.follow import JointPath
 from planners.plan import Asked, Plan, make_law
-from planners.timing._restart import State, begun, joined, rest_of
+from planners.splice import State, begun, joined, rest_of
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 

@@ -13,9 +13,10 @@ from optik.errors import NoSolution
 from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
+from planners.splice import begun
 from planners.timing import _optimum
 from planners.timing._programme import UNITS, Programme, divided, gentle, programme, within
-from planners.timing._restart import ROUNDING, begun, stopping_places, straight_stop
+from planners.timing._restart import ROUNDING, stopping_places, straight_stop
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
