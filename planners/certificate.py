@@ -362,14 +362,14 @@ def certify(
 
 
 def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
-    """Return the part of a path that a motion shall run through: two places, the first one before the other."""
+    """Return the part of a path that a motion shall run through: two places, by default its ends."""
     if span is None:
         return 0.0, path.end
-    expected = f"two places on the path, in [0, {path.end:.9g}], the first one before the other"
+    expected = f"two places on the path, in [0, {path.end:.9g}], the second not before the first"
     if not isinstance(span, tuple | list) or len(span) != 2:
         raise InvalidInput("span", repr(span)[:60], expected)
     begin, end = (check_number(x, "span", expected, least=0.0) for x in span)
-    if not begin < end <= path.end:
+    if not begin <= end <= path.end:
         raise InvalidInput("span", repr(span)[:60], expected)
     return begin, end
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import Robot
-from planners.certificate import Certificate, certify, check_tolerance
+from planners.certificate import Certificate, certify, check_span, check_tolerance
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, MotionLimits
 from planners.trajectory import Trajectory
@@ -32,6 +33,10 @@ class Motion:
         Which limits that law promises; by default all.
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which its certificate holds.
+    span : (2,) tuple of float, optional
+        The part of the path [s] that it is meant to cover, by default all.
+    speed : float, optional
+        The constant tool speed [m/s; rad/s for a pure rotation] that was asked.
 
     Raises
     ------
@@ -46,6 +51,8 @@ class Motion:
     law: str = ""
     keeps: tuple[str, ...] = ALL_LIMITS
     tolerance: tuple[float, float] | None = None
+    span: tuple[float, float] | None = None
+    speed: float | None = None
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
@@ -61,10 +68,14 @@ class Motion:
 
         if self.tolerance is not None:
             object.__setattr__(self, "tolerance", check_tolerance(self.tolerance))
+        if self.span is not None:
+            object.__setattr__(self, "span", check_span(self.span, self.path))
+        if self.speed is not None:
+            object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
 
     def certify(self, **options: Any) -> Certificate:
         """Find what the motion keeps, anew; options as `planners.certify`."""
-        known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance}
+        known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance, "span": self.span}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
 

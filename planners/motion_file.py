@@ -6,7 +6,9 @@ import csv
 import hashlib
 import io
 import json
+import math
 import os
+import zipfile
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,6 +33,11 @@ Array = NDArray[np.float64]
 
 FORMAT = "optik-motion/1"
 HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")
+OPTIONAL = ("span", "speed")
+"""Keys that stand in a file only where the motion has them."""
+UNPACKED = 2**29
+"""Most bytes of the arrays of an NPZ file: ten times a motion through the most points that are sent, of 7 joints. A zip of
+some megabytes can hold gigabytes of nothing."""
 
 
 class Parts(NamedTuple):
@@ -94,7 +101,7 @@ def _parts(motion: Motion) -> Parts:
     for field in (*DERIVATIVES, *TOOL_SPEEDS):
         value = getattr(motion.limits, field)
         limits[field] = None if value is None else plain_numbers(value)
-    header = {
+    header: dict[str, Any] = {
         "format": FORMAT,
         "robot": motion.robot.to_dict(),
         "path": motion.path.to_dict(),
@@ -103,6 +110,10 @@ def _parts(motion: Motion) -> Parts:
         "keeps": list(motion.keeps),
         "tolerance": None if motion.tolerance is None else list(motion.tolerance),
     }
+    if motion.span is not None:
+        header["span"] = list(motion.span)
+    if motion.speed is not None:
+        header["speed"] = motion.speed
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
 
@@ -120,13 +131,15 @@ def _motion(parts: Parts) -> Motion:
         _trajectory(parts.knots, parts.coefficients, robot.n),
         word(header["law"], "law"),
         words(header["keeps"], "keeps"),
-        None if header["tolerance"] is None else _pair(header["tolerance"]),
+        None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
+        None if header.get("span") is None else _pair(header["span"], "span"),
+        None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),
     )
 
 
-def _pair(value: Any) -> tuple[float, float]:
-    distance, angle = numbers(value, (2,), "tolerance").tolist()
-    return distance, angle
+def _pair(value: Any, argument: str) -> tuple[float, float]:
+    first, second = numbers(value, (2,), argument).tolist()
+    return first, second
 
 
 def _limit(value: Any, shape: tuple[int, ...], argument: str) -> Array | float | None:
@@ -169,7 +182,7 @@ def _header(data: dict[str, Any]) -> dict[str, Any]:
     found = data.get("format")
     if found != FORMAT:
         raise InvalidInput("format", repr(found)[:60], repr(FORMAT))
-    return record(data, HEADER, "header")
+    return record(data, (*HEADER, *(key for key in OPTIONAL if key in data)), "header")
 
 
 # ---------------------------------------------------------------- JSON
@@ -277,8 +290,9 @@ def _to_npz(motion: Motion) -> bytes:
 
 def _from_npz(content: bytes) -> Motion:
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            header, knots, coefficients = (archive[name] for name in ("header", "knots", "coefficients"))
+        header, knots, coefficients = _arrays(content, ("header", "knots", "coefficients"))
+    except InvalidInput:
+        raise
     except Exception as error:  # zip and NumPy's reader fail in a dozen ways on bytes that are not theirs
         raise InvalidInput("content", f"{type(error).__name__}: {str(error)[:120]}", "an NPZ file, whole") from None
     for name, array, kind in (("header", header, "U"), ("knots", knots, "f"), ("coefficients", coefficients, "f")):
@@ -289,6 +303,27 @@ def _from_npz(content: bytes) -> Motion:
         raise InvalidInput("header", repr(data)[:60], "a mapping")
     digest = data.pop("sha256", None)
     return _motion(_checked(Parts(_header(data), knots, coefficients), digest))
+
+
+def _arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
+    """Arrays of an NPZ file; one that would unpack to more than `UNPACKED`, or claims more than it holds, is not unpacked."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = [archive.getinfo(f"{name}.npy") for name in names]
+        size = sum(member.file_size for member in members)
+        if size > UNPACKED:
+            raise InvalidInput("content", f"arrays of {size / 2**20:.0f} MB", f"at most {UNPACKED // 2**20} MB")
+        found = []
+        for member in members:
+            packed = io.BytesIO(archive.read(member))
+            version = np.lib.format.read_magic(packed)
+            read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+            shape, _, dtype = read(packed)
+            claimed, held = math.prod(shape) * dtype.itemsize, member.file_size - packed.tell()
+            if claimed != held:
+                raise InvalidInput(member.filename, f"{held} bytes for an array of {claimed}", "a whole array")
+            packed.seek(0)
+            found.append(np.lib.format.read_array(packed, allow_pickle=False))
+    return found
 
 
 # ---------------------------------------------------------------- files

@@ -24,7 +24,7 @@ from planners.motion_file import save
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
-from planners.timing.base import MotionLimits, TimeLaw
+from planners.timing.base import SAME_SPEED, MotionLimits, TimeLaw
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -73,6 +73,10 @@ class Plan:
         Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion all the same, to be looked at.
     slowed : float
         By which factor the law's motion was slowed so that it keeps what the law promises; 1 where it kept it by itself.
+    span : (2,) tuple of float, or None
+        The part of the path [s] that the motion covers, where that is not the whole: from a moving state, or to a stop.
+    speed : float or None
+        The constant tool speed [m/s; rad/s for a pure rotation] that was asked of the law.
     """
 
     robot: Robot
@@ -86,6 +90,8 @@ class Plan:
     _trajectory: Trajectory | None
     _certificate: Certificate | None
     slowed: float = 1.0
+    span: tuple[float, float] | None = None
+    speed: float | None = None
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
@@ -146,7 +152,10 @@ class Plan:
     def motion(self) -> Motion:
         """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
         proof = self.certificate
-        return Motion(self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance)
+        return Motion(
+            self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance, self.span,
+            self.speed,
+        )  # fmt: skip
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the motion, whole or not at all, as NPZ, JSON or CSV by the file's suffix: `planners.load_motion` reads it.
@@ -219,7 +228,8 @@ def plan(
         ``"start"`` keeps the branch of ``q_start``; ``"best"`` chooses branch and winding for the whole path, as without a
         ``q_start`` (`planners.follow`).
     duration : float, optional
-        Seconds that the motion shall take: the law's motion, uniformly slowed.
+        Seconds that the motion shall take: the law's motion, uniformly slowed. Not together with a tool speed that the law
+        was asked for (TIMING_INFEASIBLE where it would change).
     strict : bool
         Refuse a motion that passes a limit which its law promises to keep. By default it is slowed uniformly until it
         keeps it, on the same path, and `Plan.slowed` says by how much.
@@ -306,6 +316,7 @@ class Asked:
     law: TimeLaw
     tolerance: tuple[float, float]
     rate: float
+    span: tuple[float, float] | None = None
 
     def failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
         """A plan without a motion."""
@@ -316,6 +327,7 @@ class Asked:
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
             law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
+            span=self.span,
         )  # fmt: skip
         status, stop = PlanStatus.SOLVED, None
         if proof.failures:
@@ -326,8 +338,9 @@ class Asked:
                 status, place, first.joint, f"the certificate does not hold: {'; '.join(proof.broken)}", UNPROVED
             )
         return Plan(
-            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed
-        )
+            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
+            self.span, self.law.speed,
+        )  # fmt: skip
 
     def refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """A motion that passes a limit, and strict was asked."""
@@ -364,7 +377,13 @@ def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool
 
 
 def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
-    """The motion, slowed to a duration; a law that promises nothing may be hastened too."""
+    """The motion, slowed to a duration; a law that promises nothing may be hastened too, one with a speed to keep neither."""
+    if law.speed is not None and abs(duration / trajectory.duration - 1.0) > SAME_SPEED:
+        raise NoSolution(
+            f"a duration of {duration:.6g} s makes the tool speed {law.speed * trajectory.duration / duration:.6g}, and "
+            f"{law.speed:.6g} was asked, which takes {trajectory.duration:.9g} s",
+            advice=f"no duration; or {law.name} without a speed, whose speed then follows from the duration",
+        )
     if law.keeps and duration < trajectory.duration:
         raise NoSolution(
             f"{duration:.6g} s is shorter than the least duration that {law.name} finds, {trajectory.duration:.9g} s",

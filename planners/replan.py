@@ -2,20 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput, NoSolution
 from planners.certificate import check_tolerance
+from planners.curve import Curve
 from planners.follow import JointPath
 from planners.plan import Asked, Plan, make_law
-from planners.timing.base import MotionLimits, PathState, TimeLaw
+from planners.splice import State, begun, joined, rest_of
+from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, TimeLaw
+from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 OFF_PATH = 1e-6
-"""How far a state may be from the path, as a share of a radian or metre, and of the greatest velocity and acceleration."""
+"""How far a measured state may be from the path, as a share of a radian or metre, and of the greatest velocity and
+acceleration."""
+ENDED = 1e-9
+"""A motion within this of its end has ended [s]: controllers count in nanoseconds."""
+STANDING = 1e-6
+"""Speed and acceleration along the path [1/s, 1/s²] below which a measured state has stopped."""
+WIDER = (1.001, 1.003, 1.01)
+"""Shares of the limits that are tried where no motion from the state keeps the limits themselves."""
+INSTANT = 0.01
+"""Time [s] that turns velocities into distances, to say which instant of a motion a state is nearest to."""
+SEVERAL = 8
+"""Places of a path looked at where it comes near a configuration more than once."""
 
 
 def replan(
@@ -31,12 +49,15 @@ def replan(
 ) -> Plan:
     """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
 
+    What is left of the plan's own motion is an answer too: where it keeps the limits, the result is that or the law's
+    motion, whichever is sooner at rest. So with the plan's limits there is always one.
+
     Parameters
     ----------
     plan : Plan
-        One that was solved; the motion goes on along its joint path.
+        One with a motion; the new motion goes on along its joint path.
     state : float, or three (n,) arrays
-        A time of the plan's motion [s], or position, velocity and acceleration of the joints, on the path.
+        A time of the plan's motion [s], or position, velocity and acceleration of the joints, on the path but for 1e-6.
     stop : bool
         Come to rest on the path as soon as may be, instead of at its end.
     timing : str or TimeLaw
@@ -44,8 +65,8 @@ def replan(
     limits : MotionLimits, optional
         Those of the plan by default.
     strict : bool
-        Refuse a motion that passes a limit. By default a state that leaves no motion within the limits (one that is at its
-        limits may miss them by rounding) gets one within limits up to 1 % wider, and the certificate says so.
+        Refuse a motion that passes a limit. By default a state from which none is found that keeps the limits gets the one
+        that passes them least, by 1 % at most, and the certificate says so.
     tolerance : (2,) tuple of float
         As in `plan`.
     rate : float
@@ -54,80 +75,258 @@ def replan(
     Returns
     -------
     Plan
-        Its motion begins with exactly that state, at t = 0. TIMING_INFEASIBLE where none is found, LIMITS_EXCEEDED where
-        `strict` refuses one.
+        Its motion begins with exactly that state, at t = 0, and `Plan.span` is the part of the path that it covers.
+        TIMING_INFEASIBLE where none is found, with what stands against it.
 
     Raises
     ------
     InvalidInput
-        A plan without a motion, a state that is not on its path, a time outside its motion, a law that starts at rest only.
+        A plan without a motion, a measured state that is not on its path, a time outside its motion, a state that has ended
+        or stopped already, a law that starts at rest only.
     """
-    if not isinstance(plan, Plan) or not plan:
-        raise InvalidInput("plan", repr(getattr(plan, "status", plan))[:60], "a plan that was solved")
+    running = _running(plan)
     law = make_law(timing) if isinstance(timing, str) else timing
     limits = plan.limits if limits is None else limits
     for argument, value, kind in (("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+    for argument, flag in (("stop", stop), ("strict", strict)):
+        if not isinstance(flag, bool):
+            raise InvalidInput(argument, repr(flag)[:60], "True or False")
     asked = Asked(plan.robot, plan.path, limits, plan.ik, law, check_tolerance(tolerance), rate)
-    joints = plan.joint_path
-    at = _state(plan, joints, state)
-    if at.s >= joints.end * (1.0 - 1e-9):
-        raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
-    if stop and at.speed <= OFF_PATH and abs(at.acceleration) <= OFF_PATH:
-        raise InvalidInput("state", f"a state at rest, at s = {at.s:.6g}", "a moving one: this one has stopped already")
+    law.need(limits, plan.robot)
+    start = _start(plan, running, state)
+    if stop and start.still:
+        raise InvalidInput(
+            "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving one: this one has stopped already"
+        )
+    return _answer(asked, plan, start, stop, strict)
+
+
+class _Start(NamedTuple):
+    """A state on the path, what is left of the running motion from there (None where it is not of it), whether it stands."""
+
+    at: PathState
+    rest: Trajectory | None
+    still: bool
+
+
+def _running(plan: Plan) -> Trajectory:
+    """The plan's motion, or the refusal of a plan without one."""
+    if not isinstance(plan, Plan):
+        raise InvalidInput("plan", repr(plan)[:60], "a plan with a motion")
     try:
-        trajectory = law.run_from(joints, limits, at, stop=stop)
-    except NoSolution as error:
-        return asked.infeasible(joints, error)
-    judged = asked.judged(joints, trajectory)
-    if strict and not judged:
-        return asked.refused(joints, judged.certificate, "strict=False, or higher limits")
-    return judged
+        return plan.trajectory
+    except NoSolution:
+        raise InvalidInput("plan", str(plan.status), "a plan with a motion") from None
 
 
-def _state(plan: Plan, joints: JointPath, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> PathState:
-    """Where and how fast on the path; refused where the state is not on it."""
-    n = plan.robot.n
+# ---------------------------------------------------------------- the answer
+
+
+def _answer(asked: Asked, plan: Plan, start: _Start, stop: bool, strict: bool) -> Plan:
+    """The motion soonest at rest that keeps the limits; else, unless strict, the one that passes them least."""
+    found: list[Plan] = []
+    for motion in _motions(asked, plan, start, stop):
+        solved = _solved(asked, plan.joint_path, start, motion, stop)
+        if solved.certificate.holds:
+            return solved
+        found.append(solved)
+    if not strict:
+        for share in WIDER:
+            wider = _by_law(asked, plan.joint_path, asked.limits.scaled(share), start.at, stop)
+            if wider is not None:
+                found.append(_solved(asked, plan.joint_path, start, wider, stop))
+                break
+        found = [solved for solved in found if _passed(solved) <= WIDER[-1] * (1.0 + 1e-9)]
+        if found:
+            return min(found, key=_passed)
+    return asked.infeasible(plan.joint_path, _reason(asked, plan, start, stop))
+
+
+def _motions(asked: Asked, plan: Plan, start: _Start, stop: bool) -> Iterator[Trajectory]:
+    """Motions from the state, each of which may keep the limits: the law's and the running one, the sooner at rest first."""
+    joints = plan.joint_path
+    found = [_by_law(asked, joints, asked.limits, start.at, stop)]
+    rests = joints.end if plan.span is None else plan.span[1]
+    on = stop or rests >= joints.end
+    found += [start.rest] if on else []
+    yield from sorted((motion for motion in found if motion is not None), key=lambda motion: motion.duration)
+    if not on and start.rest is not None:  # it stops before the path's end, and goes on from there
+        end = start.rest.end
+        still = PathState(rests, 0.0, 0.0, (start.rest(end), np.zeros(joints.robot.n), np.zeros(joints.robot.n)))
+        second = _by_law(asked, joints, asked.limits, still, False)
+        if second is not None:
+            yield joined(start.rest, second)
+
+
+def _by_law(asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState, stop: bool) -> Trajectory | None:
+    """The law's motion, begun exactly where it shall; None where it has none."""
+    if at.s >= joints.end * (1.0 - 1e-9):  # nothing left to plan in
+        return None
+    try:
+        motion = asked.law.run_from(joints, limits, at, stop=stop)
+    except NoSolution:
+        return None
+    assert at.joints is not None
+    return begun(motion, at.joints, limits)
+
+
+def _solved(asked: Asked, joints: JointPath, start: _Start, motion: Trajectory, stop: bool) -> Plan:
+    """A plan with a motion, certified, and the part of the path that it covers."""
+    rests = _place(joints, motion(motion.end), start.at.s) if stop else joints.end
+    return replace(asked, span=(start.at.s, max(start.at.s, rests))).judged(joints, motion)
+
+
+def _passed(solved: Plan) -> float:
+    """Largest ratio to a limit that the law promises; infinite where something else does not hold."""
+    proof = solved.certificate
+    ratios = [float(np.nan_to_num(proof.worst(field)[0], posinf=np.inf)) for field in proof.keeps]
+    kept = replace(proof, keeps=())
+    return max(ratios, default=0.0) if kept.holds else float("inf")
+
+
+def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
+    """What stands against a motion: the state itself, or where the running motion passes a limit."""
+    limits, robot = asked.limits, plan.robot
+    goal = "comes to rest" if stop else "ends at rest"
+    none = f"no motion from this state {goal} on the path within the limits"
+    assert start.at.joints is not None
+    _, dq, ddq = start.at.joints
+    bound = limits.arrays(robot.n)
+    twist = robot.jacobian(start.at.joints[0]) @ dq
+    here = [(f, np.abs(x) / bound[f], robot.joint_names) for f, x in zip(DERIVATIVES, (dq, ddq), strict=False)]
+    speeds = (
+        float(np.linalg.norm(part)) / limit for part, limit in zip((twist[:3], twist[3:]), limits.tool, strict=True)
+    )
+    here += [(f, np.array([x]), ("tool",)) for f, x in zip(TOOL_SPEEDS, speeds, strict=True)]
+    field, ratios, names = max(here, key=lambda each: float(each[1].max()))
+    ratio, joint = float(ratios.max()), names[int(ratios.argmax())]
+    advice = "higher limits" if stop else "stop=True, or higher limits"
+    if ratio > 1.0 + 1e-9:
+        what = f"the state itself has {ratio:.6g} times the {field.replace('_', ' ')} that is allowed of {joint}"
+        return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
+    if start.rest is None:
+        return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
+    proof = _solved(asked, plan.joint_path, start, start.rest, stop).certificate
+    field = max(proof.keeps, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
+    ratio, joint, t = proof.worst(field)
+    s = float(np.interp(t, proof.binding.t, proof.binding.s))
+    what = f"the running motion comes to {ratio:.6g} times the {field.replace('_', ' ')} of {joint} at s = {s:.6g}"
+    return NoSolution(f"{none} was found; {what}", s=s, joint=joint, advice=advice)
+
+
+# ---------------------------------------------------------------- the state
+
+
+def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> _Start:
+    """Where and how fast on the path, and what is left of the running motion."""
+    measured = isinstance(state, tuple | list)
     if isinstance(state, tuple | list):
-        if len(state) != 3:
-            raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
-        q, dq, ddq = (real_array(x, "state", f"{n} numbers each") for x in state)
-        if any(x.shape != (n,) or not np.isfinite(x).all() for x in (q, dq, ddq)):
-            raise InvalidInput("state", "another shape, NaN or infinity", f"three arrays of {n} finite numbers")
+        q, dq, ddq = given = _measured(plan, state)
+        t = _when(running, given)
+        of_it = _close(running, t, given)
     else:
-        motion = plan.trajectory
-        t = check_number(state, "state", f"a time in [0, {motion.end:.9g}]", least=0.0)
-        if t > motion.end:
-            raise InvalidInput("state", f"the time {t:.9g}", f"a time in [0, {motion.end:.9g}]")
-        q, dq, ddq = (motion(t, order) for order in (0, 1, 2))
-    s = _place(joints, q)
+        t = check_number(state, "state", f"a time in [0, {running.end:.9g}]", least=0.0)
+        if t > running.end:
+            raise InvalidInput("state", f"the time {t:.9g}", f"a time in [0, {running.end:.9g}]")
+        q, dq, ddq = given = running(t), running(t, 1), running(t, 2)
+        of_it = True
+    left = of_it and t < running.end - ENDED
+    joints, binding = plan.joint_path, plan.certificate.binding
+    s = _place(joints, q, float(np.interp(t, binding.t, binding.s)))
+    if s >= joints.end * (1.0 - 1e-9) and not left:
+        raise InvalidInput("state", f"the path's end (s = {s:.9g})", "a state before it, with some path left")
     q1, q2 = joints(s, 1), joints(s, 2)
     size = float(q1 @ q1)
     speed = float(q1 @ dq) / size
     acceleration = float(q1 @ (ddq - q2 * speed**2)) / size
-    off = (
-        (q - joints(s), 1.0, "position"),
-        (dq - q1 * speed, max(1.0, float(np.abs(dq).max())), "velocity"),
-        (ddq - q1 * acceleration - q2 * speed**2, 1e2 * max(1.0, float(np.abs(ddq).max())), "acceleration"),
-    )
-    for difference, scale, what in off:
-        i = int(np.abs(difference).argmax())
-        if abs(difference[i]) > OFF_PATH * scale:
+    if not of_it:
+        _check_on_path(plan, s, (speed, acceleration), given)
+    at = PathState(s, max(speed, 0.0), acceleration, given)
+    still = speed <= STANDING and abs(acceleration) <= STANDING if measured else not dq.any()
+    return _Start(at, begun(rest_of(running, t), given, plan.limits) if left else None, still)
+
+
+def _measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
+    n = plan.robot.n
+    if len(state) != 3:
+        raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
+    q, dq, ddq = (real_array(x, "state", f"{n} numbers each") for x in state)
+    if any(x.shape != (n,) or not np.isfinite(x).all() for x in (q, dq, ddq)):
+        raise InvalidInput("state", "another shape, NaN or infinity", f"three arrays of {n} finite numbers")
+    return q.copy(), dq.copy(), ddq.copy()
+
+
+def _off(given: State, there: State) -> list[tuple[str, Array, float]]:
+    """What of a state, how far (n,) it is from another, and how far that may be."""
+    _, dq, ddq = given
+    scales = (1.0, max(1.0, float(np.abs(dq).max())), 1e2 * max(1.0, float(np.abs(ddq).max())))
+    parts = zip(("position", "velocity", "acceleration"), given, there, scales, strict=True)
+    return [(what, np.abs(x - y), OFF_PATH * scale) for what, x, y, scale in parts]
+
+
+def _close(running: Trajectory, t: float, given: State) -> bool:
+    """Whether a measured state is that of the running motion at t, but for what a measured one may be off."""
+    there = running(t), running(t, 1), running(t, 2)
+    return all(float(off.max()) <= most for _, off, most in _off(given, there))
+
+
+def _check_on_path(plan: Plan, s: float, along: tuple[float, float], given: State) -> None:
+    """Refuse a measured state that is not on the path, or moves another way than along it."""
+    joints, (speed, acceleration) = plan.joint_path, along
+    q1, q2 = joints(s, 1), joints(s, 2)
+    for what, off, most in _off(given, (joints(s), q1 * speed, q1 * acceleration + q2 * speed**2)):
+        i = int(off.argmax())
+        if off[i] > most:
             raise InvalidInput(
                 "state",
-                f"{plan.robot.joint_names[i]} {abs(difference[i]):.3g} off the path in {what} near s = {s:.6g}",
+                f"{plan.robot.joint_names[i]} {off[i]:.3g} off the path in {what} near s = {s:.6g}",
                 "a state on the plan's path, moving along it",
             )
     if speed < -OFF_PATH:
         raise InvalidInput("state", f"a motion backwards along the path (ds/dt = {speed:.3g})", "one forwards")
-    return PathState(s, max(speed, 0.0), acceleration)
 
 
-def _place(joints: JointPath, q: Array) -> float:
-    """Place s whose configuration is nearest to q: the nearest of a grid, then by Newton's method."""
+def _when(running: Trajectory, given: State) -> float:
+    """Time [s] at which the running motion is nearest to a state, with its velocity and acceleration."""
+    weights = (1.0, INSTANT, INSTANT**2)
+    aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])
+
+    def stacked(t: Array, order: int) -> Array:
+        return np.concatenate([w * running(t, order + i) for i, w in enumerate(weights)], axis=1)
+
+    knots = running.knots
+    grid = np.unique(np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])]))
+    t = float(grid[np.linalg.norm(stacked(grid, 0) - aim, axis=1).argmin()])
+    for _ in range(20):
+        at = np.array([t])
+        rate = stacked(at, 1)[0]
+        size = float(rate @ rate)
+        if size == 0.0:
+            break
+        after = float(np.clip(t + rate @ (aim - stacked(at, 0)[0]) / size, 0.0, running.end))
+        if abs(after - t) <= 1e-15 * running.end:
+            break
+        t = after
+    return t
+
+
+def _place(joints: Curve, q: Array, near: float) -> float:
+    """Place s whose configuration is nearest to q; of several that are, where a path comes back to it, the one by `near`."""
+    assert isinstance(joints, JointPath)
     grid = np.linspace(0.0, joints.end, 2 * joints.nodes.size + 1)
-    s = float(grid[np.linalg.norm(joints(grid) - q, axis=1).argmin()])
+    off = np.linalg.norm(joints(grid) - q, axis=1)
+    lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))
+    places = [_refined(joints, q, float(grid[i])) for i in lowest[np.argsort(off[lowest])][:SEVERAL]]
+    rests = np.array([float(np.linalg.norm(joints(s) - q)) for s in places])
+    return min(
+        (s for s, off in zip(places, rests, strict=True) if off <= rests.min() + OFF_PATH), key=lambda s: abs(s - near)
+    )
+
+
+def _refined(joints: JointPath, q: Array, s: float) -> float:
+    """Newton's method for the nearest place to q, from one near it."""
     for _ in range(20):
         q1 = joints(s, 1)
         after = float(np.clip(s + q1 @ (q - joints(s)) / (q1 @ q1), 0.0, joints.end))

@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
@@ -23,12 +23,14 @@ from planners.files import content_of, suffix_of, text_of
 from planners.fit import stretch
 from planners.motion import Motion, motion_of
 from planners.ros_message import LONGEST, SECOND, Form, Times, controlled, from_text, message_of, quoted, to_text
-from planners.timing.base import DERIVATIVES, TOOL_SPEEDS
+from planners.splice import held
+from planners.timing.base import DERIVATIVES, SAME_SPEED, TOOL_SPEEDS
 from planners.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from planners.plan import Plan
 
+Array = NDArray[np.float64]
 JointNames = Mapping[str, str] | Sequence[str] | None
 
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -36,6 +38,8 @@ ROUNDS = 20
 """How often a motion is slowed before it is given up."""
 ROUNDING = Fraction(1, 2 * SECOND)
 """Durations this near to whole periods [s] are whole: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
+NEAR = 0.1
+"""Part of a period within which a point at a knot replaces one at the period: shorter quintics drown in rounding."""
 ADVICE = "a motion that keeps its own limits, points at its knots, or a higher rate"
 
 
@@ -49,7 +53,8 @@ class Sent(NamedTuple):
     certificate : Certificate
         Of that trajectory.
     factor : float
-        How many times as long as the motion it takes: for whole periods, and to keep the limits.
+        How many times as long as the motion it takes: for whole periods (slowed, or held at its end where a tool speed was
+        asked), and to keep the limits.
     points : int
         How many were written.
     jumps : int
@@ -76,6 +81,7 @@ def to_ros(
     start: ArrayLike | Mapping[str, float] | None = None,
     tolerance: float = 0.01,
     strict: bool = False,
+    keep_speed: bool = True,
     frame_id: str = "",
 ) -> Sent:
     """Write a motion as a ``trajectory_msgs/JointTrajectory``, whole or not at all.
@@ -92,8 +98,9 @@ def to_ros(
     file : str or path
         ``.yaml``, ``.yml`` or ``.json``.
     rate : float, optional
-        Points per second; the motion is slowed to a whole number of periods. By default points at its knots, and the
-        motion is slowed to a whole number of nanoseconds.
+        Points per second; the motion is slowed to a whole number of periods. Where a tool speed was asked of its law, it is
+        held at its end to a whole number of them instead, and its knots are points too, so that the controller makes exactly
+        this motion of them. By default points at its knots, and the motion is slowed to a whole number of nanoseconds.
     interpolation : str
         ``"quintic"``, ``"cubic"`` or ``"linear"``: what is written for the controller to interpolate through.
     joint_names : mapping or sequence, optional
@@ -104,6 +111,8 @@ def to_ros(
         How far from there the motion may start [rad or m].
     strict : bool
         Refuse instead of slowing for limits.
+    keep_speed : bool
+        Refuse to slow a motion whose tool speed was asked (``constant_speed`` with a speed). ``False`` treats it as any other.
     frame_id : str
         Of the header.
 
@@ -118,7 +127,8 @@ def to_ros(
         Arguments that cannot be meant, names that are not the robot's, an arm that stands elsewhere, a motion that does
         not end at rest, times that would not increase.
     NoSolution
-        A plan that failed; or the controller would leave the limits, and slowing is refused or does not help.
+        A plan that failed; or the controller would leave the limits, and slowing is refused, would change the tool speed
+        that was asked, or does not help.
     OutputError
         The file cannot be written.
     """
@@ -127,9 +137,12 @@ def to_ros(
     if not isinstance(frame_id, str) or not frame_id.isprintable():
         raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
     form = Form(interpolation, _columns(motion.robot, joint_names), frame_id)
+    for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
+        if not isinstance(flag, bool):
+            raise InvalidInput(argument, repr(flag)[:60], "True or False")
     _check_ends(motion.trajectory, rate)
     _check_start(motion, start, tolerance, form)
-    message, executed = _fitted(motion, form, rate, strict)
+    message, executed = _fitted(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
     sent = _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
@@ -240,29 +253,47 @@ def _judged(motion: Motion, form: Form) -> tuple[str, ...]:
 def _fitted(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
     """Message, and what the controller makes of it: slowed until that keeps the limits that are judged."""
     source, judged = motion.trajectory, _judged(motion, form)
+    between = np.empty(0)
+    if motion.speed is not None and rate is not None:
+        source, between = _whole(source, rate), source.knots
     factor, margin = 1.0, 1e-12
     for _ in range(ROUNDS):
-        message = message_of(*_paced(source, rate, factor), form)
+        message = message_of(*_paced(source, rate, factor, between), form)
         executed = controlled(message, form.names)
         needed = stretch(motion.robot, executed, motion.limits, judged)
         if needed <= 1.0:
             return message, executed
-        _check_slowing(source, needed, strict)
+        _check_slowing(motion, executed.duration / source.duration * needed, strict)
         factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
     reason = f"{factor:.3g} times as long it would still leave its limits as the controller interpolates"
     raise NoSolution(reason, advice=ADVICE)
 
 
-def _check_slowing(trajectory: Trajectory, needed: float, strict: bool) -> None:
+def _whole(trajectory: Trajectory, rate: float) -> Trajectory:
+    """The motion, held where it ends to the end of the period."""
+    periods = Fraction(trajectory.duration) * Fraction(rate)
+    left = math.ceil(periods - ROUNDING * Fraction(rate)) - periods
+    return held(trajectory, float(left / Fraction(rate))) if left > ROUNDING * Fraction(rate) else trajectory
+
+
+def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
     reason = f"as the controller interpolates, the motion leaves its limits; {needed:.9g} times as long it would not"
     if strict:
         raise NoSolution(reason, advice=f"strict=False, which slows it; {ADVICE}")
-    if not _rest(trajectory)[0]:
+    if motion.speed is not None and needed > 1.0 + SAME_SPEED:
+        raise NoSolution(
+            f"{reason}, with a tool speed of {motion.speed / needed:.6g}, and {motion.speed:.6g} was asked",
+            advice="quintic interpolation, or keep_speed=False, which slows it",
+        )
+    if not _rest(motion.trajectory)[0]:
         raise NoSolution(f"{reason}, but it starts on the move and cannot be slowed", advice=ADVICE)
 
 
-def _paced(trajectory: Trajectory, rate: float | None, factor: float) -> tuple[Trajectory, Times]:
-    """The motion slowed by at least a factor to whole periods, or nanoseconds; and the times of the points [ns]."""
+def _paced(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
+    """The motion slowed by at least a factor to whole periods, or nanoseconds; and the times of the points [ns].
+
+    Instants `between` the periods (k,) [s] are points too, instead of those of a period that are nearly there.
+    """
     duration = Fraction(trajectory.duration) * Fraction(factor)
     if rate is None:
         times = np.rint(trajectory.knots * factor * SECOND).astype(np.int64)
@@ -272,6 +303,10 @@ def _paced(trajectory: Trajectory, rate: float | None, factor: float) -> tuple[T
         if periods > POINTS:
             raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
         times = np.rint(np.arange(periods + 1) * SECOND / rate).astype(np.int64)
+        if between.size:
+            more = np.rint(between * factor * SECOND).astype(np.int64)
+            near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR * SECOND / rate
+            times = np.unique(np.concatenate([times[:1], times[1:-1][~near], times[-1:], more]))
     if (np.diff(times) <= 0).any():
         i = int(np.argmax(np.diff(times) <= 0))
         got = f"{rate}, which puts points {i} and {i + 1} at the same {times[i]} ns"
@@ -285,11 +320,12 @@ def _paced(trajectory: Trajectory, rate: float | None, factor: float) -> tuple[T
 
 def _proved(motion: Motion, executed: Trajectory, form: Form) -> Certificate:
     """Certificate of what the controller makes of the points; nothing is written that breaks what is judged."""
-    certificate = certify(motion.robot, motion.path, executed, motion.limits, law=motion.law, keeps=motion.keeps)
-    continuous = max(certificate.continuous, 1) if form.interpolation == "linear" else certificate.continuous
-    judged = replace(
-        certificate, keeps=_judged(motion, form), continuous=continuous
-    )  # lines jump in velocity, as asked
+    certificate = certify(
+        motion.robot, motion.path, executed, motion.limits, law=motion.law, keeps=motion.keeps, span=motion.span
+    )
+    judged = replace(certificate, keeps=_judged(motion, form))
+    if form.interpolation == "linear":  # its velocity jumps, as asked, and so it does at the end
+        judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
     if judged.broken:
         raise NoSolution(f"as the controller interpolates, {'; '.join(judged.broken)}", advice=ADVICE)
     return certificate

@@ -33,13 +33,16 @@ SPARE = 0.9999
 
 
 class Programme(NamedTuple):
-    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time."""
+    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time.
+
+    ``moving`` is the state that it starts from, None from rest.
+    """
 
     problem: _optimum.Problem
     s: Array
     start: Array
     units: tuple[float, float]
-    moving: bool
+    moving: PathState | None
 
 
 def programme(
@@ -51,6 +54,8 @@ def programme(
     begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
     s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
+    if s.size <= PER_PIECE:  # a stop within one cell of the path
+        s = np.linspace(begin, end, PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
@@ -72,7 +77,7 @@ def programme(
     v[-1] = a[-1] = 0.0
     v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
-    return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state is not None)
+    return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
 
 
 def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float) -> Programme:
@@ -84,7 +89,7 @@ def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, m
     motion[:, 0], motion[:, -1] = 0.0, (joint_path.end, 0.0, 0.0)
     s, v, a = motion
     units = joint_path.end / UNITS, duration / UNITS
-    return _numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, False)
+    return _numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
 def within(given: Programme, z: Array, u: Array) -> Array:
@@ -165,7 +170,7 @@ def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
 
 def _numbers(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
-    moving: bool,
+    moving: PathState | None,
 ) -> Programme:  # fmt: skip
     bound = limits.arrays(joint_path.robot.n)
     A, J = bound["acceleration"], bound["jerk"]
@@ -180,7 +185,7 @@ def _numbers(
     start = np.zeros((s.size, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
-    if moving:  # what is not slowed afterwards shall not pass the tool's limits between the places
+    if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
         limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     problem = _optimum.Problem(np.diff(s) / length, SHORTEST * tau / time, top, node, edge, np.zeros(2))

@@ -23,6 +23,8 @@ DERIVATIVES = ("velocity", "acceleration", "jerk")
 TOOL_SPEEDS = ("tool_speed", "rotation_speed")
 """Limits of the tool, on the Euclidean norms of v and ω."""
 ALL_LIMITS = (*DERIVATIVES, *TOOL_SPEEDS)
+SAME_SPEED = 1e-6
+"""Share by which a tool speed that was asked may come out as another: whole nanoseconds, and rounding."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +94,15 @@ class MotionLimits:
 
 
 class PathState(NamedTuple):
-    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there."""
+    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there.
+
+    ``joints`` are the q, q̇ and q̈ (n,) with which the motion begins exactly; None for those of the path.
+    """
 
     s: float
     speed: float
     acceleration: float
+    joints: tuple[Array, Array, Array] | None = None
 
 
 class TimeLaw(ABC):
@@ -105,6 +111,8 @@ class TimeLaw(ABC):
     name: ClassVar[str]
     keeps: ClassVar[tuple[str, ...]]
     """Which limits the law promises to keep; the certificate judges exactly those."""
+    speed: float | None = None
+    """The tool speed [m/s; rad/s for a pure rotation] that was asked and that nothing after the law may change; or None."""
 
     @abstractmethod
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:

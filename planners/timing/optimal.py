@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
-import ruckig
 from numpy.typing import NDArray
 
 from optik.check import check_count
@@ -14,8 +13,10 @@ from optik.errors import NoSolution
 from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
+from planners.splice import begun
 from planners.timing import _optimum
 from planners.timing._programme import UNITS, Programme, divided, gentle, programme, within
+from planners.timing._restart import ROUNDING, stopping_places, straight_stop
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -46,8 +47,8 @@ FINEST = 4000
 """Intervals that are not halved any more."""
 BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
-WIDER = (1.0, 1.001, 1.003, 1.01)
-"""Shares of the limits that are tried from a moving state."""
+MOVING = STARTS[:1]
+"""Those that are tried from a moving state."""
 
 
 class Optimal(TimeLaw):
@@ -99,9 +100,7 @@ class Optimal(TimeLaw):
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
         """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
 
-        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly. Where
-        the state leaves no such motion (one at its limits often misses them by rounding), limits up to 1 % wider are tried:
-        the certificate shows what is passed.
+        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly.
 
         Parameters
         ----------
@@ -112,7 +111,8 @@ class Optimal(TimeLaw):
         state : PathState
             Where and how fast the motion is.
         stop : bool
-            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first.
+            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first, or Ruckig's stop where
+            that is quicker or the only one.
 
         Raises
         ------
@@ -122,14 +122,16 @@ class Optimal(TimeLaw):
             No motion from that state keeps the limits.
         """
         self.need(limits, joint_path.robot)
-        ends = _stopping_places(joint_path, limits, state) if stop else [joint_path.end]
-        for share in WIDER:
-            wider = limits.scaled(share)
-            for end in ends:
-                problem = programme(joint_path, wider, self.intervals, state, end)
-                trajectory = None if problem is None else _solved(joint_path, problem, wider, 0.0)
+        known = straight_stop(joint_path, limits, state) if stop else None
+        ends = stopping_places(joint_path, limits, state, known) if stop else [joint_path.end]
+        for end in ends:
+            for width, weight, more in MOVING:
+                problem = programme(joint_path, limits, self.intervals, state, end, width=width, more=more)
+                trajectory = None if problem is None else _solved(joint_path, problem, limits, 0.0, weight)
                 if trajectory is not None:
-                    return trajectory
+                    return trajectory if known is None or trajectory.duration <= known.duration else known
+        if known is not None:
+            return known
         raise NoSolution(
             f"no motion from this state {'comes to rest' if stop else 'ends at rest'} on the path within the limits",
             s=state.s,
@@ -147,26 +149,11 @@ def _problems(
         yield gentle(joint_path, limits, intervals, more), weight
 
 
-def _stopping_places(joint_path: JointPath, limits: MotionLimits, state: PathState) -> list[float]:
-    """Places at which a motion might come to rest, from what the limits would allow on a straight joint path."""
-    bound = limits.arrays(joint_path.robot.n)
-    q1 = np.maximum(np.abs(joint_path(state.s, 1)), 1e-12)
-    a, j = float((bound["acceleration"] / q1).min()), float((bound["jerk"] / q1).min())
-    problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
-    problem.control_interface = ruckig.ControlInterface.Velocity
-    problem.current_velocity, problem.current_acceleration = [state.speed], [state.acceleration]
-    problem.target_velocity, problem.max_acceleration, problem.max_jerk = [0.0], [max(a, 1e-9)], [max(j, 1e-9)]
-    ruckig.Ruckig(1).calculate(problem, answer)
-    distance = max(answer.at_time(answer.duration)[0][0], 1e-6 * joint_path.end)
-    places = [state.s + distance * factor for factor in (1.02, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0)]
-    return [s for s in places if s < joint_path.end] + [joint_path.end]
-
-
 def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
-    z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
+    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
     weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
@@ -175,17 +162,19 @@ def _solved(
             break
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
+        if given.moving is not None and given.moving.joints is not None:
+            motion = begun(motion, given.moving.joints, limits)
         over = _over(joint_path, motion, limits)
         coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
-            z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
+            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
             weight, trajectory = FIRST, None
             continue
         trajectory, again = motion, again + 1
         if not _tighten(joint_path, problem, trajectory, over, limits, close):
             return trajectory
-        if not given.moving:
+        if given.moving is None:
             z = _inside(problem, z, 0.98)
         weight = AGAIN
     return trajectory if close else None
@@ -231,7 +220,7 @@ def _tighten(
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
     tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
-    if max(over.max(), tool.max()) <= 1.0 + close:
+    if max(over.max(), tool.max()) <= 1.0 + max(close, ROUNDING):
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)

@@ -163,7 +163,7 @@ def test_from_a_moving_state_within_the_limits(line: int, part: float, stop: boo
     joint_path = random_joint_paths(3)[line]
     state, _ = moving(joint_path, LIMITS, 0.7, part)
     trajectory = Optimal().run_from(joint_path, LIMITS, state, stop=stop)
-    s, v, a = state
+    s, v, a, _ = state
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
     for order, expected in enumerate((joint_path(s), q1 * v, q1 * a + q2 * v * v)):
         np.testing.assert_allclose(trajectory(0.0, order), expected, rtol=0.0, atol=1e-9)

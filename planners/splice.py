@@ -1,0 +1,90 @@
+"""Motions cut and put together: what is left of one, one after another, one held, one begun at exactly a given state."""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from planners.hermite import quintic
+from planners.timing.base import MotionLimits
+from planners.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+State = tuple[Array, Array, Array]
+"""q, q̇ and q̈ (n,)."""
+
+PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
+"""Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
+LITTLE = 1e-3
+"""Share of the jerk limits with which a motion goes over from the given state to its path: it costs no time worth naming."""
+SAME = 1e-14
+"""Positions this near to each other differ by rounding only [rad or m]."""
+
+
+def _powers(trajectory: Trajectory) -> Array:
+    """Coefficients (6, m, n) of a trajectory, also where its degree is lower."""
+    c = trajectory.coefficients
+    return np.concatenate([np.zeros((6 - len(c), *c.shape[1:])), c])
+
+
+def _shifted(c: Array, u: Array) -> Array:
+    """Coefficients (6, m, n) of the same quintics about u (m,): Horner's scheme, repeated (Taylor's shift)."""
+    c, u = c.copy(), u[:, None]
+    for last in range(5, 0, -1):
+        for i in range(1, last + 1):
+            c[i] += u * c[i - 1]
+    return c
+
+
+def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
+    """Return what is left of a motion from a time t [s] before its end: the same polynomials, to rounding.
+
+    It begins with exactly the values that the trajectory has at t.
+    """
+    knots, c = trajectory.knots, _powers(trajectory)
+    first = int(np.searchsorted(knots, t, side="right")) - 1
+    c = c[:, first:].copy()
+    c[:, :1] = _shifted(c[:, :1], np.array([t - knots[first]]))
+    for order in range(3):
+        c[5 - order, 0] = trajectory(t, order) / factorial(order)
+    return Trajectory(PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True))
+
+
+def joined(first: Trajectory, second: Trajectory) -> Trajectory:
+    """Return one motion and, from its end on, another."""
+    c = np.concatenate([_powers(first), _powers(second)], axis=1)
+    return Trajectory(PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True))
+
+
+def held(trajectory: Trajectory, duration: float) -> Trajectory:
+    """Return a motion that ends at rest, and stands there for a duration [s] more."""
+    still = np.zeros((6, 1, trajectory.n))
+    still[5] = trajectory(trajectory.end)
+    return joined(trajectory, Trajectory(PPoly(still, np.array([0.0, duration]))))
+
+
+def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
+    """Return the motion begun at exactly q, q̇, q̈ (n,) each, close to its own.
+
+    A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
+    that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `LITTLE`, else at the last. What
+    is rounding only in position stays: on a short way to fade it out would cost jerk.
+    """
+    off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
+    off[0, np.abs(off[0]) <= SAME] = 0.0
+    knots, c = trajectory.knots, _powers(trajectory).copy()
+    jerk = limits.arrays(trajectory.n)["jerk"]
+    ends = knots[1:, None]
+    peaks = sum(PEAKS[2, i] * np.abs(off[i]) / ends ** (3 - i) for i in range(3)) / jerk
+    little = np.flatnonzero(np.max(peaks, axis=1) <= LITTLE)
+    count = int(little[0]) + 1 if little.size else knots.size - 1
+    still = np.zeros((1, trajectory.n))
+    over = quintic(knots[[0, count]], (off[:1], off[1:2], off[2:]), (still, still, still)).c
+    c[:, :count] += _shifted(np.repeat(over, count, axis=1), knots[:count])
+    c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
+    for order, x in enumerate(start):
+        c[5 - order, 0] = x / factorial(order)
+    return Trajectory(PPoly(c, knots, extrapolate=True))
