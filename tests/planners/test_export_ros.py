@@ -21,7 +21,7 @@ from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
-from planners import Line, MotionLimits, Trajectory, certify, plan
+from planners import JointLine, Line, MotionLimits, Trajectory, certify, plan
 from planners.motion import Motion, motion_of
 from planners.ros import from_ros, to_ros
 from planners.ros_message import _to_yaml
@@ -50,7 +50,15 @@ def hop(T: float = 0.5, size: float = 0.05, **options: Any) -> Motion:
     c[5, 0] = START
     c[:3, 0] = size * np.array([6.0 / T**5, -15.0 / T**4, 10.0 / T**3])[:, None]
     fields: dict[str, Any] = {"limits": MotionLimits(), "keeps": ()} | options
-    return Motion(paper6r(), default_line(), trajectory=Trajectory(PPoly(c, [0.0, T])), **fields)
+    trajectory = Trajectory(PPoly(c, [0.0, T]))
+    return Motion(paper6r(), way_of(trajectory), trajectory=trajectory, **fields)
+
+
+def way_of(trajectory: Trajectory) -> JointLine:
+    """The straight way in joint space that a motion runs through, whatever the range of the joints."""
+    arm, wide = paper6r(), JointLimits(np.full(6, -10.0), np.full(6, 10.0))
+    free = Robot("free", arm.fixed, arm.prismatic, arm.tool, wide)
+    return JointLine(free, trajectory(0.0), trajectory(trajectory.end))
 
 
 def at_its_limits(kind: str) -> Motion:
@@ -66,7 +74,7 @@ def at_its_limits(kind: str) -> Motion:
     orders = (1, 2, 3) if kind == "jerk" else (1, 2)
     limits = MotionLimits(*(trajectory.extrema(order).worst * (1.0 + 1e-9) for order in orders))
     keeps = ("velocity", "acceleration", "jerk")[: len(orders)]
-    return Motion(paper6r(), default_line(), limits, trajectory, "phases", keeps)
+    return Motion(paper6r(), way_of(trajectory), limits, trajectory, "phases", keeps)
 
 
 def read(file: Path) -> Any:
@@ -197,7 +205,8 @@ def test_jumps_of_acceleration_are_stated_and_a_point_carries_the_mean_of_both_s
     c = np.zeros((3, 2, 6))  # up at 2 rad/s² for 0.1 s, down at 2
     c[2, :, :], c[0, 0, 1], c[0, 1, 1], c[1, 1, 1] = START, 1.0, -1.0, 0.2
     c[2, 1, 1] += 0.01
-    motion = replace(hop(), trajectory=Trajectory(PPoly(c, [0.0, 0.1, 0.2])))
+    trajectory = Trajectory(PPoly(c, [0.0, 0.1, 0.2]))
+    motion = replace(hop(), trajectory=trajectory, path=way_of(trajectory))
     sent = to_ros(motion, tmp_path / "motion.json")
     assert (sent.jumps, sent.largest_jump, sent.points) == (1, pytest.approx(4.0), 3)
     accelerations = [p["accelerations"][1] for p in read(tmp_path / "motion.json")["points"]]
@@ -254,7 +263,8 @@ def test_a_motion_that_passes_a_joints_range_is_not_written(tmp_path: Path) -> N
 def test_a_start_on_the_move_is_neither_slowed_nor_stretched(tmp_path: Path) -> None:
     c = np.zeros((4, 1, 6))
     c[3, 0], c[2, 0, 0], c[1, 0, 0] = START, 0.2, -0.2  # q̇ from 0.2 to 0 in 0.5 s
-    moving = replace(hop(), trajectory=Trajectory(PPoly(c, [0.0, 0.5])))
+    trajectory = Trajectory(PPoly(c, [0.0, 0.5]))
+    moving = replace(hop(), trajectory=trajectory, path=way_of(trajectory))
     assert to_ros(moving, tmp_path / "motion.json").factor == 1.0
     assert to_ros(moving, tmp_path / "motion.json", rate=100.0).factor == 1.0
     with pytest.raises(InvalidInput, match="rate: expected none, or one that divides the duration"):
