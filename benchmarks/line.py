@@ -16,7 +16,8 @@ from optik import se3
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.robot import Robot, load
-from planners.certificate import plain, steps
+from planners.certificate import plain
+from planners.continuity import steps
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import MotionLimits

@@ -8,11 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik import kinematics, se3
+from optik import kinematics
+from optik._compile import compiled
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import LIMIT_TOLERANCE, Robot
-from planners.deviation import Passage, PathError, path_error
+from planners.continuity import jumps as find_jumps
+from planners.continuity import rest, steps
+from planners.coverage import Coverage, check_span, coverage
+from planners.deviation import PathError, path_error
 from planners.motion_bounds import MotionBounds
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
@@ -21,16 +25,8 @@ from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-JUMP = 1e-5
-"""A joint's derivative jumps where its one-sided values differ by more than this part of its own greatest value…"""
-ROUNDING = 1e-14
-"""…and by more than rounding can: this share of q, over the shorter piece's duration to the power of the derivative's order."""
-
 COVERED = (1e-5, 1e-5)
 """How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given."""
-
-FALLS = 100
-"""Stretches between two instants on which a motion goes back that are measured, the longest first."""
 
 PERIODS = 1_000_000
 """Most periods of a controller that are all looked at."""
@@ -54,22 +50,6 @@ class ToolExtreme(NamedTuple):
     value: float
     ratio: float
     time: float
-
-
-class Coverage(NamedTuple):
-    """Which part of its path a motion runs through.
-
-    ``begin`` and ``end`` are the places where it begins and ends, ``wanted`` those where it should; ``back`` and ``t_back`` are
-    the place that it goes back to farthest from one it had come to before, and when it is there [s]. ``missing`` says how far
-    along the path [m, rad] it begins away from where it should, ends away from where it should, and goes back.
-    """
-
-    begin: float
-    end: float
-    wanted: tuple[float, float]
-    back: float
-    t_back: float
-    missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
 class Binding(NamedTuple):
@@ -328,7 +308,7 @@ def certify(
         tolerance = check_tolerance(tolerance)
     bound = limits.arrays(robot.n)
     extremes = {f: _extreme(trajectory, order, bound[f]) for order, f in enumerate(DERIVATIVES, start=1)}
-    jumps = [_jumps(trajectory, order) for order in range(4)]
+    jumps, standing = find_jumps(trajectory), rest(trajectory)
     for order in range(3):  # what jumps has infinite derivatives, of every higher order
         if jumps[order].any():
             for field in DERIVATIVES[order:]:
@@ -355,23 +335,10 @@ def certify(
         singular_value=singular_value,
         t_singular_value=t_singular_value,
         binding=_binding(trajectory, limits, passage.s[passage.knot], bounds),
-        coverage=_coverage(path, passage, span),
+        coverage=coverage(path, passage, span),
         continuous=next((order - 1 for order in range(4) if jumps[order].any()), 3),
-        rest=rest(trajectory),
+        rest=standing,
     )
-
-
-def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
-    """Return the part of a path that a motion shall run through: two places, by default its ends."""
-    if span is None:
-        return 0.0, path.end
-    expected = f"two places on the path, in [0, {path.end:.9g}], the second not before the first"
-    if not isinstance(span, tuple | list) or len(span) != 2:
-        raise InvalidInput("span", repr(span)[:60], expected)
-    begin, end = (check_number(x, "span", expected, least=0.0) for x in span)
-    if not begin <= end <= path.end:
-        raise InvalidInput("span", repr(span)[:60], expected)
-    return begin, end
 
 
 def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
@@ -385,36 +352,6 @@ def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
 
 def _tool_extreme(value: float, limit: float, time: float) -> ToolExtreme:
     return ToolExtreme(value, value / limit if np.isfinite(limit) else float("nan"), time)
-
-
-def _coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverage:
-    """Which part of its path a motion runs through, and how far it goes back on the way."""
-    s = passage.s
-    begin, end = float(s[0]), float(s[-1])
-    top = np.maximum.accumulate(s)
-    first = np.maximum.accumulate(np.where(s == top, np.arange(s.size), 0))  # where it came to the farthest place yet
-    back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
-    if (s < top).any():
-        gap = se3.error(passage.poses[first], passage.poses)
-        away = np.stack([np.linalg.norm(part, axis=1) for part in (gap[:, :3], gap[:, 3:])], axis=1)
-        k = int(away.max(axis=1).argmax())
-        back = (float(away[k, 0]), float(away[k, 1])), float(s[k]), float(passage.t[k])
-    falls = passage.falls[np.argsort(passage.falls[:, 2] - passage.falls[:, 1], kind="stable")[:FALLS]]
-    for t, high, low in falls:
-        length = length_between(path, low, high)
-        if max(length) > max(back[0]):
-            back = length, float(low), float(t)
-    missing = length_between(path, begin, span[0]), length_between(path, end, span[1]), back[0]
-    return Coverage(begin, end, span, back[1], back[2], missing)
-
-
-def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
-    """How far the tool moves [m] and turns [rad] along a path between two places, by Simpson's rule."""
-    s = np.linspace(min(a, b), max(a, b), 65)
-    twist = path.twist(s)
-    weights = np.array([1.0, *[4.0, 2.0] * 31, 4.0, 1.0]) * (s[1] - s[0]) / 3.0
-    moved, turned = (float(weights @ np.linalg.norm(part, axis=1)) for part in (twist[:, :3], twist[:, 3:]))
-    return moved, turned
 
 
 def _binding(trajectory: Trajectory, limits: MotionLimits, places: Array, bounds: MotionBounds) -> Binding:
@@ -441,33 +378,38 @@ def _binding(trajectory: Trajectory, limits: MotionLimits, places: Array, bounds
 
 def _smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     """Least of a grid of instants, then of finer ones around the least of them."""
-    low, high, count = 0.0, trajectory.end, 121
+    end = trajectory.end
+    low, high, count = 0.0, end, 121
     while True:
         t, values = np.linspace(low, high, count), np.empty(count)
-        kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, trajectory(t), values)
+        _singular_values(robot.fixed, robot.prismatic, robot.tool, trajectory.padded, trajectory.knots, t, values)
         k = int(values.argmin())
-        if high - low <= 1e-4 * trajectory.end:  # the least value is flat: 1e-8 of it
+        if high - low <= 1e-4 * end:  # the least value is flat: 1e-8 of it
             return float(values[k]), float(t[k])
         low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], 9
+
+
+@compiled
+def _singular_values(
+    fixed: Array, prismatic: NDArray[np.bool_], tool: Array, c: Array, knots: Array, t: Array, out: Array
+) -> None:
+    """Smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
+    q = np.empty((t.shape[0], c.shape[2]))
+    for k in range(t.shape[0]):
+        i = min(max(np.searchsorted(knots, t[k], side="right") - 1, 0), c.shape[1] - 1)
+        u = t[k] - knots[i]
+        for j in range(c.shape[2]):
+            value = 0.0
+            for power in range(6):
+                value = value * u + c[power, i, j]
+            q[k, j] = value
+    kinematics.singular_values_batch(fixed, prismatic, tool, q, out)
 
 
 def _extreme(trajectory: Trajectory, order: int, bound: Array) -> Extreme:
     extrema = trajectory.extrema(order)
     ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
     return Extreme(extrema.worst, ratio, extrema.t_worst)
-
-
-def _jumps(trajectory: Trajectory, order: int) -> NDArray[np.bool_]:
-    """Where (m + 1, n) a joint's derivative steps by more than rounding, each joint on its own scale."""
-    worst = trajectory.extrema(order).worst
-    return np.asarray(np.abs(steps(trajectory, order)) > JUMP * worst + _rounding(trajectory, order))
-
-
-def _rounding(trajectory: Trajectory, order: int) -> Array:
-    """What rounding may make of a derivative (m + 1, n) at the knots, whose pieces' shorter duration divides it."""
-    h = np.diff(trajectory.knots)
-    shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
-    return np.asarray(ROUNDING * trajectory.extrema(0).worst / shorter[:, None] ** order)
 
 
 def _infinite_at_jumps(
@@ -496,19 +438,3 @@ def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
     begin, end = (np.minimum(np.floor(i) / rate, trajectory.end) for i in (first, first + 1))
     difference: Array = np.abs(trajectory(end, 2) - trajectory(begin, 2)).max(axis=0) * rate
     return difference
-
-
-def rest(trajectory: Trajectory) -> tuple[bool, bool]:
-    """Whether a motion starts and ends at rest, each joint on its own scale."""
-    first, last = trajectory.ends(1)
-    slow = 1e-9 * trajectory.extrema(1).worst + _rounding(trajectory, 1)[[0, -1]]
-    return bool((np.abs(first[0]) <= slow[0]).all()), bool((np.abs(last[-1]) <= slow[1]).all())
-
-
-def steps(trajectory: Trajectory, order: int) -> Array:
-    """How far (m + 1, n) a derivative steps at all knots; an end at rest counts as standstill before or after it."""
-    first, last = trajectory.ends(order)
-    start, end = rest(trajectory) if order else (False, False)  # standstill is somewhere: q does not jump to it
-    before = first[:1] if start else np.zeros_like(first[:1])
-    after = -last[-1:] if end else np.zeros_like(last[-1:])
-    return np.concatenate([before, trajectory.jumps(order), after])

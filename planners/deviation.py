@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from optik._compile import compiled
 from optik.robot import Robot
 from planners.motion_bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
-from planners.paths._nearest import embedded
 from planners.paths.base import Path
-from planners.progress import BEND, TURN, places_along
+from planners.progress import BEND, Nearest, Places, places_along
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Side = TypeVar("Side", Instants, "Places")
+Side = TypeVar("Side", Instants, Places)
 
 LOOSE = 1.05
 """A bound may be so many times the largest value found…"""
@@ -27,17 +26,6 @@ MOST = 400_000
 """Intervals at most; a motion that needs more keeps the bound it has then."""
 PARTS = 64
 """Parts at most of a piece of the motion on a first look for the places that it comes to."""
-LITTLE = 1e-3
-"""Metres that a radian counts to say which place is nearest: little where the position moves."""
-STILL = 1e-6
-"""Share of the path's greatest rate below which it stands still: there, at a cusp, no place is nearer than another."""
-NEAR = 3e-14
-"""How near to the nearest place of the path it is enough to be, as a share of the path."""
-CUSP, AROUND, AT_ONCE = 0.5, 65, 1024
-"""Share of the path's greatest rate below which a place may be at a cusp, how many places are looked at around it, and for how
-many instants at a time."""
-STEPS = 20
-"""Most steps to the nearest place; one or two are usual."""
 ROUNDING = 2e-15
 """What rounding may take from a computed distance [m] or angle [rad]."""
 
@@ -54,15 +42,6 @@ class PathError(NamedTuple):
     found_angle: float
     t_distance: float
     t_angle: float
-
-
-class Places(NamedTuple):
-    """Where on the path (k,) the tool is at some instants, how fast it goes there, and the path's pose and twist."""
-
-    s: Array
-    speed: Array
-    poses: Array
-    twist: Array
 
 
 class Passage(NamedTuple):
@@ -113,7 +92,7 @@ def path_error(
         Where on the path the motion is, at its knots and between.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    nearest = _Nearest(path)
+    nearest = Nearest(path)
     piece, left, right, knot = _first_look(bounds)
     guess = places_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
     both = nearest.places(_joined(left, right), np.concatenate([guess[:-1], guess[1:]]))
@@ -161,11 +140,8 @@ def _first_look(bounds: MotionBounds) -> tuple[NDArray[np.int64], Instants, Inst
     t = bounds.knots
     piece = np.arange(t.size - 1)
     left, right = bounds.ends
-    way = right.poses[:, :3, 3] - left.poses[:, :3, 3]
-    length = np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
-    aside = [np.cross(side.motion[:, 1, :3], way / length) for side in (left, right)]  # along the way nothing bends
-    bend = np.maximum(*(np.linalg.norm(x, axis=1) for x in aside)) * np.diff(t) ** 2 / 8.0
-    parts = np.clip(np.ceil(np.sqrt(bend / BEND)), 1, PARTS).astype(np.int64)
+    parts = np.empty(piece.size, np.int64)
+    _parts(left, right, parts)
     if parts.max() == 1:
         return piece, left, right, np.ones(t.size, np.bool_)
     which = np.repeat(piece, parts)
@@ -173,6 +149,24 @@ def _first_look(bounds: MotionBounds) -> tuple[NDArray[np.int64], Instants, Inst
     begin = t[which] + part * (np.diff(t) / parts)[which]
     end = np.where(part + 1 == parts[which], t[which + 1], np.append(begin[1:], t[-1]))
     return which, bounds.at(which, begin), bounds.at(which, end), np.append(part == 0, True)
+
+
+@compiled
+def _parts(left: Instants, right: Instants, parts: NDArray[np.int64]) -> None:
+    """Equal parts (k,) of intervals in which the tool bends away from the straight way by `BEND` at most, by |a| h²/8."""
+    way, aside = np.empty(3), np.empty(3)
+    for k in range(parts.shape[0]):
+        length, bend = 0.0, 0.0
+        for i in range(3):
+            way[i] = right.poses[k, i, 3] - left.poses[k, i, 3]
+            length += way[i] * way[i]
+        for a in (left.motion[k, 1], right.motion[k, 1]):  # along the way nothing bends
+            along = (way[0] * a[0] + way[1] * a[1] + way[2] * a[2]) / length if length > 0.0 else 0.0
+            for i in range(3):
+                aside[i] = a[i] - along * way[i]
+            bend = max(bend, np.sqrt(aside[0] ** 2 + aside[1] ** 2 + aside[2] ** 2))
+        bend *= (right.t[k] - left.t[k]) ** 2 / 8.0
+        parts[k] = int(min(max(np.ceil(np.sqrt(bend / BEND)), 1.0), PARTS))
 
 
 def _within(u: Array, times: int, t0: Array, t1: Array, here: Places, there: Places) -> tuple[Array, Array]:
@@ -186,111 +180,6 @@ def _within(u: Array, times: int, t0: Array, t1: Array, here: Places, there: Pla
 
 def _joined(a: Side, b: Side) -> Side:
     return type(a)(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
-
-
-# ---------------------------------------------------------------- the nearest place around
-
-
-class _Nearest:
-    """Nearest places of a path to a tool: Gauss and Newton's steps, quartered where they lead away.
-
-    Any place gives a true bound, and the nearest the least. Around a cusp, where the path all but stands still, several places
-    are nearest by position; the one where the rotation agrees as well is looked for among places around the guess.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        bounds = path.derivative_bounds()
-        self._still = float(STILL * np.hypot(bounds[0, 0], LITTLE * bounds[1, 0])) ** 2  # at a cusp nothing tells
-        self._slow = CUSP * float(np.hypot(bounds[0, 0], TURN * bounds[1, 0]))
-        second = float(np.hypot(bounds[0, 1], TURN * bounds[1, 1]))
-        self._around = np.sqrt(8.0 * BEND / second) * np.linspace(-1.0, 1.0, AROUND) if second > 0.0 else np.zeros(1)
-
-    def places(self, instants: Instants, guess: Array) -> Places:
-        """Places near a guess (k,)."""
-        guess = np.clip(guess, 0.0, self._path.end)
-        found, cost = self._descend(instants.poses, instants.motion, guess)
-        rate = np.hypot(np.linalg.norm(found.twist[:, :3], axis=1), TURN * np.linalg.norm(found.twist[:, 3:], axis=1))
-        at = np.flatnonzero((rate < self._slow) & (cost > FLOOR**2))
-        for part in (at[i : i + AT_ONCE] for i in range(0, at.size, AT_ONCE)):
-            tool, motion = instants.poses[part], instants.motion[part]
-            better, its_cost = self._descend(tool, motion, self._likeliest(tool, guess[part]))
-            nearer = _gap(tool, better.poses) < _gap(tool, found.poses[part])
-            for old, x in zip((*found, cost), (*better, its_cost), strict=True):
-                old[part[nearer]] = x[nearer]
-        return found
-
-    def _likeliest(self, tool: Array, guess: Array) -> Array:
-        """Of places around a guess (k,), those that are nearest by position and rotation together."""
-        s = np.clip(guess[:, None] + self._around, 0.0, self._path.end)
-        gap = _gap(np.repeat(tool, AROUND, axis=0), self._path(s.ravel())).reshape(s.shape)
-        return np.asarray(s[np.arange(guess.size), gap.argmin(axis=1)])
-
-    def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[Places, Array]:
-        """Places from a guess (k,), and their squared distances."""
-        path = self._path
-        poses, twist = path.frames(s)
-        cost, step, speed = np.empty((3, s.size))
-        _step(tool, motion, poses, twist, self._still, cost, step, speed)
-        for _ in range(STEPS):
-            after = np.clip(s + step, 0.0, path.end)
-            if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:
-                break
-            new_poses, new_twist = path.frames(after)
-            new_cost, new_step, new_speed = np.empty((3, s.size))
-            _step(tool, motion, new_poses, new_twist, self._still, new_cost, new_step, new_speed)
-            nearer = new_cost <= 1.000001 * cost  # and what rounding may add
-            step = np.where(nearer, new_step, 0.25 * step)
-            new = after, new_cost, new_speed, new_poses, new_twist
-            if nearer.all():
-                s, cost, speed, poses, twist = new
-                continue
-            s = s.copy()
-            for old, x in zip((s, cost, speed, poses, twist), new, strict=True):
-                old[nearer] = x[nearer]
-        return Places(s, speed, poses, twist), cost
-
-
-def _gap(tool: Array, poses: Array) -> Array:
-    """Squared distances (k,) by position and rotation together, where a turn of 1 rad counts as `TURN`."""
-    return np.asarray(((embedded(tool, TURN) - embedded(poses, TURN)) ** 2).sum(axis=1))
-
-
-@compiled
-def _step(
-    tool: Array, motion: Array, poses: Array, twist: Array, still: float, cost: Array, step: Array, speed: Array
-) -> None:
-    """Squared distances of poses of the tool from those of the path, steps along the path to less, and the tool's speed.
-
-    A turn of 1 rad counts as `LITTLE`; along the path means by position, and by rotation where the position stands.
-    """
-    e = np.empty(6)
-    for k in range(tool.shape[0]):
-        A, B = tool[k], poses[k]
-        for i in range(3):
-            e[i] = A[i, 3] - B[i, 3]
-        # R_tool R_pathᵀ − its transpose, halved, as a vector
-        e[3] = 0.5 * _skew(A, B, 2, 1)
-        e[4] = 0.5 * _skew(A, B, 0, 2)
-        e[5] = 0.5 * _skew(A, B, 1, 0)
-        size, along, going, off = still, 0.0, 0.0, 0.0
-        for i in range(6):
-            weight = 1.0 if i < 3 else LITTLE * LITTLE
-            w = twist[k, i]
-            size += weight * w * w
-            along += weight * w * e[i]
-            going += weight * w * motion[k, 0, i]
-            off += weight * e[i] * e[i]
-        cost[k], step[k], speed[k] = off, along / size, going / size
-
-
-@compiled
-def _skew(A: Array, B: Array, i: int, j: int) -> float:
-    """Entry (i, j) of A Bᵀ minus entry (j, i), of their rotations."""
-    value = 0.0
-    for m in range(3):
-        value += A[i, m] * B[j, m] - A[j, m] * B[i, m]
-    return value
 
 
 # ---------------------------------------------------------------- errors, and their bounds between instants

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import Robot
-from planners.certificate import Certificate, certify, check_span, check_tolerance
+from planners.certificate import Certificate, certify, check_tolerance
+from planners.coverage import check_span
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, MotionLimits
 from planners.trajectory import Trajectory

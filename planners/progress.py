@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
+from planners.motion_bounds import Instants
 from planners.paths._nearest import chords, embedded
 from planners.paths.base import Path
 
@@ -20,6 +23,29 @@ ROOM, WIDER = 1e-4, 8.0
 """How far the tool may be from the chords of its path [m], and how many times as far where it leaves them by more."""
 MOST = 20_000_000
 """Pairs of an instant and a chord that are looked at; a motion that needs more is nowhere near its path."""
+
+LITTLE = 1e-3
+"""Metres that a radian counts to say which place is nearest: little where the position moves."""
+STILL = 1e-6
+"""Share of the path's greatest rate below which it stands still: there, at a cusp, no place is nearer than another."""
+NEAR = 3e-14
+"""How near to the nearest place of the path it is enough to be, as a share of the path."""
+CUSP, AROUND, AT_ONCE = 0.5, 65, 1024
+"""Share of the path's greatest rate below which a place may be at a cusp, how many places are looked at around it, and for how
+many instants at a time."""
+STEPS = 20
+"""Most steps to the nearest place; one or two are usual."""
+EXACT = 1e-9
+"""A tool this near to its path [m, rad] is at the right place of it."""
+
+
+class Places(NamedTuple):
+    """Where on the path (k,) the tool is at some instants, how fast it goes there, and the path's pose and twist."""
+
+    s: Array
+    speed: Array
+    poses: Array
+    twist: Array
 
 
 def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
@@ -182,3 +208,108 @@ def _touched(
             number += 1
             next_free += 1
     return number
+
+
+# ---------------------------------------------------------------- the nearest place around
+
+
+class Nearest:
+    """Nearest places of a path to a tool: Gauss and Newton's steps, quartered where they lead away.
+
+    Any place gives a true bound, and the nearest the least. Around a cusp, where the path all but stands still, several places
+    are nearest by position; the one where the rotation agrees as well is looked for among places around the guess.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        bounds = path.derivative_bounds()
+        self._still = float(STILL * np.hypot(bounds[0, 0], LITTLE * bounds[1, 0])) ** 2  # at a cusp nothing tells
+        self._slow = CUSP * float(np.hypot(bounds[0, 0], TURN * bounds[1, 0]))
+        second = float(np.hypot(bounds[0, 1], TURN * bounds[1, 1]))
+        self._around = np.sqrt(8.0 * BEND / second) * np.linspace(-1.0, 1.0, AROUND) if second > 0.0 else np.zeros(1)
+
+    def places(self, instants: Instants, guess: Array) -> Places:
+        """Places near a guess (k,)."""
+        guess = np.clip(guess, 0.0, self._path.end)
+        found, cost = self._descend(instants.poses, instants.motion, guess)
+        rate = np.hypot(np.linalg.norm(found.twist[:, :3], axis=1), TURN * np.linalg.norm(found.twist[:, 3:], axis=1))
+        at = np.flatnonzero((rate < self._slow) & (cost > EXACT**2))
+        for part in (at[i : i + AT_ONCE] for i in range(0, at.size, AT_ONCE)):
+            tool, motion = instants.poses[part], instants.motion[part]
+            better, its_cost = self._descend(tool, motion, self._likeliest(tool, guess[part]))
+            nearer = _gap(tool, better.poses) < _gap(tool, found.poses[part])
+            for old, x in zip((*found, cost), (*better, its_cost), strict=True):
+                old[part[nearer]] = x[nearer]
+        return found
+
+    def _likeliest(self, tool: Array, guess: Array) -> Array:
+        """Of places around a guess (k,), those that are nearest by position and rotation together."""
+        s = np.clip(guess[:, None] + self._around, 0.0, self._path.end)
+        gap = _gap(np.repeat(tool, AROUND, axis=0), self._path(s.ravel())).reshape(s.shape)
+        return np.asarray(s[np.arange(guess.size), gap.argmin(axis=1)])
+
+    def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[Places, Array]:
+        """Places from a guess (k,), and their squared distances."""
+        path = self._path
+        poses, twist = path.frames(s)
+        cost, step, speed = np.empty((3, s.size))
+        _step(tool, motion, poses, twist, self._still, cost, step, speed)
+        for _ in range(STEPS):
+            after = np.clip(s + step, 0.0, path.end)
+            if np.abs(after - s).max(initial=0.0) <= NEAR * path.end:
+                break
+            new_poses, new_twist = path.frames(after)
+            new_cost, new_step, new_speed = np.empty((3, s.size))
+            _step(tool, motion, new_poses, new_twist, self._still, new_cost, new_step, new_speed)
+            nearer = new_cost <= 1.000001 * cost  # and what rounding may add
+            step = np.where(nearer, new_step, 0.25 * step)
+            new = after, new_cost, new_speed, new_poses, new_twist
+            if nearer.all():
+                s, cost, speed, poses, twist = new
+                continue
+            s = s.copy()
+            for old, x in zip((s, cost, speed, poses, twist), new, strict=True):
+                old[nearer] = x[nearer]
+        return Places(s, speed, poses, twist), cost
+
+
+def _gap(tool: Array, poses: Array) -> Array:
+    """Squared distances (k,) by position and rotation together, where a turn of 1 rad counts as `TURN`."""
+    return np.asarray(((embedded(tool, TURN) - embedded(poses, TURN)) ** 2).sum(axis=1))
+
+
+@compiled
+def _step(
+    tool: Array, motion: Array, poses: Array, twist: Array, still: float, cost: Array, step: Array, speed: Array
+) -> None:
+    """Squared distances of poses of the tool from those of the path, steps along the path to less, and the tool's speed.
+
+    A turn of 1 rad counts as `LITTLE`; along the path means by position, and by rotation where the position stands.
+    """
+    e = np.empty(6)
+    for k in range(tool.shape[0]):
+        A, B = tool[k], poses[k]
+        for i in range(3):
+            e[i] = A[i, 3] - B[i, 3]
+        # R_tool R_pathᵀ − its transpose, halved, as a vector
+        e[3] = 0.5 * _skew(A, B, 2, 1)
+        e[4] = 0.5 * _skew(A, B, 0, 2)
+        e[5] = 0.5 * _skew(A, B, 1, 0)
+        size, along, going, off = still, 0.0, 0.0, 0.0
+        for i in range(6):
+            weight = 1.0 if i < 3 else LITTLE * LITTLE
+            w = twist[k, i]
+            size += weight * w * w
+            along += weight * w * e[i]
+            going += weight * w * motion[k, 0, i]
+            off += weight * e[i] * e[i]
+        cost[k], step[k], speed[k] = off, along / size, going / size
+
+
+@compiled
+def _skew(A: Array, B: Array, i: int, j: int) -> float:
+    """Entry (i, j) of A Bᵀ minus entry (j, i), of their rotations."""
+    value = 0.0
+    for m in range(3):
+        value += A[i, m] * B[j, m] - A[j, m] * B[i, m]
+    return value

@@ -17,7 +17,8 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.files import write_whole
 from optik.robot import Robot
-from planners.certificate import JUMP, Certificate, certify
+from planners.certificate import Certificate, certify
+from planners.continuity import JUMP
 from planners.controller import POINTS, points_of
 from planners.files import content_of, suffix_of, text_of
 from planners.fit import stretch
