@@ -1,0 +1,182 @@
+"""A certificate that holds has run through its path: to its end, forwards, at rest there, every joint on its own scale."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from optik.errors import InvalidInput
+from planners import Arc, Certificate, JointLine, MotionLimits, Trajectory, certify, plan
+from planners.hermite import through
+from tests.planners.plain import START, default_line, paper6r
+
+Array = NDArray[np.float64]
+ROBOT = paper6r()
+LINE = default_line()
+LIMITS = MotionLimits(2.0, 10.0, 100.0)
+
+
+def judged(motion: Trajectory, **options: Any) -> Certificate:
+    return certify(ROBOT, LINE, motion, LIMITS, **({"tolerance": (1e-5, 1e-5)} | options))
+
+
+@pytest.fixture(scope="module")
+def whole() -> Trajectory:
+    return plan(ROBOT, LINE, START, limits=LIMITS).trajectory
+
+
+def pieces(motion: Trajectory, first: int, last: int) -> Trajectory:
+    """Some pieces of a motion."""
+    knots = motion.knots[first : last + 1]
+    return Trajectory(PPoly(motion.coefficients[:, first:last].copy(), knots - knots[0]))
+
+
+def backwards(motion: Trajectory) -> Trajectory:
+    q, v, a = (motion(motion.knots[::-1], order) for order in (0, 1, 2))
+    return Trajectory(through(motion.end - motion.knots[::-1], q, -v, a))
+
+
+def test_the_whole_motion_holds(whole: Trajectory) -> None:
+    proof = judged(whole)
+    assert proof.broken == ()
+    assert proof.coverage.wanted == (0.0, LINE.end)
+    np.testing.assert_allclose([proof.coverage.begin, proof.coverage.end], [0.0, LINE.end], rtol=0.0, atol=1e-9)
+
+
+def test_half_of_a_motion_does_not_hold(whole: Trajectory) -> None:
+    half = pieces(whole, 0, whole.knots.size // 2)
+    words = judged(half).broken
+    assert any("the motion ends at s = " in w for w in words)
+    assert "the motion does not end at rest" in words
+    second = judged(pieces(whole, whole.knots.size // 2, whole.knots.size - 1)).broken
+    assert len(second) == 1
+    assert second[0].startswith("the motion begins at s = ")
+
+
+def test_a_part_that_was_asked_for_holds(whole: Trajectory) -> None:
+    m = whole.knots.size // 2
+    part = pieces(whole, m, whole.knots.size - 1)
+    s = judged(whole).binding.s[m]
+    assert judged(part, span=(s, LINE.end)).holds
+    assert not judged(part, span=(s - 3e-5, LINE.end)).holds
+    for wrong in ((0.1, 0.05), (-0.1, 0.1), (0.0, 2.0 * LINE.end), (0.0,), "ab"):
+        with pytest.raises(InvalidInput, match="span"):
+            judged(part, span=wrong)
+
+
+def test_a_motion_backwards_does_not_hold(whole: Trajectory) -> None:
+    words = judged(backwards(whole)).broken
+    assert any("begins at s = 0.233" in w for w in words)
+    assert any("ends at s = 0 " in w for w in words)
+    assert any("goes back along its path" in w for w in words)
+
+
+@pytest.mark.parametrize("size", [1e-4, 3e-4, 0.01])
+def test_a_step_back_on_the_way_does_not_hold(whole: Trajectory, size: float) -> None:
+    """To the middle, back along the path by so many metres, on to the end: at rest in between, all of it on the path."""
+    joints = plan(ROBOT, LINE, START, limits=LIMITS).joint_path
+    stops = np.array([0.0, 0.12, 0.12 - size, LINE.end])
+    s, t = [], [0.0]
+    for a, b in pairwise(stops):
+        u = np.linspace(0.0, 1.0, 61)[(1 if s else 0) :]
+        s += [(a + (b - a) * (10 * x**3 - 15 * x**4 + 6 * x**5), 30 * (b - a) * (x * (1 - x)) ** 2,
+               60 * (b - a) * x * (1 - x) * (1 - 2 * x)) for x in u]  # fmt: skip
+        t += list(t[-1] + u[u > 0.0])
+    p, v, a = np.array(s).T[..., None]
+    q, q1, q2 = (joints(p[:, 0], order) for order in (0, 1, 2))
+    motion = Trajectory(through(np.array(t), q, q1 * v, q1 * a + q2 * v * v))
+    proof = judged(motion, keeps=())
+    assert len(proof.broken) == 1
+    assert "goes back along its path" in proof.broken[0]
+    assert proof.coverage.missing[2][0] == pytest.approx(size, rel=0.01)
+
+
+def test_a_step_back_between_two_knots_does_not_hold() -> None:
+    """One quintic, on a straight way in joint space, that swings back between its ends."""
+    goal = START + np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    c = np.zeros((6, 1, 6))
+    c[5, 0] = START
+    c[:, 0, 0] = np.polyadd([1.2, -3.0, 2.0, 0.0, 0.0, START[0]], 8.0 * np.poly([0, 0, 0.5, 1, 1]))  # swings by 0.09
+    motion = Trajectory(PPoly(c, [0.0, 1.0]))
+    assert (np.diff(motion(np.linspace(0.0, 1.0, 101))[:, 0]) < 0.0).any()
+    words = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, keeps=()).broken
+    assert len(words) == 1
+    assert "goes back along its path" in words[0]
+
+
+def test_standing_still_on_a_circle_does_not_hold() -> None:
+    T = ROBOT.fk(START)
+    circle = Arc.about(T, T[:3, 3] + np.array([0.05, 0, 0]), [0, 1, 0], 2 * np.pi)
+    still = Trajectory(PPoly(np.concatenate([np.zeros((5, 1, 6)), START[None, None]]), np.array([0.0, 1.0])))
+    proof = certify(ROBOT, circle, still, LIMITS, tolerance=(1e-5, 1e-5))
+    assert proof.broken == (f"the motion ends at s = 0 of its path, not at {circle.end:.6g}",)
+
+
+def test_a_tenth_of_a_circle_does_not_hold_and_all_of_it_does() -> None:
+    T = ROBOT.fk(START)
+    circle = Arc.about(T, T[:3, 3] + np.array([0.03, 0, 0]), [0, 1, 0], 2 * np.pi)
+    made = plan(ROBOT, circle, START, limits=LIMITS)
+    assert made.certificate.holds
+    tenth = pieces(made.trajectory, 0, made.trajectory.knots.size // 10)
+    assert not certify(ROBOT, circle, tenth, LIMITS, tolerance=(1e-5, 1e-5)).holds
+
+
+# ---------------------------------------------------------------- every joint on its own scale
+
+
+def two_paces(jump: float, fast: float = 1e3) -> Trajectory:
+    """Joint 1 from rest to rest, fast; joint 2 begins to move in the middle, with a jump of its velocity."""
+    h = 1e-3
+    full = np.poly1d(fast * h * np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]))
+    c = np.zeros((6, 2, 6))
+    c[5] = START
+    for k in range(2):
+        local = full(np.poly1d([0.5 / h, 0.5 * k]))
+        c[:, k, 0] += np.pad(local.coeffs, (6 - len(local.coeffs), 0))
+    c[4, 1, 1] = jump
+    return Trajectory(PPoly(c, np.array([0.0, h, 2.0 * h])))
+
+
+@pytest.mark.parametrize("jump", [1e-6, 0.009, 1.0])
+def test_a_slow_joint_that_jumps_beside_a_fast_one_is_seen(jump: float) -> None:
+    big = MotionLimits(1e9, 1e12, 1e15)
+    way = JointLine(ROBOT, START, START + np.array([1.0, 0, 0, 0, 0, 0]))
+    proof = certify(ROBOT, way, two_paces(jump), big)
+    assert proof.continuous == 0
+    assert not proof.holds
+    assert proof.acceleration.value[1] == np.inf
+    assert proof.jerk.value[1] == np.inf
+    assert np.isfinite(proof.acceleration.value[0])
+
+
+def test_rounding_in_short_pieces_is_no_jump() -> None:
+    """A tenth of a microsecond a piece: the last bit of q is 10⁶ rad/s³ there."""
+    t = np.array([0.0, 0.5, 0.5 + 1e-7, 0.5 + 2e-7, 1.0])
+    u = np.poly1d([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
+    values = [
+        START + 0.1 * np.multiply.outer(u.deriv(k)(t) if k else u(t), np.arange(6.0)) - (START if k else 0.0)
+        for k in range(3)
+    ]
+    motion = Trajectory(through(t, *values))
+    assert certify(ROBOT, LINE, motion, LIMITS).continuous >= 1
+
+
+# ---------------------------------------------------------------- what a plan says of it
+
+
+def test_a_plan_whose_certificate_does_not_hold_is_not_proved_but_can_be_looked_at() -> None:
+    made = plan(ROBOT, LINE, START, limits=LIMITS, timing="quintic", tolerance=(1e-8, 1e-8))
+    assert not made
+    assert made.status == "not_proved"
+    assert made.stop is not None
+    assert "certificate does not hold" in made.stop.reason
+    assert made.trajectory.end > 0.0
+    assert not made.certificate.holds
+    data = made.to_dict()
+    assert data["status"] == "not_proved"
+    assert data["certificate"]["holds"] is False
