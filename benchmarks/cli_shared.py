@@ -69,4 +69,4 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
 
 def print_json(data: Any) -> None:
     """Print strict JSON for programs."""
-    typer.echo(json.dumps(data, allow_nan=False, indent=1))
+    print(json.dumps(data, allow_nan=False, indent=1))
