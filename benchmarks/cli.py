@@ -21,10 +21,9 @@ from benchmarks.cli_shared import (
     configuration,
     err_console,
     out_console,
-    per,
     print_json,
-    units,
 )
+from benchmarks.units import per, units
 from optik.errors import NoSolution, OptikError
 
 app = typer.Typer(

@@ -181,6 +181,7 @@ def test_bench_list_lists_every_suite() -> None:
         (["bench", "run", "paper", "--out", "/proc/no"], "cannot be written"),
         (["bench", "run", "paper", "--out", "."], "something else"),
         (["bench", "run", "paper", "--out", "x", "--workers", "0"], "workers"),
+        (["bench", "run", "paper", "--out", "x", "--workers", "100000000000000000000000"], "workers"),
         (["bench", "run", "ik-sped", "--out", "x"], "did you mean ik-speed"),
         (["bench", "run", "ik-speed", "--out", "/proc/no"], "cannot be written"),
         (["bench", "report", "."], "bench run"),
