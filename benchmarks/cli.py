@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ import typer
 from rich.table import Table
 
 import optik
+from benchmarks.cli_output import guard_output
 from benchmarks.cli_plan import plan_app
 from benchmarks.cli_shared import (
     AsJson,
@@ -21,10 +21,9 @@ from benchmarks.cli_shared import (
     configuration,
     err_console,
     out_console,
-    per,
     print_json,
-    units,
 )
+from benchmarks.units import per, units
 from optik.errors import NoSolution, OptikError
 
 app = typer.Typer(
@@ -44,17 +43,18 @@ Workers = Annotated[int, typer.Option(help="Processes; more than one disturb eac
 
 def main() -> None:
     """Run the command line; every error of ours is one line and exit status 2, or 1 where there is no solution."""
+    guard_output()
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()  # here, where a full disk still has a name
     except NoSolution as error:
         err_console.print(f"no solution: {error}", style="yellow", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except OptikError as error:
         err_console.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
 
 
 # ---------------------------------------------------------------- one robot, one pose
@@ -131,7 +131,8 @@ def ik(
         print_json(
             {
                 "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
-                "q_deg": np.rad2deg(result.q).tolist(), "q": result.q.tolist(), "iterations": result.iterations,
+                "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
+                "q": result.q.tolist(), "iterations": result.iterations,
                 "restarts": result.restarts, "position_error": result.position_error,
                 "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
             }

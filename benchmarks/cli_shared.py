@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 import optik
+from benchmarks.units import per, units
 from optik.errors import InvalidInput
 
 out_console, err_console = Console(), Console(stderr=True)
@@ -27,16 +28,6 @@ def arm_of(robot: str) -> optik.Robot:
         As `optik.load` and `Robot.from_urdf`.
     """
     return optik.Robot.from_urdf(robot) if robot.lower().endswith((".urdf", ".xml")) else optik.load(robot)
-
-
-def per(arm: optik.Robot) -> Any:
-    """How many degrees are a radian, or millimetres a metre, joint by joint (n,)."""
-    return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
-
-
-def units(arm: optik.Robot) -> list[str]:
-    """Unit in which each joint is shown."""
-    return [" mm" if slides else "°" for slides in arm.prismatic]
 
 
 def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -> Any:
@@ -69,4 +60,4 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
 
 def print_json(data: Any) -> None:
     """Print strict JSON for programs."""
-    typer.echo(json.dumps(data, allow_nan=False, indent=1))
+    print(json.dumps(data, allow_nan=False, indent=1))

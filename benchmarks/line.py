@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.suite import LineTask
+from benchmarks.units import per
 from optik import se3
 from optik.errors import InvalidInput
 from optik.ik import make_solver
@@ -91,14 +92,13 @@ def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
             "samples": len(joints.knots),
             "knots_in_time": len(planned.trajectory.knots),
             "end_error": float(off),
-            "q_start_deg": np.rad2deg(joints.q[0]).tolist(),
-            "q_end_deg": np.rad2deg(joints.q[-1]).tolist(),
+            "q_start_deg": (joints.q[0] * per(planned.robot)).tolist(),
+            "q_end_deg": (joints.q[-1] * per(planned.robot)).tolist(),
             "joint_path_distance": joints.deviation[0],
             "joint_path_angle": joints.deviation[1],
             "ik_position_error": float(joints.ik.position_error.max()),
             "ik_rotation_error": float(joints.ik.rotation_error.max()),
             "ik_iterations": int(joints.ik.iterations.sum()),
-            "largest_step_deg": float(np.rad2deg(np.abs(np.diff(joints.q, axis=0)).max())),
         }
         t = planned.trajectory
         out["jumps"] = {

@@ -33,6 +33,9 @@ from optik.robot import Robot, load
 Array = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]
 
+MOST_WORKERS = 4096
+"""Processes: more than a machine has cores, and more than the operating system's queues can count."""
+
 PART = 500
 """Problems in one part of the work: small enough to continue from, large enough to hide the start of a worker."""
 
@@ -89,7 +92,7 @@ def run_suite(
     InvalidInput
         An option that a set or a method does not have.
     """
-    check_count(workers, "workers", 1)
+    check_count(workers, "workers", 1, MOST_WORKERS)
     tell = progress or (lambda done, total, what: None)
     _check_methods(suite)
     folder = RunFolder(out)

@@ -11,6 +11,7 @@ from typing import Any
 
 from benchmarks.methods import Method, method_of
 from benchmarks.problems.base import SETS
+from benchmarks.records import slug
 from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list
 from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
 from benchmarks.timing_suite import TimingBlock, timing_block
@@ -107,6 +108,7 @@ def suite_of(name: str, data: dict[str, Any]) -> Suite:
     timing = all_of(data.get("timing"), "timing", timing_block)
     ids = [b.id for part in (blocks, speed, batch, timing) for b in part]
     check_different(ids, "blocks", "id")
+    _check_files(ids)
     line = _line(data["line"]) if "line" in data else None
     first = first_use(data["first_use"]) if "first_use" in data else None
     if not (blocks or speed or batch or timing) and line is None and first is None:
@@ -116,6 +118,19 @@ def suite_of(name: str, data: dict[str, Any]) -> Suite:
     check_count(data.get("seed", 0), "seed", 0)
     title = str(data.get("title", name))
     return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, timing, data)
+
+
+def _check_files(ids: list[str]) -> None:
+    """Refuse ids that would not have files of their own: their names tell letters and digits apart, and no more."""
+    named: dict[str, str] = {}
+    for one in ids:
+        name = slug(one)
+        if not name:
+            raise InvalidInput("blocks", f"the id {one!r}", "an id with a letter a–z or a digit, which names its files")
+        if name in named:
+            expected = "ids that differ in more than case, punctuation and letters other than a–z: they name files"
+            raise InvalidInput("blocks", f"the ids {named[name]!r} and {one!r}", expected)
+        named[name] = one
 
 
 def _block(data: dict[str, Any]) -> Block:

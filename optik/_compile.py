@@ -65,8 +65,9 @@ class KernelCache(_Cache):  # type: ignore[misc]
     Numba's own cache asks whether a function's file has changed: too much for a docstring, too little for a helper in
     another file. Here one file holds the code for one set of argument types and one processor, beginning with the
     fingerprint of what it depends on; code that is no longer right is written over, so the folder does not grow with
-    the versions of a source. A file is written whole and then renamed: processes that compile at once do not see each
-    other's halves, and what they write is the same or says what it is. Nothing is looked for before the first call.
+    the versions of a source, and what a function that is gone has left goes with the folder. A file is written whole
+    and then renamed: processes that compile at once do not see each other's halves, and what they write is the same or
+    says what it is. Nothing is looked for before the first call.
     """
 
     def __init__(self, kernel: Dispatcher) -> None:
@@ -105,6 +106,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         payload = dumps(place.reduce(data))
         part = file.with_name(f"{file.name}.{uuid.uuid4().hex}")
         try:
+            place.locator.ensure_cache_path()
             part.write_bytes((depends + hashlib.sha256(payload).hexdigest()).encode() + payload)
             part.replace(file)
         except OSError:
@@ -159,6 +161,8 @@ class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
     def from_function(cls, py_func: Any, py_file: str) -> _PrivateFolder | None:
         """Return the place for a function, or None where no folder at all can be written."""
         with contextlib.suppress(OSError):
+            if not Path(py_file).exists():
+                return None
             place = cls(py_file)
             place.ensure_cache_path()
             return place
@@ -183,10 +187,12 @@ class _Place(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 def _place(function: Callable[..., Any]) -> _Place | None:
+    """Where a function's code is kept; nowhere where it has no file, as at a prompt, or no folder can be written."""
     try:
         return _Place(function)
     except RuntimeError:
-        _warn("no folder can be written, so every process compiles anew")
+        if Path(function.__code__.co_filename).exists():
+            _warn("no folder can be written, so every process compiles anew")
         return None
 
 

@@ -23,6 +23,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba import types
+from numba.core import config
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 from numba.core.typing.templates import builtin_registry
@@ -33,6 +34,9 @@ FOREIGN = {"numpy", "numba", "llvmlite"} | set(sys.stdlib_module_names)
 
 VERSIONS = (numba.__version__, np.__version__, sys.version)
 """Of what turns the same source into machine code."""
+
+SETTINGS = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
+"""Of Numba's own settings (NUMBA_OPT and so on), those that change what it makes of a function."""
 
 LOADS_CONSTANT = {dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap}
 """Instructions that load a constant by its index, in the versions of Python that have them."""
@@ -60,10 +64,13 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
         The kernel reaches a value that nothing can stand for.
     """
     walk = _Walk()
-    walk.note("versions", *map(repr, VERSIONS))
-    walk.value(kernel)
-    for kind in signature:
-        walk.argument(kind)
+    walk.note("versions", *VERSIONS, *(f"{name} {getattr(config, name, None)}" for name in SETTINGS))
+    try:
+        walk.value(kernel)
+        for kind in signature:
+            walk.argument(kind)
+    except RecursionError as error:  # a list that holds itself
+        raise Opaque(repr(kernel)) from error
     return walk.digest.hexdigest()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -52,13 +53,45 @@ def check_number(
     return float(value)
 
 
-def check_count(value: Any, argument: str, least: int) -> None:
-    """Refuse what is no whole number of at least so many.
+def check_count(value: Any, argument: str, least: int, most: int | None = None) -> None:
+    """Refuse what is no whole number of at least and at most so many.
 
     Raises
     ------
     InvalidInput
-        Another kind of thing (True and 2.0 among them), or too few.
+        Another kind of thing (True and 2.0 among them), too few or too many.
     """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InvalidInput(argument, repr(value)[:60], f"a whole number ≥ {least}")
+    good = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not good or value < least or (most is not None and value > most):
+        expected = f"a whole number ≥ {least}" if most is None else f"a whole number from {least} to {most:,}"
+        raise InvalidInput(argument, repr(value)[:60], expected)
+
+
+def check_flag(value: Any, argument: str) -> bool:
+    """Return a yes or no: True and False, or 1 and 0 as arrays and tables of numbers write them.
+
+    Raises
+    ------
+    InvalidInput
+        Anything else: "no" and NaN count as true in Python.
+    """
+    if not isinstance(value, bool | np.bool_ | int | np.integer) or value not in (0, 1):
+        raise InvalidInput(argument, repr(value)[:60], "True or False")
+    return bool(value)
+
+
+def check_words(value: Any, argument: str) -> tuple[str, ...]:
+    """Return a sequence of words, none by default.
+
+    Raises
+    ------
+    InvalidInput
+        A single word, whose letters would be taken apart, or what are no words.
+    """
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+        raise InvalidInput(argument, repr(value)[:60], "a list of words")
+    words = tuple(value)
+    for word in words:
+        if not isinstance(word, str):
+            raise InvalidInput(argument, repr(word)[:60], "words")
+    return words

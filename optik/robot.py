@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
-from optik.check import real_array
+from optik.check import check_flag, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.registry import data_file
 
@@ -164,8 +164,9 @@ class Robot:
     source: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise InvalidInput("name", repr(self.name)[:60], "a word")
+        for field in ("name", "source"):
+            if not isinstance(getattr(self, field), str):
+                raise InvalidInput(field, repr(getattr(self, field))[:60], "a word")
         if not isinstance(self.limits, JointLimits):
             raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
         fixed = _frozen(self.fixed, "fixed")
@@ -180,11 +181,12 @@ class Robot:
         fixed = _frozen([se3.nearest_pose(T) for T in fixed], "fixed")
         if self.limits.lower.size != n:
             raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
-        prismatic = np.array(self.prismatic, dtype=np.bool_)
-        if prismatic.shape != (n,):
-            raise RobotModelError(self.name, f"prismatic has shape {prismatic.shape}, expected ({n},)")
+        given = np.asarray(self.prismatic, dtype=object)
+        if given.shape != (n,):
+            raise RobotModelError(self.name, f"prismatic has shape {given.shape}, expected ({n},)")
+        prismatic = np.array([check_flag(slides, f"prismatic[{i}]") for i, slides in enumerate(given)])
         prismatic.setflags(write=False)
-        joint_names = tuple(self.joint_names) or tuple(f"joint{i + 1}" for i in range(n))
+        joint_names = check_words(self.joint_names, "joint_names") or tuple(f"joint{i + 1}" for i in range(n))
         if len(set(joint_names)) != n:
             raise RobotModelError(self.name, f"{n} joints need {n} different names, got {joint_names}")
         gravity = _frozen(self.gravity, "gravity")
@@ -552,6 +554,7 @@ def _rows(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
             real = isinstance(value, int | float | np.integer | np.floating)
             if not real or not np.isfinite(value):
                 raise RobotModelError("table", f"joint {i + 1}: {field} is {value!r}, expected a finite number")
+        check_flag(named.prismatic, f"rows[{i}].prismatic")
         table.append(named)
     return table
 

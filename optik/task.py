@@ -82,6 +82,11 @@ class Task:
         """How many components must be met."""
         return sum(self.mask)
 
+    @property
+    def exact(self) -> int:
+        """How many components must be met exactly: those without a box."""
+        return sum(met and side == 0.0 for met, side in zip(self.mask, self.box, strict=True))
+
     @cached_property
     def flags(self) -> Array:
         """What compiled code takes: the mask as six numbers, 1 where the frame is the base, and the box; (13,)."""

@@ -97,6 +97,9 @@ def follow(
         A path without length, a start off the path, outside the limits or not finite, fewer than 2 samples, another
         branch, a tolerance that is none, a solver for part of the pose.
     """
+    for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
+        if not isinstance(value, kind):
+            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     robot = solver.robot
     q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
     grid = np.linspace(0.0, path.end, samples)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -49,6 +50,8 @@ class Trajectory(Curve):
     parameter = "t"
 
     def __init__(self, polynomial: Any) -> None:
+        if not isinstance(polynomial, PPoly):
+            raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
         if not np.isfinite(polynomial.c).all():

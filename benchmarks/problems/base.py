@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from benchmarks.units import per
 from optik import se3
 from optik.errors import InvalidInput
 from optik.registry import build_method
@@ -104,14 +105,14 @@ def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
 
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
-    """The one start configuration (n,) of a set, given in degrees [rad].
+    """The one start configuration (n,) of a set [rad, m], given in degrees, sliding joints in millimetres.
 
     Raises
     ------
     InvalidInput
         Wrong length or outside the limits.
     """
-    q = np.deg2rad(robot.configuration(start_deg, "start_deg"))
+    q = robot.configuration(start_deg, "start_deg") / per(robot)
     if not robot.limits.contains(q):
         raise InvalidInput("start_deg", start_deg, f"a configuration inside the limits of {robot.name}")
     return q

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.problems.base import start_of
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, heatmap, iterations, lean, line
 from benchmarks.report.run import BlockRows, Run
@@ -86,7 +87,7 @@ def _middle(budgets: tuple[int, ...]) -> int:
 def _empty(b: BlockRows, plane: str, sheet: Sheet) -> Plot:
     """Axes, and where the tool stands at the start."""
     robot = load(b.block.robot)
-    tool = dict(zip("XYZ", 1e3 * robot.fk(np.deg2rad(b.block.options["start_deg"]))[:3, 3], strict=True))
+    tool = dict(zip("XYZ", 1e3 * robot.fk(start_of(robot, b.block.options["start_deg"]))[:3, 3], strict=True))
     plot = Plot(
         f"map-{b.block.id}-{plane.replace('–', '').lower()}", f"{plane} sheet (offset along {sheet.normal.upper()})",
         {

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
+from optik._content import content
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
 from optik.registry import build_method, load_method, names
 from optik.robot import Robot
@@ -55,10 +57,24 @@ def make_solver(robot: Robot, solver: str = "lm", **options: Any) -> IKSolver:
     return built
 
 
+class _Options:
+    """Options of a solver as a key: two are one where their contents are, arrays and mappings among them."""
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        self.given = options
+        self._content = content(options)
+        self._hash = hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Options) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return self._hash
+
+
 @lru_cache(maxsize=64)
-def _kept(robot: Robot, solver: str, options: tuple[tuple[str, type, Any], ...]) -> IKSolver:
-    # the type is part of the key: 1 == 1.0 == True, but only one of them is a count
-    return make_solver(robot, solver, **{name: value for name, _, value in options})
+def _kept(robot: Robot, solver: str, options: _Options) -> IKSolver:
+    return make_solver(robot, solver, **options.given)
 
 
 def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "lm", **options: Any) -> IKResult:
@@ -89,7 +105,7 @@ def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "lm",
     UnknownName
         No such method; the nearest names are offered.
     """
-    trace, closest = bool(options.pop("trace", False)), bool(options.pop("closest", False))
+    trace, closest = options.pop("trace", False), options.pop("closest", False)
     return solver_for(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
 
 
@@ -147,7 +163,7 @@ def solver_for(robot: Robot, solver: str = "lm", options: dict[str, Any] | None 
     """
     options = options or {}
     try:
-        return _kept(robot, solver, tuple((k, type(options[k]), options[k]) for k in sorted(options)))
+        return _kept(robot, solver, _Options(options))
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -155,10 +171,14 @@ def solver_for(robot: Robot, solver: str = "lm", options: dict[str, Any] | None 
 
 
 def __getattr__(name: str) -> Any:
-    """Import a method's class (``optik.ik.DLS``) when it is first asked for."""
+    """Import a method's class (``optik.ik.DLS``), or its module (``optik.ik.dls``), when it is first asked for."""
     if name.startswith("_"):
         raise AttributeError(name)
     for method in solvers():
         if method.replace("_", "") == name.lower():
-            return load_method("optik.ik", method)
+            found = load_method("optik.ik", method)
+            if name == method:
+                return sys.modules[f"optik.ik.{method}"]
+            if name == found.__name__:
+                return found
     raise AttributeError(f"module 'optik.ik' has no attribute {name!r}; methods: {', '.join(solvers())}")

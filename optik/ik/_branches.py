@@ -8,7 +8,7 @@ nearest to a reference. All configurations are compared joint by joint, revolute
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import combinations, product
 from math import floor, pi, sqrt
 
 import numpy as np
@@ -47,6 +47,9 @@ CLOSE = 1e-9
 
 STEP = 0.05
 """How far along a lost direction to look whether the roots go on there [rad]."""
+
+LOOKS = 8
+"""Directions tried from one lost direction: each is nearer to the curve's than the one before."""
 
 
 # ---------------------------------------------------------------- roots
@@ -326,16 +329,27 @@ def lost_directions(robot: Robot, q: Array) -> Array:
 
 
 def goes_on(robot: Robot, target: Array, free: tuple[Array, Array], q: Array) -> Bools:
-    """Which joints move along the curve of roots through q (n,); none where q stands alone (an elbow, stretched)."""
+    """Which joints move along the curve of roots through q (n,); none where q stands alone (an elbow, stretched).
+
+    Where more than one direction is lost, the curve leaves along some mixture of them: a root met off the direction in
+    which it was looked for says which, and there it is looked for next.
+    """
     moves = np.zeros(robot.n, dtype=np.bool_)
-    for d in lost_directions(robot, q).T:
-        for sign in (1.0, -1.0):
-            ahead = q + sign * STEP * d
-            x = ahead.copy()
-            _, position, rotation = refine(robot.fixed, robot.prismatic, robot.tool, *free, target, 20, x)
-            # a root close to where it was looked for: not the way back, nor another branch
-            if max(position, rotation) < 1e-11 and np.linalg.norm(x - ahead) < 0.2 * STEP:
-                moves |= np.abs(x - q) > 1e-3 * STEP
+    lost = list(lost_directions(robot, q).T)
+    between = [(a + sign * b) / sqrt(2.0) for a, b in combinations(lost, 2) for sign in (1.0, -1.0)]
+    for along in [*lost, *between]:
+        for d in (along, -along):
+            for _ in range(LOOKS):
+                ahead = q + STEP * d
+                x = ahead.copy()
+                _, position, rotation = refine(robot.fixed, robot.prismatic, robot.tool, *free, target, 40, x)
+                went = float(np.linalg.norm(x - q))
+                if max(position, rotation) > 1e-11 or not 0.2 * STEP < went < 5.0 * STEP:
+                    break  # no root, the way back, or another branch
+                if np.linalg.norm(x - ahead) < 0.2 * STEP:
+                    moves |= np.abs(x - q) > 1e-3 * STEP
+                    break
+                d = (x - q) / went
     return moves
 
 

@@ -80,11 +80,6 @@ def task_rows(task: Task) -> list[int]:
     return [i for i in range(6) if task.mask[i]]
 
 
-def equalities(task: Task) -> int:
-    """How many components must be met exactly."""
-    return sum(task.box[i] == 0.0 for i in task_rows(task))
-
-
 def components(m: Model, task: Task) -> Any:
     """Error (rows,) of the task's components, before the box, along the axes of its frame.
 
@@ -152,7 +147,7 @@ def along(m: Model, task: Task) -> Any:
 
 
 def preference(m: Model, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
-    """Weighted sum of what to prefer; `optik.ik._programme.PREFERENCES` says what each is.
+    """Weighted sum of what to prefer; `optik.ik._prefer.PREFERENCES` says what each is.
 
     log sqrt(det(J Jᵀ)) is taken with 1e-6 added to the diagonal, which keeps it finite at a singular configuration.
     """

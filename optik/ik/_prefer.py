@@ -20,7 +20,51 @@ from optik.task import Task, task_error, task_rows
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-NAMES = ("posture", "limits", "manipulability")
+PREFERENCES: Mapping[str, str] = {
+    "posture": "½|q − posture|²",
+    "limits": "½ Σ ((q − middle) / half range)² over joints with two finite limits (Liégeois 1977)",
+    "manipulability": "−log sqrt(det(J Jᵀ)), J the task's rows in metres and radians (Yoshikawa 1985)",
+}
+"""What can be preferred, and what is minimised for it."""
+
+
+def read_weights(prefer: object) -> dict[str, float]:
+    """Return the weights above 0 by name: what ``prefer`` means to every method that has it.
+
+    Raises
+    ------
+    InvalidInput
+        No name or mapping of names, or a weight below 0.
+    """
+    expected = f"one or more of {', '.join(PREFERENCES)}, alone or as a mapping from these to weights"
+    named = {} if prefer is None else {prefer: 1.0} if isinstance(prefer, str) else prefer
+    if not isinstance(named, Mapping):
+        raise InvalidInput("prefer", repr(prefer)[:60], expected)
+    for name in named:
+        if name not in PREFERENCES:
+            raise InvalidInput("prefer", repr(name)[:60], expected)
+    weights = {k: check_number(v, f"prefer[{k!r}]", "a weight ≥ 0", least=0.0) for k, v in named.items()}
+    return {k: weight for k, weight in weights.items() if weight > 0.0}
+
+
+def read_posture(robot: Robot, weights: Mapping[str, float], posture: ArrayLike | None) -> Array | None:
+    """Return the posture (n,) to come down to, None for the start.
+
+    Raises
+    ------
+    InvalidInput
+        No configuration, or one without a preference for it.
+    """
+    if posture is not None and "posture" not in weights:
+        raise InvalidInput("posture", "a posture", 'prefer="posture" beside it')
+    return None if posture is None else robot.configuration(posture, "posture").copy()
+
+
+def nothing_free(task: Task, moving: int) -> str:
+    """Say that a preference changes nothing, where a task leaves so many moving joints no motion; else nothing."""
+    if task.exact < moving:
+        return ""
+    return f"prefer changes nothing: {moving} joints that move, {task.exact} components to be met exactly"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,21 +85,16 @@ class Preference:
         InvalidInput
             No name or weight of one, a posture that is no configuration, or one without a preference for it.
         """
-        expected = f"one of {', '.join(NAMES)}, or a mapping from these to weights"
-        named = {prefer: 1.0} if isinstance(prefer, str) else prefer
-        if named is not None and not isinstance(named, Mapping):
-            raise InvalidInput("prefer", repr(prefer)[:60], expected)
-        for name in named or {}:
-            if name not in NAMES:
-                raise InvalidInput("prefer", repr(name)[:60], expected)
-        weights = np.array(
-            [check_number((named or {}).get(x, 0.0), f"prefer[{x!r}]", "a weight ≥ 0", least=0.0) for x in NAMES]
-        )
-        if posture is not None and weights[0] == 0.0:
-            raise InvalidInput("posture", "a posture", 'prefer="posture" beside it')
-        q = None if posture is None else robot.configuration(posture, "posture").copy()
+        named = read_weights(prefer)
+        q = read_posture(robot, named, posture)
         kept = dict(prefer) if isinstance(prefer, Mapping) else prefer
-        return cls(robot, weights, q, {"prefer": kept, "posture": q}) if weights.any() else None
+        weights = np.array([named.get(name, 0.0) for name in PREFERENCES])
+        return cls(robot, weights, q, {"prefer": kept, "posture": q}) if named else None
+
+    def note(self, task: Task) -> str:
+        """Say where the preference changes nothing; else nothing."""
+        limits = self.robot.limits
+        return nothing_free(task, int((limits.lower < limits.upper).sum()))
 
     def improve(self, task: Task, tolerance: Any, target: Array, start: Array, q: Array) -> Array:
         """Return the configuration (n,) at the end of the way down from q, which meets the task."""

@@ -16,18 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from optik._compile import compiled
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.ik._casadi import Model, components, equalities, model, pose_parameters, preference, task_rows
+from optik.ik._casadi import Model, components, model, pose_parameters, preference, task_rows
+from optik.ik._prefer import nothing_free, read_posture, read_weights
 from optik.ik.base import Attempt, IKResult, IKSolver, IKStatus
 from optik.robot import JointLimits, Robot
 
 Array = NDArray[np.float64]
-
-PREFERENCES: Mapping[str, str] = {
-    "posture": "½|q − posture|²",
-    "limits": "½ Σ ((q − middle) / half range)² over joints with two finite limits (Liégeois 1977)",
-    "manipulability": "−log sqrt(det(J Jᵀ)), J the task's rows in metres and radians (Yoshikawa 1985)",
-}
-"""What can be preferred, and what is minimised for it."""
 
 _STOPPED = "User_Requested_Stop"
 
@@ -40,9 +34,9 @@ class ProgrammeSolver(IKSolver):
     robot : Robot
         The arm.
     prefer : str or mapping of name to weight, optional
-        Out of ``PREFERENCES``: "posture", "limits", "manipulability". A weighted sum, minimised along the motion that
-        the task leaves free, from the configuration that met the pose: a minimum near it, not the best of all. Where
-        nothing is free (six joints and a full pose) it changes nothing.
+        Out of `optik.ik._prefer.PREFERENCES`: "posture", "limits", "manipulability". A weighted sum, minimised along the
+        motion that the task leaves free, from the configuration that met the pose: a minimum near it, not the best of
+        all. Where nothing is free (six joints and a full pose) it changes nothing, and ``message`` says so.
     posture : (n,) array, optional
         For "posture"; by default the start q0.
     limit_distance : float
@@ -67,10 +61,8 @@ class ProgrammeSolver(IKSolver):
         **options: Any,
     ) -> None:
         super().__init__(robot, **options)
-        self.prefer = _weights(prefer)
-        if posture is not None and "posture" not in self.prefer:
-            raise InvalidInput("posture", "a configuration", 'prefer="posture" with it')
-        self.posture = None if posture is None else robot.configuration(posture, "posture").copy()
+        self.prefer = read_weights(prefer)
+        self.posture = read_posture(robot, self.prefer, posture)
         self.limit_distance = check_number(limit_distance, "limit_distance", "a distance ≥ 0 [rad, m]", least=0.0)
         self.bounds = _inside(robot, self.limit_distance)
         self.free_joints = int((self.bounds.lower < self.bounds.upper).sum())
@@ -89,7 +81,7 @@ class ProgrammeSolver(IKSolver):
     @property
     def chooses(self) -> bool:
         """Whether something is preferred and the task leaves it a motion."""
-        return bool(self.prefer) and equalities(self.task) < self.free_joints
+        return bool(self.prefer) and self.task.exact < self.free_joints
 
     @abstractmethod
     def _problem(self, m: Model, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
@@ -141,6 +133,8 @@ class ProgrammeSolver(IKSolver):
                 q = better.q
             else:  # the pose is what counts, and nothing is made worse
                 message += " (not kept)"
+        elif self.prefer and not self.chooses:
+            message += f"; {nothing_free(self.task, self.free_joints)}"
         errors = self.robot.errors(np.array(visited), target) if trace else None
         return Attempt(q, status, count, errors, message)
 
@@ -295,17 +289,6 @@ class Watch(ca.Callback):
 def first_line(error: Exception) -> str:
     """What CasADi means by an exception, without the address of its source."""
     return str(error).strip().splitlines()[-1][:120]
-
-
-def _weights(prefer: object) -> dict[str, float]:
-    expected = f"one or more of {', '.join(PREFERENCES)}, alone or as a mapping name -> weight above 0"
-    if prefer is None:
-        return {}
-    if isinstance(prefer, str):
-        prefer = {prefer: 1.0}
-    if not isinstance(prefer, Mapping) or not prefer or not all(k in PREFERENCES for k in prefer):
-        raise InvalidInput("prefer", repr(prefer)[:60], expected)
-    return {k: check_number(v, f"prefer[{k!r}]", "a weight above 0", above=0.0) for k, v in prefer.items()}
 
 
 def _inside(robot: Robot, distance: float) -> JointLimits:

@@ -12,7 +12,8 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik.check import check_count, check_number
+from optik._content import content, equal
+from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput
 from optik.ik._nearest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
@@ -21,6 +22,12 @@ from optik.robot import LIMIT_TOLERANCE, Robot
 from optik.task import Task, as_task, judge
 
 Array = NDArray[np.float64]
+
+MOST_TRIES = 1_000_000_000
+"""Iterations of an attempt, and restarts: more would not end, nor be counted in the integers of compiled code."""
+
+MOST_TRACED = 1_000_000
+"""Iterations of an attempt whose errors are kept: 48 MB."""
 
 
 class IKStatus(StrEnum):
@@ -105,6 +112,15 @@ class IKResult(NamedTuple):
     def __bool__(self) -> bool:
         return self.status is IKStatus.SOLVED
 
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal(self, other)
+
+    def __hash__(self) -> int:
+        return hash(content(self))
+
 
 class IKBatch(NamedTuple):
     """The answers of a batch of N solves, field by field as in `IKResult`.
@@ -145,6 +161,15 @@ class IKBatch(NamedTuple):
         """Arrays of N answers, to be written into."""
         count = (np.empty(N, np.int32), np.empty(N, np.int32))
         return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal(self, other)
+
+    def __hash__(self) -> int:
+        return hash(content(self))
 
 
 STATUSES = tuple(IKStatus)
@@ -205,8 +230,8 @@ class IKSolver(ABC):
     ) -> None:
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", type(robot).__name__, "a Robot (optik.load(name), Robot.from_mdh, ...)")
-        check_count(max_iterations, "max_iterations", 0)
-        check_count(max_restarts, "max_restarts", 0)
+        check_count(max_iterations, "max_iterations", 0, MOST_TRIES)
+        check_count(max_restarts, "max_restarts", 0, MOST_TRIES)
         if time_limit is not None:
             check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
         if not isinstance(tolerance, Tolerance):
@@ -266,8 +291,11 @@ class IKSolver(ABC):
         Raises
         ------
         InvalidInput
-            A target that is no pose, NaN, wrong shapes, a start outside the limits.
+            A target that is no pose, NaN, wrong shapes, a start outside the limits; a trace of too many iterations.
         """
+        trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
+        if trace and self.max_iterations > MOST_TRACED:
+            raise InvalidInput("trace", f"one of {self.max_iterations} iterations", f"at most {MOST_TRACED:,} to keep")
         target, q0 = check_problem(self.robot, target, q0)
         result = self._solve(target, q0, trace)
         return self._closest(result, target, q0) if closest and not result else result

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik._content import content, equal
 from optik.errors import InvalidInput
 from optik.ik import _branches
 from optik.ik._backends import Refused, choose
@@ -68,6 +69,15 @@ class Branches(NamedTuple):
     backend: str
     complete: bool
     message: str
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal(self, other)
+
+    def __hash__(self) -> int:
+        return hash(content(self))
 
 
 class _Found(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
-from optik.check import check_number
+from optik.check import check_flag, check_number
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.robot import Robot
@@ -118,7 +118,7 @@ class DLS(IKSolver):
         super().__init__(robot, **options)
         self.damping = check_number(damping, "damping", "a finite number ≥ 0", least=0.0)
         self.step = check_number(step, "step", "a finite number above 0", above=0.0)
-        self.as_printed = bool(as_printed)
+        self.as_printed = check_flag(as_printed, "as_printed")
         self._numbers = np.array(
             [self.damping, self.step, self.tolerance.position, self.tolerance.rotation, float(self.as_printed)]
         )

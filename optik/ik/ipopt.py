@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.errors import InvalidInput
-from optik.ik._casadi import Model, components, cost, descent, equalities
+from optik.ik._casadi import Model, components, cost, descent
 from optik.ik._programme import Answer, Programme, ProgrammeSolver, first_line
 from optik.ik.base import IKStatus
 from optik.robot import Robot
@@ -67,13 +67,13 @@ class IPOPT(ProgrammeSolver):
         self, robot: Robot, *, form: str | None = None, solver_options: dict[str, Any] | None = None, **options: Any
     ) -> None:
         super().__init__(robot, **options)
-        enough = equalities(self.task) <= self.free_joints
+        enough = self.task.exact <= self.free_joints
         if form is None:
             form = "constraint" if enough else "least_squares"
         if form not in FORMS:
             raise InvalidInput("form", repr(form), " or ".join(FORMS))
         if form == "constraint" and not enough:
-            came = f"constraint for {self.free_joints} moving joints and {equalities(self.task)} components"
+            came = f"constraint for {self.free_joints} moving joints and {self.task.exact} components"
             raise InvalidInput("form", came, "least_squares: IPOPT takes no more constraints than joints that move")
         if not isinstance(solver_options, dict | None):
             raise InvalidInput("solver_options", repr(solver_options)[:60], "a dictionary of IPOPT's options")
@@ -100,7 +100,7 @@ class IPOPT(ProgrammeSolver):
             problem = {"x": m.q, "p": m.target, "f": ca.cse(cost(m, self.task))}
             ipopt |= {"tol": 1e-13, "mu_init": 1e-8}
         options: dict[str, Any] = {"print_time": False, "record_time": False, "error_on_fail": False}
-        if not choice and self.form == "constraint" and self.free_joints == equalities(self.task) == self.task.size:
+        if not choice and self.form == "constraint" and self.free_joints == self.task.exact == self.task.size:
             options |= {"hess_lag": _curvature(m, problem, descent(m, self.task)[2])}
         return "ipopt", problem, {**options, "ipopt": ipopt | self.solver_options}
 

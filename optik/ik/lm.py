@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik.check import check_number
+from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.ik import _search
 from optik.ik._chain import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, draw_configurations, pack
@@ -68,7 +68,8 @@ class LM(IKSolver):
     prefer : str or mapping, optional
         For arms or tasks with free motion, what to come down to once the target is met: ``"posture"`` ½|q − posture|²,
         ``"limits"`` ½ Σ ((q − middle) / half range)² (Liégeois 1977), ``"manipulability"`` −log √det(J Jᵀ) (Yoshikawa
-        1985), or weights of these by name. A local minimum along the free motion; the target stays met.
+        1985), or weights of these by name. A local minimum along the free motion; the target stays met. Where nothing
+        is free (six joints and a whole pose) it changes nothing, and the result's ``message`` says so.
     posture : (n,) array, optional
         For ``"posture"``; by default the start.
     **options
@@ -117,6 +118,8 @@ class LM(IKSolver):
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
         """Find a configuration whose tool pose is the target; see `IKSolver.solve`."""
+        if trace is not False or closest is not False:
+            trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
         if trace or not self._fast:
             return super().solve(target, q0, trace=trace, closest=closest)
         q = _empty(self._n)
@@ -160,7 +163,8 @@ class LM(IKSolver):
             return result
         q = self.preference.improve(self.task, self.tolerance, target, q0, result.q)
         position, rotation, _ = self._measure(q, target)
-        return result._replace(q=q, position_error=position, rotation_error=rotation)
+        message = self.preference.note(self.task)
+        return result._replace(q=q, position_error=position, rotation_error=rotation, message=message)
 
     def _attempt(self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None) -> Attempt:
         if not self.task.is_pose:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik._content import content
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.robot import Robot, positive
@@ -27,7 +28,7 @@ SAME_SPEED = 1e-6
 """Share by which a tool speed that was asked may come out as another: whole nanoseconds, and rounding."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionLimits:
     """Limits of a motion, symmetric, per joint; None where free.
 
@@ -54,11 +55,21 @@ class MotionLimits:
         for field in DERIVATIVES:
             value = getattr(self, field)
             if value is not None:
-                positive(value, np.size(value), field)
+                kept = positive(value, np.size(value), field)
+                object.__setattr__(self, field, kept if np.ndim(value) else float(kept[0]))
         for field in TOOL_SPEEDS:
             value = getattr(self, field)
             if value is not None:
                 check_number(value, field, "a speed above 0", above=0.0)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MotionLimits) and self._content() == other._content()
+
+    def __hash__(self) -> int:
+        return hash(self._content())
+
+    def _content(self) -> Any:
+        return content([getattr(self, field) for field in ALL_LIMITS])
 
     @staticmethod
     def of(robot: Robot) -> MotionLimits:

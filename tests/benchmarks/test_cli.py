@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -158,6 +159,7 @@ def test_bench_list_lists_every_suite() -> None:
         (["plan", "line", "--timing", "ruckg"], "did you mean ruckig"),
         (["plan", "line", "--velocity", "0"], "velocity"),
         (["plan", "line", "--jerk", "nan"], "jerk"),
+        (["ik", "--xyz", "0.1", "0.3", "0.2", "--restarts", "100000000000000000000000000"], "max_restarts"),
         (["plan", "line", "--move", "0", "0", "0"], "length of 0"),
         (["plan", "line", "--robot", "ur5e", "--start-deg", "10,-80,90,20,30,40"], "--acceleration"),
         (["plan", "line", "--out", "plan.txt"], ".json"),
@@ -179,6 +181,7 @@ def test_bench_list_lists_every_suite() -> None:
         (["bench", "run", "paper", "--out", "/proc/no"], "cannot be written"),
         (["bench", "run", "paper", "--out", "."], "something else"),
         (["bench", "run", "paper", "--out", "x", "--workers", "0"], "workers"),
+        (["bench", "run", "paper", "--out", "x", "--workers", "100000000000000000000000"], "workers"),
         (["bench", "run", "ik-sped", "--out", "x"], "did you mean ik-speed"),
         (["bench", "run", "ik-speed", "--out", "/proc/no"], "cannot be written"),
         (["bench", "report", "."], "bench run"),
@@ -198,3 +201,57 @@ def test_unknown_options_are_exit_status_two() -> None:
     done = optik_command("plan", "line", "--sampels", "3")
     assert done.returncode == 2
     assert "--samples" in done.stderr
+
+
+def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes() -> None:
+    q = np.array([0.3, 0.9, 0.12, -0.4])
+    scara = optik.load("irb910sc")
+    x, y, z = (str(v) for v in scara.fk(scara.limits.clip(q))[:3, 3])
+    done = optik_command("ik", "-r", "irb910sc", "--xyz", x, y, z, "--task", "position", "--json")
+    answer = json.loads(done.stdout)
+    assert answer["solved"]
+    assert [unit == "mm" for unit in answer["q_deg_units"]] == scara.prismatic.tolist()
+    units = np.where(scara.prismatic, 1e3, 180.0 / np.pi)
+    np.testing.assert_allclose(answer["q_deg"], np.array(answer["q"]) * units, atol=1e-12)
+    back = optik_command("fk", "-r", "irb910sc", *(str(v) for v in answer["q_deg"]), "--json")
+    np.testing.assert_allclose(
+        np.array(json.loads(back.stdout)["pose"])[:3, 3], [float(v) for v in (x, y, z)], atol=1e-5
+    )
+
+
+def into(target: str, *arguments: str, unbuffered: str = "") -> tuple[int, str]:
+    """Exit status and errors of a command whose standard output goes to a file, or to a reader that has gone."""
+    environment = {
+        "PATH": "/usr/bin:/bin",
+        "PYTHONPATH": str(Path(__file__).resolve().parents[2]),
+        "HOME": str(Path.home()),
+    }
+    environment |= {"PYTHONUNBUFFERED": unbuffered} if unbuffered else {}
+    if target:
+        out = os.open(target, os.O_WRONLY)
+    else:
+        read, out = os.pipe()
+        os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.cli", *arguments], stdout=out, stderr=subprocess.PIPE, text=True,
+        timeout=300, env=environment,
+    )  # fmt: skip
+    os.close(out)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux that is always full")
+@pytest.mark.parametrize("arguments", [("robots",), ("robots", "--json")])
+def test_an_output_that_is_full_is_one_line_and_exit_status_two(arguments: tuple[str, ...]) -> None:
+    for unbuffered in ("", "1"):
+        status, words = into("/dev/full", *arguments, unbuffered=unbuffered)
+        assert status == 2
+        assert words.splitlines() == ["error: standard output: No space left on device"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes as POSIX has them")
+def test_a_reader_that_has_gone_changes_no_exit_status() -> None:
+    for arguments in (("robots",), ("--help",)):
+        assert into("", *arguments) == (0, "")
+    status, _ = into("", "ik", "--xyz", "3", "0", "0", "--json")
+    assert status == 1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import optik
+from benchmarks.problems.base import start_of
 from benchmarks.problems.hard import draw, hard, put_at_zero, put_on_limits, singular
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
@@ -85,3 +86,12 @@ def test_a_wrong_setting_is_named() -> None:
     short = Robot.from_mdh([DHRow(d=0.1)] * 3, JointLimits(np.full(3, -1.0), np.full(3, 1.0)), name="short")
     with pytest.raises(InvalidInput, match="six joints"):
         hard(short, 1)
+
+
+def test_a_start_is_given_in_degrees_and_of_sliding_joints_in_millimetres() -> None:
+    arm = optik.load("irb910sc")
+    given = np.where(arm.prismatic, 50.0, 30.0)
+    q = start_of(arm, given)
+    np.testing.assert_allclose(q, np.where(arm.prismatic, 0.05, np.pi / 6), atol=1e-15)
+    with pytest.raises(InvalidInput, match="start_deg"):
+        start_of(arm, given * 1e3)

@@ -64,6 +64,9 @@ def _changed(path: list[Any], value: Any, settings: dict[str, Any] = SMALL) -> d
         (["blocks", 0, "methods", 0, "options"], {"max_restarts": 3}, InvalidInput, "max_restarts"),
         (["blocks", 0, "methods", 1, "label"], "dls λ=0.01", InvalidInput, "label"),
         (["blocks", 1, "id"], "workspace", InvalidInput, "id"),
+        (["blocks", 1, "id"], "Workspace", InvalidInput, "ids 'workspace' and 'Workspace'"),
+        (["blocks", 1, "id"], "(workspace!)", InvalidInput, "they name files"),
+        (["blocks", 1, "id"], "腕", InvalidInput, "the id '腕'"),
         (["line", "laws"], ["quintics"], UnknownName, "quintic"),
         (["line", "samples"], 1, InvalidInput, "samples"),
         (["seed"], -1, InvalidInput, "seed"),
@@ -204,3 +207,12 @@ def test_a_file_that_is_no_toml_is_named(tmp_path: Path) -> None:
 def test_an_unknown_suite_offers_the_nearest() -> None:
     with pytest.raises(UnknownName, match="did you mean paper"):
         load_suite("papers")
+
+
+def test_blocks_of_different_kinds_have_files_of_their_own_too() -> None:
+    data = copy.deepcopy(SPEED) | {"blocks": copy.deepcopy(SMALL["blocks"])}
+    data["blocks"][0]["id"], data["speed"][0]["id"] = "near é start", "Near-Start"
+    with pytest.raises(InvalidInput, match="ids 'near é start' and 'Near-Start'"):
+        suite_of("both", data)
+    data["speed"][0]["id"] = "near e start"
+    assert suite_of("both", data).speed[0].id == "near e start"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from optik.check import check_count, check_number, real_array
+from optik.check import check_count, check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput
 
 
@@ -73,3 +73,28 @@ def test_a_count_is_a_whole_number_of_at_least_so_many():
             check_count(value, "k", 0)
     with pytest.raises(InvalidInput):
         check_count(1, "k", 2)
+
+
+@pytest.mark.parametrize("value", [True, False, np.True_, np.False_, 1, 0, np.int8(1)])
+def test_a_yes_or_no_is_itself(value):
+    assert check_flag(value, "slow") is bool(value)
+
+
+@pytest.mark.parametrize("value", ["no", "", "True", None, np.nan, 1.0, 2, -1, [], [False], np.array([True]), object()])
+def test_what_is_no_yes_or_no_is_refused_by_name(value):
+    with pytest.raises(InvalidInput, match=r"^slow: expected True or False; got "):
+        check_flag(value, "slow")
+
+
+@pytest.mark.parametrize("value", [10**9 + 1, 10**30, np.int64(2**62)])
+def test_a_count_beyond_the_most_is_refused_by_name(value):
+    check_count(10**9, "tries", 0, 10**9)
+    with pytest.raises(InvalidInput, match=r"^tries: expected a whole number from 0 to 1,000,000,000; got "):
+        check_count(value, "tries", 0, 10**9)
+
+
+@pytest.mark.parametrize("value", ["abc", b"abc", 3, None, [1, 2], ["a", 2]])
+def test_what_are_no_words_are_refused_by_name(value):
+    assert check_words(["a", "b"], "names") == check_words((x for x in "ab"), "names") == ("a", "b")
+    with pytest.raises(InvalidInput, match=r"^names: expected "):
+        check_words(value, "names")

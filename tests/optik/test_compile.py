@@ -211,13 +211,30 @@ def test_a_kernel_does_not_depend_on(written, file, old, new):
     assert written(file, old, new) == written()
 
 
+def without_file(text):
+    inside = {"__name__": "made"}
+    exec(text, inside)
+    return compiled(inside["f"])
+
+
 def test_a_docstring_that_the_code_returns_is_code():
     def made(text):
-        inside = {"__name__": "made"}
-        exec(f"def f():\n    '{text}'\n    return '{text}'\n", inside)
-        return fingerprint(compiled(inside["f"]), ())
+        return fingerprint(without_file(f"def f():\n    '{text}'\n    return '{text}'\n"), ())
 
     assert made("one") != made("two")
+
+
+def test_a_kernel_depends_on_how_numba_compiles(monkeypatch):
+    before = fingerprint(compiled(doubled), ())
+    monkeypatch.setattr("numba.core.config.BOUNDSCHECK", 1)
+    assert fingerprint(compiled(doubled), ()) != before
+
+
+def test_a_function_without_a_file_is_compiled_and_kept_nowhere(recwarn):
+    kernel = without_file("def f(x):\n    return 2.0 * x\n")
+    assert kernel(1.5) == 3.0
+    assert kernel._cache.cache_path is None
+    assert not recwarn.list
 
 
 def test_a_function_that_is_passed_is_compiled_in():

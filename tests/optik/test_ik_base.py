@@ -360,7 +360,11 @@ BAD_OPTIONS = [
     ("max_iterations", True),
     ("max_iterations", 3.0),
     ("max_iterations", np.nan),
+    ("max_iterations", 10**9 + 1),
+    ("max_iterations", 10**30),
     ("max_restarts", -1),
+    ("max_restarts", 10**9 + 1),
+    ("max_restarts", 10**30),
     ("max_restarts", False),
     ("max_restarts", None),
     ("time_limit", 0.0),
@@ -449,6 +453,42 @@ def test_methods_are_found_by_their_class_too_and_others_are_not():
         _ = optik.ik.Newton
     with pytest.raises(AttributeError):
         _ = optik.ik._nothing
+
+
+def test_a_methods_module_is_the_same_before_and_after_its_class():
+    code = (
+        "import sys, optik.ik; first = optik.ik.sqp; optik.ik.SQP;"
+        "print(first is optik.ik.sqp is sys.modules['optik.ik.sqp'], optik.ik.SQP is optik.ik.sqp.METHOD)"
+    )
+    for order in (code, code.replace("first =", "optik.ik.SQP; first =")):
+        done = subprocess.run(
+            [sys.executable, "-c", order], capture_output=True, text=True, check=True, cwd=oracles.REPOSITORY
+        )
+        assert done.stdout.split() == ["True", "True"]
+    for wrong in ("Sqp", "dLS", "closedform"):
+        with pytest.raises(AttributeError):
+            getattr(optik.ik, wrong)
+
+
+@pytest.mark.parametrize("solver", ["lm", "dls"])
+@pytest.mark.parametrize("option", ["trace", "closest"])
+@pytest.mark.parametrize("value", ["no", "", None, np.nan, 1.0])
+def test_what_is_no_yes_or_no_is_refused_by_name(solver, option, value):
+    for call in (make_solver(PAPER, solver).solve, lambda *a, **o: optik.solve_ik(PAPER, *a, solver, **o)):
+        with pytest.raises(InvalidInput) as caught:
+            call(TARGET, START, **{option: value})
+        assert caught.value.argument == option
+    with pytest.raises(InvalidInput, match="as_printed"):
+        make_solver(PAPER, "dls", as_printed="no")
+
+
+@pytest.mark.parametrize("solver", ["lm", "dls"])
+def test_a_trace_that_would_fill_the_memory_is_refused_by_name(solver):
+    many = make_solver(PAPER, solver, max_iterations=10**9)
+    assert many.solve(TARGET, START)
+    with pytest.raises(InvalidInput, match=r"^trace: expected at most 1,000,000 to keep; got one of 1000000000 iter"):
+        many.solve(TARGET, START, trace=True)
+    assert many.with_options(max_iterations=10**6).solve(TARGET, START, trace=True).trace is not None
 
 
 def test_a_start_outside_the_limits_is_refused_with_the_joint_and_its_limits():

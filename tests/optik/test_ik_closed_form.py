@@ -504,3 +504,21 @@ def test_it_says_nothing_aloud(known, capfd):
     ClosedForm(solver.robot, backend=solver.backend)
     captured = capfd.readouterr()
     assert captured.out + captured.err == ""
+
+
+@pytest.mark.parametrize("elbow", ["folds", "flips", "stands"])
+def test_a_curve_of_solutions_that_leaves_between_two_lost_directions_is_free(elbow, backend):
+    """A UR5e whose wrist is straight and elbow stretched: the joints 2, 3, 4, 6 are a four-bar linkage, all in a line.
+
+    The shortest bar and the longest are as long together as the others (a change point): two curves cross there. With
+    the last bar stretched too there is nothing longer: the configuration stands alone.
+    """
+    robot = optik.load("ur5e")
+    arm, solver = oracles.table("ur5e"), ClosedForm(robot, backend=backend)
+    wrist, last = {"folds": (0.0, PI / 2), "flips": (PI, PI / 2), "stands": (0.0, -PI / 2)}[elbow]
+    for first, shoulder, hand in ((0.3, -0.8, 0.2), (-1.1, -1.9, 1.4), (1.7, 0.6, -0.9)):
+        q = np.array([first, shoulder, 0.0, last, wrist, hand])
+        found = solver.branches(oracles.fk(arm, q), q)
+        near = np.abs(found.q - q).max(axis=1) < 1e-6
+        assert near.any()
+        assert (found.free[near] == (elbow != "stands")).all()

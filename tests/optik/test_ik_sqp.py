@@ -12,7 +12,7 @@ from optik import DHRow, IKStatus, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import IPOPT, SQP
 from optik.ik import _casadi as symbolic
-from optik.ik._programme import PREFERENCES
+from optik.ik._prefer import PREFERENCES
 from optik.task import Task, as_task
 from tests import oracles
 from tests.optik.test_task import TASKS, plain_error
@@ -303,8 +303,7 @@ def test_a_locked_joint_keeps_no_distance_and_an_endless_one_needs_none(kind):
     ("options", "argument"),
     [
         ({"prefer": "elbow"}, "prefer"),
-        ({"prefer": {}}, "prefer"),
-        ({"prefer": {"limits": 0.0}}, r"prefer\['limits'\]"),
+        ({"prefer": {"limits": -1.0}}, r"prefer\['limits'\]"),
         ({"prefer": ["limits"]}, "prefer"),
         ({"posture": np.zeros(6)}, "posture"),
         ({"prefer": "posture", "posture": np.zeros(5)}, "posture"),

@@ -9,7 +9,8 @@ from scipy.optimize import minimize
 import optik
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
-from optik.ik import LM
+from optik.ik import LM, make_solver
+from optik.ik._prefer import PREFERENCES as NAMED
 from optik.ik._prefer import cost, log_manipulability
 from optik.task import as_task
 from tests import oracles
@@ -230,3 +231,32 @@ def test_what_cannot_be_meant_is_refused_by_name(options, argument):
     with pytest.raises(InvalidInput) as caught:
         LM(built(LBR), **options)
     assert caught.value.argument == argument
+
+
+@pytest.mark.parametrize("name", ["lm", "sqp", "ipopt"])
+def test_a_preference_that_changes_nothing_says_so(name):
+    robot, q = optik.load("paper6r"), np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
+    silent = make_solver(robot, name).solve(robot.fk(q), q + 0.01)
+    assert "prefer" not in silent.message
+    for task, says in (("pose", True), ("axis_z", False)):
+        result = make_solver(robot, name, prefer="posture", task=task).solve(robot.fk(q), q + 0.01)
+        assert result
+        assert ("prefer changes nothing: 6 joints that move, 6 components" in result.message) == says
+
+
+@pytest.mark.parametrize("prefer", ["limits", {"posture": 1, "manipulability": 0.0}, {"limits": 0.0}, {}, None])
+def test_a_preference_means_the_same_weights_to_every_method(prefer):
+    robot = optik.load("panda")
+    expected = {"limits": 1.0} if prefer == "limits" else {k: w for k, w in (prefer or {}).items() if w}
+    for name in ("sqp", "ipopt"):
+        assert make_solver(robot, name, prefer=prefer).prefer == expected
+    found = make_solver(robot, "lm", prefer=prefer).preference
+    weights = {} if found is None else dict(zip(NAMED, found.weights, strict=True))
+    assert {k: w for k, w in weights.items() if w} == expected
+
+
+@pytest.mark.parametrize("prefer", ["home", {"home": 1.0}, 3, {"limits": -1.0}, {"limits": True}, ["limits"]])
+@pytest.mark.parametrize("name", ["lm", "sqp", "ipopt"])
+def test_what_is_no_preference_is_refused_by_every_method(name, prefer):
+    with pytest.raises(InvalidInput, match=r"^prefer"):
+        make_solver(optik.load("panda"), name, prefer=prefer)

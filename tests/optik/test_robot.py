@@ -407,6 +407,30 @@ def test_a_robot_keeps_no_hold_of_the_arrays_it_was_made_of():
     assert fixed.flags.writeable
 
 
+@pytest.mark.parametrize("slides", ["no", "revolute", "", np.nan, 1.0, None, 2])
+def test_what_is_no_yes_or_no_is_no_sliding_joint(slides):
+    for build in (
+        lambda: one_joint(prismatic=[slides]),
+        lambda: Robot.from_mdh([DHRow(prismatic=slides)], JointLimits([0.0], [1.0])),
+        lambda: Robot.from_dh([{"d": 0.1, "prismatic": slides}], JointLimits([0.0], [1.0])),
+    ):
+        with pytest.raises(InvalidInput, match=r"prismatic.*: expected True or False"):
+            build()
+
+
+@pytest.mark.parametrize("slides", [[True], [0], np.array([1]), (np.False_,)])
+def test_sliding_joints_are_told_by_true_and_false_or_their_numbers(slides):
+    assert one_joint(prismatic=slides).prismatic.tolist() == [bool(slides[0])]
+
+
+@pytest.mark.parametrize("names", ["a", "abcdef", [1], [None], [["a"]], 3])
+def test_what_are_no_words_are_no_names_of_joints(names):
+    with pytest.raises(InvalidInput, match="joint_names"):
+        one_joint(joint_names=names)
+    with pytest.raises(InvalidInput, match="source"):
+        one_joint(source=3)
+
+
 def test_gravity_is_a_direction():
     assert (one_joint(gravity=(0, 9.81, 0)).gravity == (0, 1, 0)).all()
     assert (one_joint().gravity == (0, 0, -1)).all()

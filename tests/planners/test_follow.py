@@ -525,12 +525,16 @@ def test_too_few_samples_are_filled_up_until_the_bound_holds(samples: int) -> No
         ("branch", {"branch": "other"}),
         ("q_start", {"q_start": None, "branch": "start"}),
         ("tolerance", {"tolerance": 1e-5}),
+        ("solver", {"solver": "lm"}),
+        ("solver", {"solver": DLS}),
+        ("path", {"path": "line"}),
+        ("path", {"path": np.eye(4)}),
     ],
 )
 def test_misuse_is_an_error_that_names_the_argument(argument: str, change: dict[str, Any]) -> None:
-    given = {"path": default_line(), "q_start": START, "samples": 151} | change
+    given = {"solver": make_solver(ROBOT, "dls"), "path": default_line(), "q_start": START, "samples": 151} | change
     with pytest.raises(InvalidInput) as info:
-        follow(make_solver(ROBOT, "dls"), given.pop("path"), given.pop("q_start"), **given)
+        follow(given.pop("solver"), given.pop("path"), given.pop("q_start"), **given)
     assert info.value.argument == argument
 
 

@@ -272,3 +272,10 @@ def test_a_trajectory_cannot_be_changed_through_what_it_hands_out() -> None:
     except ValueError:
         return
     np.testing.assert_array_equal(trajectory(0.1), before)
+
+
+@pytest.mark.parametrize("wrong", [None, "motion", np.ones((6, 2, 1)), PPoly])
+def test_what_is_no_polynomial_is_refused(wrong: Any) -> None:
+    with pytest.raises(InvalidInput) as info:
+        Trajectory(wrong)
+    assert info.value.argument == "polynomial"
