@@ -125,7 +125,7 @@ def _check_corners(
         f"a constant speed would be {greatest:.3g} at most: {found.joint or 'the tool'} is at its limit on {found.limit} at "
         f"s = {found.s:.6g}, a corner where half of the path allows {usual:.3g} and more",
         s=found.s, joint=found.joint,
-        advice=f"a larger blend there, a law that slows down for it, or speed={_down(greatest):.3g} to have that",
+        advice=f"a larger blend there, a law that slows down for it, or speed={_down(greatest):.6g} to have that",
     )  # fmt: skip
 
 
