@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -45,6 +46,7 @@ def check_number(
     good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if (
         not good
+        or (isinstance(value, int) and abs(value) > sys.float_info.max)
         or not np.isfinite(value)
         or (above is not None and value <= above)
         or (least is not None and value < least)

@@ -48,7 +48,9 @@ def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Traject
     InvalidInput
         A rate that is not above 0 or gives more than 1,000,000 points, or another interpolation.
     """
-    check_number(rate, "rate", "points per second, above 0", above=0.0)
+    if not isinstance(trajectory, Trajectory):
+        raise InvalidInput("trajectory", repr(trajectory)[:60], "a Trajectory")
+    rate = check_number(rate, "rate", "points per second, above 0", above=0.0)
     periods = trajectory.end * rate
     if periods > POINTS:
         raise InvalidInput("rate", f"{rate:.9g}, {periods:.3g} points", f"at most {POINTS} points")
@@ -66,7 +68,7 @@ def points_of(interpolation: str) -> int:
     InvalidInput
         Another interpolation.
     """
-    if interpolation not in INTERPOLATIONS:
+    if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     return INTERPOLATIONS.index(interpolation) + 1
 

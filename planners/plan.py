@@ -35,6 +35,10 @@ FOLLOWED = 0.95
 """Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
 
 
+LONGEST = 1e9
+"""Longest duration that can be asked [s], 30 years: powers of far longer ones are beyond all floats."""
+
+
 class PlanStatus(StrEnum):
     """How planning ended: as following the path did, or in timing.
 
@@ -378,6 +382,8 @@ def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool
 
 def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
     """The motion, slowed to a duration; a law that promises nothing may be hastened too, one with a speed to keep neither."""
+    if duration > LONGEST:
+        raise InvalidInput("duration", f"{duration:.3g} s", f"at most {LONGEST:g} s")
     if law.speed is not None and abs(duration / trajectory.duration - 1.0) > SAME_SPEED:
         raise NoSolution(
             f"a duration of {duration:.6g} s makes the tool speed {law.speed * trajectory.duration / duration:.6g}, and "

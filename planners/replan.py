@@ -244,7 +244,7 @@ def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, Arra
     if not of_it:
         _check_on_path(plan, s, (speed, acceleration), given)
     at = PathState(s, max(speed, 0.0), acceleration, given)
-    still = speed <= STANDING and abs(acceleration) <= STANDING if measured else not dq.any()
+    still = speed <= STANDING and abs(acceleration) <= STANDING if measured else not (left and dq.any())
     return _Start(at, begun(rest_of(running, t), given, plan.limits) if left else None, still)
 
 

@@ -141,6 +141,7 @@ def to_ros(
     for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
         if not isinstance(flag, bool):
             raise InvalidInput(argument, repr(flag)[:60], "True or False")
+    rate = None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
     _check_ends(motion.trajectory, rate)
     _check_start(motion, start, tolerance, form)
     message, executed = _fitted(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
@@ -175,6 +176,8 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
         YAML without PyYAML.
     """
     suffix = suffix_of(file, SUFFIXES)
+    if not isinstance(robot, Robot):
+        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     form = Form("quintic", _columns(robot, joint_names))
     try:
         return controlled(from_text(text_of(content_of(FilePath(file))), suffix), form.names)
@@ -206,8 +209,8 @@ def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
 
 def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
     """A controller refuses a motion that does not end at rest, and one that starts on the move cannot be slowed."""
-    if rate is not None:
-        check_number(rate, "rate", "points per second, above 0", above=0.0)
+    if rate is not None and rate * LONGEST < 1.0:
+        raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST} s")
     if trajectory.duration > LONGEST:
         raise InvalidInput("motion", f"{trajectory.duration:.3g} s", f"at most {LONGEST} s")
     start, end = _rest(trajectory)

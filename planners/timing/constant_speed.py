@@ -39,6 +39,9 @@ SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2
     (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
 """Shares of a ramp in which its acceleration rises and falls."""
+CRAWL = 1e-3
+"""Share of the speed that half of the path allows, below which a corner is not passed at a speed that nobody gave: what
+could take a second would take a quarter of an hour."""
 ROOM = (0.999, 0.99, 0.97, 0.9)
 """Shares of the limits that ramps are made for, in turn, until the exact extrema agree."""
 
@@ -52,7 +55,9 @@ class ConstantSpeed(TimeLaw):
     Parameters
     ----------
     speed : float, optional
-        Tool speed [m/s; rad/s for a pure rotation]; by default the greatest that the limits allow.
+        Tool speed [m/s; rad/s for a pure rotation]; by default the greatest that the limits allow everywhere, which the
+        sharpest corner decides: no motion where a corner allows less than a thousandth of what half of the path does. A
+        speed that is given may be as low as one likes.
     ramp : float
         Largest share of the distance for each of the two ramps, up to a half.
     """
@@ -74,8 +79,9 @@ class ConstantSpeed(TimeLaw):
         InvalidInput
             Velocity, acceleration or jerk limits are missing.
         NoSolution
-            The speed breaks a limit (with s, the joint and the greatest speed that would work), the tool's point stands
-            still somewhere on the path, or no limit bounds a joint that moves.
+            The speed breaks a limit (with s, the joint and the greatest speed that would work), none was given and a corner
+            would make the whole motion a crawl, the tool's point stands still somewhere on the path, or no limit bounds a
+            joint that moves.
         """
         self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
@@ -86,6 +92,8 @@ class ConstantSpeed(TimeLaw):
         fastest = fitted(joint_path.robot, built, limits, self.keeps)
         factor = fastest.duration / built.duration
         greatest = slow[0].v1 / factor
+        if self.speed is None:
+            _check_corners(joint_path, limits, distance, slow, greatest)
         speed = greatest * (1.0 - 1e-9) if self.speed is None else self.speed
         if speed > greatest:
             found = _worst(joint_path, limits, distance, slow, speed)
@@ -101,6 +109,24 @@ class ConstantSpeed(TimeLaw):
                 if stretch(joint_path.robot, trajectory, limits, self.keeps) <= 1.0:
                     return trajectory
         return fastest.slowed(greatest / speed)
+
+
+def _check_corners(
+    joint_path: JointPath, limits: MotionLimits, distance: _Distance, slow: list[Ramp], greatest: float
+) -> None:
+    """Refuse a speed that nobody asked for and that is only so low because of one corner: with the corner."""
+    size = np.abs(distance.table.parts).max(axis=2)
+    slowness = np.maximum(distance.table.slowness, np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
+    if slowness.max() <= np.median(slowness) / CRAWL:
+        return
+    found = _worst(joint_path, limits, distance, slow, 2.0 * greatest)
+    usual = 1.0 / float(np.median(slowness))
+    raise NoSolution(
+        f"a constant speed would be {greatest:.3g} at most: {found.joint or 'the tool'} is at its limit on {found.limit} at "
+        f"s = {found.s:.6g}, a corner where half of the path allows {usual:.3g} and more",
+        s=found.s, joint=found.joint,
+        advice=f"a larger blend there, a law that slows down for it, or speed={_down(greatest):.6g} to have that",
+    )  # fmt: skip
 
 
 class _Distance(NamedTuple):
