@@ -14,42 +14,64 @@ from optik.se3 import inverse
 Array = NDArray[np.float64]
 
 # Where things stand in the one flat array that the kernels take: options, reach bound (8), base rotation (9) and position
-# (3), tool rotation (9) and position (3), the joints, the seeds' poses (13, NEAR), the seeds' configurations (SEEDS, n).
+# (3), tool rotation (9) and position (3), joints to spare, the joints, the seeds' poses (13, NEAR) and configurations
+# (SEEDS, n); where joints are to spare, both once more for the seeds on the limits.
 TOLERANCE_P, TOLERANCE_R, GAIN, LEAST_DAMPING, ITERATIONS, FIRST, ATTEMPTS, PATIENCE, PROGRESS = range(9)
-REACH, BASE_R, BASE_P, TOOL_R, TOOL_P = 9, 17, 26, 29, 38
+REACH, BASE_R, BASE_P, TOOL_R, TOOL_P, SPARE = 9, 17, 26, 29, 38, 41
 MOST_JOINTS = 12
 # Of all joints each: p (three of them), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit.
-PX, PY, PZ, COS_A, SIN_A, ZERO, SLIDES, MOVES, LOWER, UPPER = range(41, 161, MOST_JOINTS)
+PX, PY, PZ, COS_A, SIN_A, ZERO, SLIDES, MOVES, LOWER, UPPER = range(42, 162, MOST_JOINTS)
 
 NEAR, SEEDS = 256, 1024
 """Seeds whose poses are compared with the target, and seeds in all."""
 
-SEED_POSES = 161
-SEED_Q = SEED_POSES + 13 * NEAR
+SEED_POSES = 162
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:
     """Put an arm, its reach bound and the options of a solver into one flat array."""
-    seed_poses, seed_q = _seeds(robot)
+    spare = spare_joints(robot)
     joints = np.zeros((10, MOST_JOINTS))
     joints[:, : robot.n] = chain_joints(robot).T
     first, tool = robot.fixed[0], robot.tool
-    parts = (options, reach, first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3], joints, seed_poses, seed_q)
+    frames = (first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3])
+    seeds = (*_seeds(robot, 0), *(_seeds(robot, spare) if spare else ()))
+    parts = (options, reach, *frames, np.array([float(spare)]), joints, *seeds)
     return np.concatenate([part.ravel() for part in parts])
 
 
+def spare_joints(robot: Robot) -> int:
+    """How many joints can be held at a limit while six others still move."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    moves = lower < upper
+    limited = moves & (np.isfinite(lower) | np.isfinite(upper))
+    return max(min(int(moves.sum()) - 6, int(limited.sum())), 0)
+
+
 @lru_cache(maxsize=64)
-def _seeds(robot: Robot) -> tuple[Array, Array]:
+def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
     """Return what the search reads of the seeds' poses (13, NEAR), and the seeds (SEEDS, n), drawn inside the limits.
+
+    Of each so many joints stand at a limit, the others inside.
 
     The rows are rotation (9) and position (3), weighted as the distance between poses counts them, and half the square
     of the position: half the squared distance to a target is that minus a scalar product, up to a constant. A radian
     counts as 0.3 m (measured: anything between 0.15 and 0.5 does as well).
     """
-    q = draw_configurations(robot, np.random.default_rng(1), SEEDS)
+    rng = np.random.default_rng(1)
+    q = on_limits(robot, rng, draw_configurations(robot, rng, SEEDS), held)
     T = inverse(robot.fixed[0]) @ robot.fk(q[:NEAR])
     R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
     return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q
+
+
+def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Array:
+    """Put so many joints of every configuration (k, n) at a limit, both drawn: a finite one, of a joint that moves."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    end = np.where(rng.random(q.shape) < 0.5, lower, upper)
+    end = np.where(np.isfinite(end), end, np.where(np.isfinite(lower), lower, upper))
+    rank = np.where(np.isfinite(end) & (lower < upper), rng.random(q.shape), 2.0).argsort(axis=1).argsort(axis=1)
+    return np.where(rank < held, end, q)
 
 
 def draw_configurations(robot: Robot, rng: np.random.Generator, count: int) -> Array:

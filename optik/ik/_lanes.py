@@ -20,16 +20,17 @@ from optik.se3 import log_rotation
 Array = NDArray[np.float64]
 
 # Rows of the work array w (ROWS, L): what the lanes hold, for at most 12 joints. All in the frame of the first joint at
-# rest. A step ends within [LOW, HIGH]; GOAL is the target's rotation, by rows, without the tool's, and its position; E is
-# half the square of the error twist e; S the squares of its position and rotation parts.
+# rest. A step ends within [LOW, HIGH] and leaves out the joints that HOLDS names, one bit each; GOAL is the target's
+# rotation, by rows, without the tool's, and its position; E is half the square of the error twist e; S the squares of its
+# position and rotation parts. PICKS are the seeds nearest to the goal, PICKED whether they are known, of each of two kinds.
 Q, LOW, HIGH, BEST, SIN, COS = 0, 12, 24, 36, 48, 60
 R, P, GOAL, e, E, S = 72, 81, 84, 96, 102, 103
 PICKS = 105
-(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST, STALL, CLAMPED, OUTSIDE, BEST_E, ENDING, PICKED, MOVED, LOOK) = range(
-    121, 134
+(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST, STALL, CLAMPED, OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, LOOK, HOLDS) = (
+    range(137, 151)
 )
-NEXT = 134
-ROWS = 146
+PICKED, NEXT = 151, 153
+ROWS = 165
 
 # Rows of the geometry g (GEOMETRY, L): joint origins, joint axes. The Jacobian J (6 n, L) is kept by columns.
 O, Z = 0, 36
@@ -161,6 +162,19 @@ def face_about(w: Array, l: int) -> None:
 
 
 @inlined
+def hold(w: Array, J: Array, n: int) -> None:
+    """Take the joints that a lane holds out of its Jacobian: its step is that of the others alone."""
+    for l in range(w.shape[1]):
+        if w[HOLDS, l] == 0.0:
+            continue
+        held = int(w[HOLDS, l])
+        for i in range(n):
+            if held >> i & 1:
+                for r in range(6):
+                    J[6 * i + r, l] = 0.0
+
+
+@inlined
 def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
     """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · E + least damping, cut to the lane's bounds."""
     L = w.shape[1]
@@ -179,6 +193,8 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
             J[6 * i + 3, l] = turns * zx
             J[6 * i + 4, l] = turns * zy
             J[6 * i + 5, l] = turns * zz
+    if n > 6:  # with fewer there is none to spare
+        hold(w, J, n)
     for l in range(L):
         t = gain * w[E, l] + least
         a00, a11, a22, a33, a44, a55 = t, t, t, t, t, t

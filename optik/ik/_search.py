@@ -3,9 +3,8 @@
 An attempt runs free of the limits, since the shortest way may lead outside and back. Where it meets the target, whole
 turns bring the joints inside (the winding nearest to the start); where they cannot, the configuration is cut to the
 limits and the attempt goes on with every step cut to them. An attempt that no longer gets on is given up for the next.
-The first starts where the caller says; the next ones at the seeds, configurations inside the limits, whose poses are
-nearest to the target, then at other seeds in a fixed order. Nothing is drawn at run time: the same problem has the same
-answer in any lane, thread and process.
+The first starts where the caller says, the next ones as `_starts` says. Nothing is drawn at run time: the same problem
+has the same answer in any lane, thread and process.
 
 All functions take the arm as `_chain.pack` wrote it and the work array w (ROWS, L) of `_lanes`; l is a lane.
 """
@@ -27,13 +26,9 @@ from optik.ik._chain import (
     FIRST,
     ITERATIONS,
     LOWER,
-    NEAR,
     PATIENCE,
     PROGRESS,
     REACH,
-    SEED_POSES,
-    SEED_Q,
-    SEEDS,
     SLIDES,
     TOLERANCE_P,
     TOLERANCE_R,
@@ -43,10 +38,12 @@ from optik.ik._chain import (
 from optik.ik._lanes import (
     ABOUT,
     ATTEMPT,
+    BEGINS,
     BEST,
     BEST_E,
     CLAMPED,
     ENDING,
+    GEOMETRY,
     GOAL,
     HIGH,
     ITERATION,
@@ -56,8 +53,6 @@ from optik.ik._lanes import (
     MOVED,
     NEXT,
     OUTSIDE,
-    PICKED,
-    PICKS,
     PROBLEM,
     ROWS,
     STALL,
@@ -70,6 +65,7 @@ from optik.ik._lanes import (
     face_about,
     steps,
 )  # fmt: skip
+from optik.ik._starts import begin, put
 from optik.ik._winding import inside_winding
 from optik.reach import outside_reach
 from optik.robot import LIMIT_TOLERANCE as SLACK
@@ -84,8 +80,6 @@ STEP, HELD, WRONG = -1, -2, -3
 """No answer yet: the lane takes a step, or has just been put elsewhere and must be measured first. Wrong arguments."""
 
 IDLE = -1.0
-NEAREST = 16
-"""Seeds that are tried first; the others follow in a fixed order."""
 
 
 class Answers(NamedTuple):
@@ -118,32 +112,6 @@ def aim(arm: Array, target: Array, w: Array, l: int) -> None:
 
 
 @inlined
-def pick_seeds(arm: Array, w: Array, l: int) -> None:
-    """Note the NEAREST seeds whose poses are nearest to the goal, nearest first."""
-    score, kept, size = stack(1, 64), stack(1, 16), 64
-    count = 0
-    for first in range(0, NEAR, size):
-        for m in range(size):
-            score[0, m] = arm[SEED_POSES + 12 * NEAR + first + m]
-        for i in range(12):
-            g = w[GOAL + i, l]
-            row = SEED_POSES + i * NEAR + first
-            for m in range(size):
-                score[0, m] -= g * arm[row + m]
-        for m in range(size):
-            s = score[0, m]
-            if count < NEAREST or s < kept[0, NEAREST - 1]:
-                j = min(count, NEAREST - 1)
-                while j > 0 and kept[0, j - 1] > s:
-                    kept[0, j] = kept[0, j - 1]
-                    w[PICKS + j, l] = w[PICKS + j - 1, l]
-                    j -= 1
-                kept[0, j] = s
-                w[PICKS + j, l] = first + m
-                count += 1
-
-
-@inlined
 def settle(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
     """Bring a lane inside the limits: by whole turns, to the winding nearest to the start, else to the limit itself.
 
@@ -169,8 +137,10 @@ def inside(arm: Array, w: Array, n: int, l: int) -> bool:
 
 
 @inlined
-def move(arm: Array, w: Array, n: int, l: int) -> None:
-    """Put a lane where it was sent; its steps from there end at the limits if it is to keep them, else nowhere."""
+def move(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
+    """Put a lane where it was sent or its attempt starts; its steps end at the limits if it is to keep them, else nowhere."""
+    if w[BEGINS, l] != 0.0:
+        begin(arm, w, n, start, l)
     clamped = w[CLAMPED, l] != 0.0
     w[MOVED, l] = 0.0
     for i in range(n):
@@ -180,37 +150,13 @@ def move(arm: Array, w: Array, n: int, l: int) -> None:
 
 
 @inlined
-def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
-    """Have joint i put elsewhere, inside its limits, once the other lanes have taken their step."""
-    w[NEXT + i, l] = min(max(q, arm[LOWER + i]), arm[UPPER + i])
-    w[MOVED, l] = 1.0
-
-
-@inlined
-def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
-    """Go where the lane's attempt starts: the caller's configuration, the nearest seeds, then the others in turn."""
-    attempt = int(w[ATTEMPT, l])
-    w[ITERATION, l], w[LEAST, l], w[STALL, l], w[CLAMPED, l] = 0.0, np.inf, 0.0, 0.0
-    row = 0
-    if attempt > 0:
-        if w[PICKED, l] == 0.0:
-            pick_seeds(arm, w, l)
-            w[PICKED, l] = 1.0
-        row = int(w[PICKS + attempt - 1, l]) if attempt <= NEAREST else (attempt * 7919) % SEEDS
-    for i in range(n):
-        put(arm, w, l, i, start[i] if attempt == 0 else arm[SEED_Q + row * n + i])
-        if attempt == 0:
-            w[BEST + i, l] = w[NEXT + i, l]
-
-
-@inlined
-def load(arm: Array, w: Array, n: int, targets: Array, starts: Array, problem: int, l: int) -> None:
+def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
     """Give a lane a problem."""
     aim(arm, targets[problem], w, l)
     for i in range(PROBLEM, ROWS):
         w[i, l] = 0.0
     w[PROBLEM, l], w[ATTEMPT, l], w[BEST_E, l] = problem, arm[FIRST], np.inf
-    begin(arm, w, n, starts[problem], l)
+    w[BEGINS, l], w[MOVED, l] = 1.0, 1.0
 
 
 @inlined
@@ -263,7 +209,7 @@ def give_up(arm: Array, w: Array, n: int, start: Array, l: int, attempts: float)
             w[BEST + i, l] = w[Q + i, l]
     if w[ATTEMPT, l] + 1.0 < attempts:
         w[ATTEMPT, l] += 1.0
-        begin(arm, w, n, start, l)
+        w[BEGINS, l], w[MOVED, l] = 1.0, 1.0
         return False
     for i in range(n):
         q = w[BEST + i, l] if w[BEST_E, l] < np.inf else w[Q + i, l]
@@ -315,14 +261,16 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
     N, L = targets.shape[0], w.shape[1]
     waiting, busy = 0, 0
     for l in range(L):  # a lane without a problem runs along with a copy of another's, and is not looked at
-        load(arm, w, n, targets, starts, min(waiting, N - 1), l)
+        load(arm, w, targets, min(waiting, N - 1), l)
         if waiting < N:
             waiting += 1
             busy += 1
         else:
             w[PROBLEM, l] = IDLE
-        move(arm, w, n, l)
     while busy > 0:
+        for l in range(L):
+            if w[MOVED, l] != 0.0:
+                move(arm, w, n, starts[max(int(w[PROBLEM, l]), 0)], l)
         errors(arm, w, g, n)
         if answers.trace.shape[0] > 0:
             note(w, answers.trace)
@@ -339,16 +287,13 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
             elif status != HELD:
                 answer(w, n, answers, l, status)
                 if waiting < N:
-                    load(arm, w, n, targets, starts, waiting, l)
+                    load(arm, w, targets, waiting, l)
                     waiting += 1
                 else:
                     w[PROBLEM, l] = IDLE
                     busy -= 1
         if stepping:
             steps(arm, w, g, J, n)
-        for l in range(L):
-            if w[MOVED, l] != 0.0:
-                move(arm, w, n, l)
 
 
 def single(n: int) -> Any:
@@ -368,7 +313,7 @@ def single(n: int) -> Any:
         for i in range(n):
             if not (arm[LOWER + i] - SLACK <= q0[i] <= arm[UPPER + i] + SLACK and abs(q0[i]) < np.inf):
                 return WRONG, 0, 0, 0.0, 0.0
-        w, g, J, x = stack(146, 1), stack(72, 1), stack(n6, 1), stack(5, 1)
+        w, g, J, x = stack(ROWS, 1), stack(GEOMETRY, 1), stack(n6, 1), stack(5, 1)
         answers = Answers(out[:n][None], x[0], x[1], x[2], x[3], x[4], out[n:])
         run(arm, w, g, J, n, target[None], q0[None], answers)
         return int(x[0, 0]), int(x[1, 0]), int(x[2, 0]), x[3, 0], x[4, 0]
@@ -386,7 +331,7 @@ def batch(n: int, L: int) -> Any:
         position_error: Array, rotation_error: Array,
     ) -> None:  # fmt: skip
         """Answers to targets (N, 4, 4) from starts (N, n), both checked before, into the arrays of an `IKBatch`."""
-        w, g, J = stack(146, L), stack(72, L), stack(n6, L)
+        w, g, J = stack(ROWS, L), stack(GEOMETRY, L), stack(n6, L)
         answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty(0))
         run(arm, w, g, J, n, targets, starts, answers)
 

@@ -79,6 +79,22 @@ def test_arms_of_other_lengths_too(n):
     check_singles(solver, solver.solve_batch(targets, starts), targets, starts)
 
 
+def test_attempts_that_hold_joints_at_their_limits_too():
+    arm = oracles.table("panda")
+    rng = np.random.default_rng(211)
+    q = np.where(rng.random((150, 7)) < 0.5, arm.lower, arm.upper)
+    q[:, 0] = rng.uniform(arm.lower[0], arm.upper[0], 150)
+    targets, starts = oracles.fk_many(arm, q), np.full((150, 7), np.clip(0.1, arm.lower, arm.upper))
+    solver = LM(optik.load("panda"))
+    batch = solver.solve_batch(targets, starts)
+    assert (batch.restarts > 16).sum() > 20  # the first that start on the limits
+    check_singles(solver, batch, targets, starts)
+    for threads in (1, 2, 3):
+        equal(batch, solver.solve_batch(targets, starts, threads=threads))
+    timed = solver.with_options(time_limit=60.0).solve_batch(targets, starts)
+    equal(batch, timed._replace(q=batch.q, position_error=batch.position_error, rotation_error=batch.rotation_error))
+
+
 @pytest.mark.parametrize(
     ("name", "options"),
     [("lm", {"task": "axis_z", "max_restarts": 2}), ("lm", {"prefer": "posture"}), ("lm", {"time_limit": 60.0}), ("dls", {})],

@@ -18,7 +18,7 @@ import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
 from optik.ik import LM, _general, _lanes, make_solver
-from optik.ik._chain import chain_joints
+from optik.ik._chain import chain_joints, on_limits, spare_joints
 from optik.task import Task, as_task
 from tests import oracles
 
@@ -511,6 +511,99 @@ def test_thirteen_joints_are_refused_and_the_message_names_another_method():
     rows = [DHRow(a=0.1)] * 13
     with pytest.raises(InvalidInput, match="dls"):
         LM(Robot.from_mdh(rows, JointLimits([-1.0] * 13, [1.0] * 13)))
+
+
+# ---------------------------------------------------------------- joints at their limits
+
+
+def at_limits(arm, count, seed, share=0.7):
+    """Targets of configurations with this share of the joints at a limit; starts 0.1 rad from them, and all at 0.1 rad."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(arm.lower, arm.upper, (count, arm.n))
+    end = np.where(rng.random(q.shape) < 0.5, arm.lower, arm.upper)
+    q = np.where(rng.random(q.shape) < share, end, q)
+    warm = np.clip(q + rng.normal(0.0, 0.1, q.shape), arm.lower, arm.upper)
+    return oracles.fk_many(arm, q), warm, np.clip(np.full_like(q, 0.1), arm.lower, arm.upper)
+
+
+def unsolved(arm, targets, starts):
+    """How many are not solved, by the oracle's kinematics and the limits; every claim is the oracle's too."""
+    batch = LM(built(arm)).solve_batch(targets, starts)
+    p, r = oracles.off_by(oracles.fk_many(arm, batch.q), targets)
+    assert ((batch.q >= arm.lower) & (batch.q <= arm.upper)).all()
+    assert (batch.solved == ((p <= 1e-6) & (r <= 1e-6))).all()
+    return int((~batch.solved).sum())
+
+
+def on_a_rail(arm):
+    """The arm, its base sliding a metre each way along x."""
+    first = oracles.replace(arm.rows[0], alpha=arm.rows[0].alpha - pi / 2)
+    rows = (oracles.Row(alpha=pi / 2, prismatic=True), first, *arm.rows[1:])
+    return oracles.Arm(arm.convention, rows, arm.base, arm.tool, np.r_[-1.0, arm.lower], np.r_[1.0, arm.upper])
+
+
+def narrow(n, seed):
+    """A random arm with limits of its own on every joint."""
+    rng = np.random.default_rng(seed)
+    middle, half = rng.uniform(-1, 1, n), rng.uniform(0.5, 3.0, n)
+    return limited(oracles.random_arm(rng, n, prismatic=seed % 2 == 0), middle - half, middle + half)
+
+
+@pytest.mark.parametrize(
+    "arm", [oracles.table("panda"), oracles.table("iiwa14"), narrow(7, 119)], ids=["panda", "iiwa14", "any"]
+)
+def test_a_target_with_most_joints_at_their_limits_is_solved(arm):
+    targets, warm, cold = at_limits(arm, 1000, 116)
+    assert unsolved(arm, targets, warm) == unsolved(arm, targets, cold) == 0
+
+
+def test_a_start_a_milliradian_from_five_limits_is_solved():
+    arm = oracles.table("panda")
+    q = np.array([0.1149247325371392, 1.7628, 2.8973, -3.0718, -2.8973, 3.7525, 2.8973])
+    start = [0.113644, 1.762465, 2.8973, -3.0718, -2.8973, 3.751587, 2.897036]
+    result = LM(built(arm)).solve(oracles.fk(arm, q), start)
+    check(arm, result, oracles.fk(arm, q))
+    assert result
+
+
+def test_what_is_met_only_outside_the_limits_is_still_said_to_be():
+    """The panda's limits, moved so that none of the configurations that meet the target is inside."""
+    arm = oracles.table("panda")
+    q = 0.5 * (arm.lower + arm.upper)
+    tight = limited(arm, q + 0.05, q + 0.06)
+    result = LM(built(tight)).solve(oracles.fk(arm, q), q + 0.055)
+    check(tight, result, oracles.fk(arm, q))
+    assert result.status is IKStatus.OUTSIDE_LIMITS
+
+
+@given(seeds, st.integers(1, 12))
+def test_joints_to_spare_are_those_beyond_six_that_can_stand_at_a_limit(seed, n):
+    arm = any_arm(np.random.default_rng(seed), n, False, "mdh")
+    moves = [low < high for low, high in zip(arm.lower, arm.upper, strict=True)]
+    ends = [
+        m and (np.isfinite(low) or np.isfinite(high)) for m, low, high in zip(moves, arm.lower, arm.upper, strict=True)
+    ]
+    held = spare_joints(built(arm))
+    assert held == max(0, min(sum(moves) - 6, sum(ends)))
+    q = np.random.default_rng(seed).uniform(-0.1, 0.1, (50, n))
+    put = on_limits(built(arm), np.random.default_rng(seed), q, held)
+    assert ((put != q).sum(axis=1) == held).all()
+    assert ((put == q) | ((put == arm.lower) | (put == arm.upper)) & ends).all()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["panda", "iiwa14", "paper6r", "a rail", "7 a", "7 b", "8 a", "8 b"])
+def test_targets_with_most_joints_at_their_limits_are_solved_at_length(name):
+    """A share of warm and of cold starts: what a seventh joint loses, and an eighth, whose limits are met in pairs."""
+    arms = {"a rail": on_a_rail(oracles.table("panda")), "7 a": narrow(7, 120), "7 b": narrow(7, 121)}
+    arms |= {"8 a": narrow(8, 122), "8 b": narrow(8, 123)}
+    arm = arms[name] if name in arms else oracles.table(name)
+    count = 100_000
+    targets, warm, cold = at_limits(arm, count, 117)
+    lost = unsolved(arm, targets, warm), unsolved(arm, targets, cold)
+    print(f"{name}: of {count} not solved {lost[0]} warm, {lost[1]} cold")
+    assert lost[0] <= (0 if arm.n == 6 else 1e-4 * count)
+    assert lost[1] <= (0 if arm.n == 6 else 1e-3 * count)
 
 
 # ---------------------------------------------------------------- tasks

@@ -354,3 +354,46 @@ def test_threads_that_share_a_solver_get_their_own_answers(kind):
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(lambda problem: solver.solve(*problem).q, given))
     assert all((a == b).all() for a, b in zip(alone, together, strict=True))
+
+
+# ---------------------------------------------------------------- the usual call
+
+
+@each_kind
+@pytest.mark.parametrize("options", [{}, {"max_restarts": 3}, {"task": "position"}, {"max_iterations": 3}], ids=str)
+def test_the_usual_call_answers_as_the_way_round_does(kind, options):
+    """A single call goes straight through the buffers; of a batch, and of lists, every problem takes the way round."""
+    solver = kind(PAPER, **options)
+    near, far = list(problems(PAPER, 10, 131)), list(problems(PAPER, 6, 132, spread=2.0))
+    beyond = [(oracles.trans(x=4.0), np.zeros(6)), (oracles.trans(x=0.1), np.full(6, 0.2))]
+    failed = 0
+    for target, start in near + far + beyond:
+        one, listed = solver.solve(target, start), solver.solve(target.tolist(), start.tolist())
+        batch = solver.solve_batch(target[None], start).result(0)
+        assert (one.q == listed.q).all()
+        assert (one.q == batch.q).all()
+        assert one[1:] == listed[1:]
+        assert one[1:6] == batch[1:6]
+        honest(one, PAPER, as_task(options.get("task", "pose")), target)
+        failed += not one
+    assert 0 < failed < 18
+
+
+@each_kind
+def test_the_usual_call_refuses_what_cannot_be_meant_and_forgets_it(kind):
+    solver, target = kind(PAPER), PAPER.fk(START)
+    spoilt, outside = target.copy(), START.copy()
+    spoilt[0, 0], outside[2] = np.nan, 9.0
+    good = solver.solve(target, START)
+    assert good
+    for bad in [(spoilt, START), (target, outside), (target, START[:5]), (target[:3], START), (target, START * np.nan)]:
+        with pytest.raises(InvalidInput):
+            solver.solve(*bad)
+        assert (solver.solve(target, START).q == good.q).all()
+
+
+def test_after_a_failure_the_next_call_starts_from_its_own_start():
+    solver = SQP(PAPER)
+    assert not solver.solve(oracles.trans(x=4.0), np.zeros(6))
+    traced = solver.solve(PAPER.fk(START), START + 0.01, trace=True)
+    assert (traced.q == solver.solve(PAPER.fk(START), START + 0.01).q).all()
