@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 import optik
 from optik import DHRow, JointLimits, Robot
@@ -74,7 +75,7 @@ def task_error(arm, task, target, q):
     if task == "position":
         return p
     D = target[:3, :3].T @ T[:3, :3]
-    return np.concatenate([p, D[:2, 2] if task == "axis_z" else oracles.Rotation.from_matrix(D).as_rotvec()])
+    return np.concatenate([p, D[:2, 2] if task == "axis_z" else Rotation.from_matrix(D).as_rotvec()])
 
 
 @each_case

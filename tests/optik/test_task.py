@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import optik
 from optik.errors import InvalidInput
@@ -32,7 +33,7 @@ def plain_error(T, target, task):
     R, R_t = T[:3, :3], target[:3, :3]
     to_axes = R_t.T if task.frame == "target" else np.eye(3)
     D = R_t.T @ R if task.frame == "target" else R @ R_t.T
-    turn = -oracles.Rotation.from_matrix(D).as_rotvec()
+    turn = -Rotation.from_matrix(D).as_rotvec()
     free = [k for k in range(3) if not task.mask[3 + k]]
     if len(free) == 1:  # the shortest turn that brings the one axis onto the other
         axis = np.eye(3)[free[0]]

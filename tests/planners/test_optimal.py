@@ -15,7 +15,7 @@ from planners import JointPath, MotionLimits, Trajectory, laws, make_law
 from planners.timing import optimal
 from planners.timing.base import DERIVATIVES, PathState
 from planners.timing.optimal import Optimal
-from tests.planners.plain import default_joint_path, random_joint_paths
+from tests.planners.cases import default_joint_path, random_joint_paths
 
 Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
