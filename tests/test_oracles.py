@@ -37,6 +37,10 @@ def test_poses_and_jacobians_are_those_of_differences_and_of_many_at_once(name: 
         pose, quick = fast(q)
         np.testing.assert_allclose(pose, oracles.fk(arm, q), rtol=0.0, atol=1e-14)
         np.testing.assert_allclose(quick, one, rtol=0.0, atol=1e-14)
+    series = rng.normal(size=(4, n))
+    factors = np.array([1.0, 1.0, 2.0])[:, None]
+    twists = oracles.tool_motion(arm, series[0], series[1:] * [[1.0], [2.0], [6.0]])
+    np.testing.assert_allclose(oracles.turning_series(arm, series) * factors, twists[:, 3:], rtol=0.0, atol=1e-12)
 
 
 # ---------------------------------------------------------------- continuation

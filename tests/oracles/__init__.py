@@ -7,7 +7,18 @@ brute force, SciPy and Pinocchio.
 from tests.oracles.arms import PAPER, SLIDING, UR5E, Arm, Row, configurations, random_arm
 from tests.oracles.continuation import Continuation, follow_densely
 from tests.oracles.files import REPOSITORY, table
-from tests.oracles.kinematics import cold, fk, fk_series, jacobian, link, met, newton, smallest, tool_motion
+from tests.oracles.kinematics import (
+    cold,
+    fk,
+    fk_series,
+    jacobian,
+    link,
+    met,
+    newton,
+    smallest,
+    tool_motion,
+    turning_series,
+)
 from tests.oracles.motions import (
     Joints,
     best_uniform,
@@ -37,10 +48,10 @@ from tests.oracles.poses import (
 )
 
 __all__ = [
-    "PAPER", "REPOSITORY", "SLIDING", "UR5E", "Arm", "Continuation", "Iteration", "Joints", "Pinocchio", "Row", "best_uniform",
-    "brute_extrema", "cold", "configurations", "contradictions", "crossing", "damped_least_squares", "derivatives_along",
-    "difference", "double_s", "error", "fk", "fk_series", "follow_densely", "jacobian", "joint_extremes", "line_pose", "link", "met", "moved",
-    "nearest", "newton", "off_by", "off_line", "piece_values", "pose", "pose_series", "random_arm", "random_pose", "rot_x",
-    "rot_z", "rotation_derivatives", "s_curve", "smallest", "table", "task_off_by", "tool_motion", "tool_speeds", "trans",
-    "urdf", "value", "vee",
+    "PAPER", "REPOSITORY", "SLIDING", "UR5E", "Arm", "Continuation", "Iteration", "Joints", "Pinocchio", "Row",
+    "best_uniform", "brute_extrema", "cold", "configurations", "contradictions", "crossing", "damped_least_squares",
+    "derivatives_along", "difference", "double_s", "error", "fk", "fk_series", "follow_densely", "jacobian",
+    "joint_extremes", "line_pose", "link", "met", "moved", "nearest", "newton", "off_by", "off_line", "piece_values",
+    "pose", "pose_series", "random_arm", "random_pose", "rot_x", "rot_z", "rotation_derivatives", "s_curve",
+    "smallest", "table", "task_off_by", "tool_motion", "tool_speeds", "trans", "turning_series", "urdf", "value", "vee",
 ]  # fmt: skip

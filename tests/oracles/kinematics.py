@@ -129,6 +129,22 @@ def tool_motion(arm: Any, q: Array, dq: Array) -> Array:
     return twist * scale[:-1].reshape(-1, *[1] * (twist.ndim - 1))
 
 
+def turning_series(arm: Any, q: Array) -> Array:
+    """ω of the tool as a series (terms − 1, ..., 3) of joints q (terms, ..., n): their axes, carried by those before."""
+    base, links, _ = chain(arm)
+    T = np.zeros((*q.shape[:-1], 4, 4))
+    T[0] = base
+    rate = np.stack([k * q[k] for k in range(1, len(q))])
+    w = np.zeros((*rate.shape[:-1], 3))
+    for i, one in enumerate(links):
+        if not one.slides:
+            axis = (T @ one.before)[:-1, ..., :3, 2]
+            for k in range(len(rate)):
+                w[k] += sum(axis[m] * rate[k - m, ..., i, None] for m in range(k + 1))
+        T = times(T, link_series(one, q[..., i]))
+    return w
+
+
 # ---------------------------------------------------------------- configurations that meet a pose
 
 
