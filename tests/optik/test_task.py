@@ -82,6 +82,27 @@ def test_the_rows_are_the_errors_derivative(task):
             assert np.abs(J[rows, k] - slope[rows]).max() < 1e-7
 
 
+LONE = [task for task in TASKS if 3 - sum(task.mask[3:]) == 2 and not any(task.box)]
+
+
+@pytest.mark.parametrize("task", LONE, ids=str)
+@pytest.mark.parametrize("size", [9e-4, 0.02])
+def test_the_row_of_a_lone_rotation_is_right_to_second_order_in_a_small_angle(task, size):
+    q = np.array([0.3, -0.5, 0.6, 0.4, 0.7, -0.2])
+    for turn in size * np.array([[0.8, 0.0, 0.6], [0.6, 0.8, 0.0], [0.0, -0.6, 0.8]]):
+        target = oracles.moved(ARM.fk(q), np.zeros(3), turn)
+        _, w = compiled_error(ARM.fk(q), target, task)
+        J = ARM.jacobian(q).copy()
+        task_rows(target, task.flags, w, J)
+        for k in range(6):
+            step = np.eye(6)[k]
+            slope = oracles.difference(
+                lambda x, step=step, target=target: np.array([plain_error(ARM.fk(q + h * step), target, task) for h in x]),
+                np.zeros(1), 0.02,
+            )  # fmt: skip
+            assert np.abs(J[3:, k] + slope[0, 3:]).max() < 2e-9  # a twelfth of the angle's square is 7e-8
+
+
 @each_task
 def test_a_damped_solver_reaches_it_and_the_judge_agrees(task):
     solver, solved = DLS(ARM, task=task), 0

@@ -21,6 +21,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from planners import JointPath, Line, MotionLimits, Trajectory, certify, follow, make_law
 from planners.paths.base import Path
+from planners.timing import base
 from planners.timing import toppra as toppra_law
 from planners.timing._ramps import Ramp, law_of, phases_of, ratio_of, table
 from planners.timing.base import refit
@@ -731,6 +732,23 @@ LAWS = {
         np.array([0.0, 0.2, 0.7, 1.0]) * end, np.array([0.0, 0.4, 0.5, 0.0])
     ),
 }
+
+
+@pytest.mark.parametrize("name", LAWS)
+@lines
+def test_what_the_refit_is_checked_by_is_the_chain_rule(name: str, joint_path: JointPath) -> None:
+    """Jerk as the derivative of acceleration, by differences inside a piece of the law where the joint path is smooth."""
+    law = LAWS[name](joint_path.end)
+    k = int(np.argmax(np.diff(law.x)))
+    t = law.x[k] + np.array([0.31, 0.5, 0.77]) * (law.x[k + 1] - law.x[k])
+    q, jerk = base._chain(joint_path, law, law.x[k : k + 2], t[None])
+    exact = [chain(joint_path, law, x, k) for x in t]
+    np.testing.assert_allclose(q, [x[0] for x in exact], rtol=0.0, atol=1e-13)
+    h = 1e-5
+    by_differences = [
+        (chain(joint_path, law, x + h, k)[2] - chain(joint_path, law, x - h, k)[2]) / (2.0 * h) for x in t
+    ]
+    np.testing.assert_allclose(jerk, by_differences, rtol=0.0, atol=1e-5 * np.abs(jerk).max())
 
 
 @pytest.mark.parametrize("name", LAWS)
