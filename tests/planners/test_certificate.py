@@ -353,16 +353,18 @@ def test_the_path_error_bounds_what_plain_kinematics_say(law: str) -> None:
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-4, 0.3))
 def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: int, size: float) -> None:
-    trajectory = around_start(np.random.default_rng(seed), 3, size)
-    certificate = certified(trajectory)
+    trajectory, line = around_start(np.random.default_rng(seed), 3, size), default_line()
+    certificate = certify(ROBOT, line, trajectory, ROOMY)
     assume((certificate.position_margin > 0.0).all())
-    line, error, slack = default_line(), certificate.path_error, 1.0 + 1e-9
+    error, slack = certificate.path_error, 1.0 + 1e-9
     worst = np.zeros(4)
     for t in np.linspace(0.0, trajectory.duration, 101):
         worst[:2] = np.maximum(worst[:2], oracles.off_line(line.start, line.goal, oracles.fk(PAPER, trajectory(t))))
         twist = oracles.jacobian(PAPER, trajectory(t)) @ trajectory(t, 1)
         worst[2:] = np.maximum(worst[2:], [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
     assert worst[0] <= slack * error.distance
+    assert worst[1] <= slack * error.angle, "the line keeps its orientation, so the angle is the same at all its places"
+    assert error.angle <= 1.1 * worst[1] + 1e-9
     assert worst[2] <= slack * certificate.tool_speed.value <= 1.01 * worst[2] + 1e-5
     assert worst[3] <= slack * certificate.rotation_speed.value <= 1.01 * worst[3] + 1e-5
 
