@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +59,10 @@ def small(**changes: Any) -> Suite:
 def small_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     folder: Path = tmp_path_factory.mktemp("runs") / "small"
     return run_suite(small(), folder, command="optik bench run small --out RUN")
+
+
+def hide(patch: pytest.MonkeyPatch, package: str) -> None:
+    """Let a package be absent, whatever of it was imported before: a module that is loaded is found without its parent."""
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        patch.delitem(sys.modules, name)
+    patch.setitem(sys.modules, package, None)  # what the import machinery says of a package that is not there

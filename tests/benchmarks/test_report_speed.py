@@ -16,7 +16,7 @@ from benchmarks.report.speed import share
 from benchmarks.run import run_suite
 from benchmarks.speed import speed_rows
 from benchmarks.suite import suite_of
-from tests.benchmarks.conftest import small
+from tests.benchmarks.conftest import hide, small
 from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
 
 SPEED: dict[str, Any] = {
@@ -43,10 +43,8 @@ SPEED: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def speed_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
-    import sys
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "eaik", None)
+        hide(patch, "eaik")
         return run_suite(suite_of("speed", SPEED), tmp_path_factory.mktemp("report-speed") / "run")
 
 

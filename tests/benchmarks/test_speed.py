@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import shutil
 import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from optik.errors import InvalidInput
 from optik.registry import load_method, names
 from optik.se3 import from_xyz_rpy
 from tests import oracles
+from tests.benchmarks.conftest import hide
 
 QUICK: dict[str, Any] = {
     "title": "a quick look",
@@ -67,7 +69,7 @@ QUICK: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "eaik", None)  # what the import machinery says of a package that is not there
+        hide(patch, "eaik")
         return run_suite(suite_of("quick", copy.deepcopy(QUICK)), tmp_path_factory.mktemp("speed") / "run")
 
 
@@ -97,6 +99,15 @@ def test_an_absent_peer_is_a_row_that_says_how_to_install_it(quick: RunFolder) -
     assert entries["eaik"]["absent"] == "not installed: pip install EAIK"
     assert "absent" not in entries["plain"]
     assert entries["dls"]["kind"] == "ours"
+
+
+def test_a_hidden_package_is_absent_though_parts_of_it_were_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("eaik", "eaik.IK_Homogeneous"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    with pytest.MonkeyPatch.context() as patch:
+        hide(patch, "eaik")
+        assert build_peer("eaik", optik.load("paper6r")) == Absent("not installed: pip install EAIK")
+    assert "eaik.IK_Homogeneous" in sys.modules
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:

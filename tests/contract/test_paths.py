@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -16,8 +15,9 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.robot import load
 from planners import Arc, JointLine, Line, Path, Polyline, follow, path_of, paths
-from tests.planners import plain
-from tests.planners.plain import START, paper6r
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners.cases import START, paper6r
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ TURN = 1e-3
 
 def reached(move: Any, turn: Any = (0.0, 0.0, 0.0)) -> Array:
     """A pose near the start of all examples, which the paper's arm reaches."""
-    return plain.moved(paper6r().fk(START), np.asarray(move), np.asarray(turn))
+    return oracles.moved(paper6r().fk(START), np.asarray(move), np.asarray(turn))
 
 
 def _corner() -> Array:
@@ -60,7 +60,7 @@ def _arcs() -> dict[str, Path]:
 def _polylines() -> dict[str, Path]:
     poses = _corner()
     on_the_spot = np.stack(
-        [poses[0], poses[1], plain.moved(poses[1], np.zeros(3), np.array([0.0, 0.3, 0.2])), poses[2]]
+        [poses[0], poses[1], oracles.moved(poses[1], np.zeros(3), np.array([0.0, 0.3, 0.2])), poses[2]]
     )
     return {
         "corner": Polyline(poses, blend=0.01, blend_rotation=0.05),
@@ -98,20 +98,6 @@ every_path = pytest.mark.parametrize(("name", "kind"), CASES, ids=[f"{n}, {k}" f
 
 def arm(path: Path) -> Any:
     return path.robot if isinstance(path, JointLine) else None
-
-
-def cross(w: Array) -> Array:
-    """Matrices (k, 3, 3) of ω×."""
-    out = np.zeros((len(w), 3, 3))
-    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
-    return out - np.swapaxes(out, 1, 2)
-
-
-def rotation_derivatives(path: Path, s: Array) -> list[Array]:
-    """R, R', R'', R''' (k, 3, 3) from twists, by R' = ω× R and the product rule."""
-    R = path.pose(s)[:, :3, :3]
-    w, w1, w2 = (cross(path.twist(s, k)[:, 3:]) for k in (1, 2, 3))
-    return [R, w @ R, (w1 + w @ w) @ R, (w2 + 2.0 * w1 @ w + w @ w1 + w @ w @ w) @ R]
 
 
 def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
@@ -215,13 +201,6 @@ def test_a_name_that_no_path_has_lists_the_nearest() -> None:
 # ---------------------------------------------------------------- derivatives
 
 
-def difference(f: Callable[[Array], Array], s: Array, h: Array) -> Array:
-    """First derivative by central differences of eighth order, with a step for each place."""
-    weights = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
-    total = np.asarray(sum(w * (f(s + k * h) - f(s - k * h)) for k, w in weights))
-    return total / h.reshape(-1, *[1] * (total.ndim - 1))
-
-
 @every_path
 def test_each_order_is_the_derivative_of_the_one_before(name: str, kind: str) -> None:
     path = examples()[name][kind]
@@ -232,16 +211,19 @@ def test_each_order_is_the_derivative_of_the_one_before(name: str, kind: str) ->
         # the rounding of the order before, magnified by 1/h; a piece is at most a few radians of anything
         np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-10 * scale + 1e-14 * (before + 1e-3) / h.min())
 
-    check(path(s, 1)[:, :3], difference(lambda x: path(x)[:, :3, 3], s, h), bounds[0, 0], 1.0)
-    turned = cross(path(s, 1)[:, 3:]) @ path(s)[:, :3, :3]
-    check(turned, difference(lambda x: path(x)[:, :3, :3], s, h), bounds[1, 0], 1.0)
+    check(path(s, 1)[:, :3], oracles.difference(lambda x: path(x)[:, :3, 3], s, h), bounds[0, 0], 1.0)
+    turned = oracles.crossing(path(s, 1)[:, 3:]) @ path(s)[:, :3, :3]
+    check(turned, oracles.difference(lambda x: path(x)[:, :3, :3], s, h), bounds[1, 0], 1.0)
     for order in (2, 3):
         for part, rows in enumerate((slice(0, 3), slice(3, 6))):
-            wanted = difference(lambda x, o=order, r=rows: path(x, o - 1)[:, r], s, h)  # type: ignore[misc]
+            wanted = oracles.difference(lambda x, o=order, r=rows: path(x, o - 1)[:, r], s, h)  # type: ignore[misc]
             check(path(s, order)[:, rows], wanted, bounds[part, order - 1], bounds[part, order - 2])
 
 
-@every_path
+JOINED = [(name, kind) for name, kind in CASES if examples()[name][kind].breaks.size > 2]
+
+
+@pytest.mark.parametrize(("name", "kind"), JOINED, ids=[f"{n}, {k}" for n, k in JOINED])
 def test_all_orders_are_continuous_where_pieces_meet(name: str, kind: str) -> None:
     path = examples()[name][kind]
     b = path.breaks
@@ -249,11 +231,9 @@ def test_all_orders_are_continuous_where_pieces_meet(name: str, kind: str) -> No
     assert b[-1] == path.end
     assert (np.diff(b) > 0.0).all()
     inner = b[1:-1]
-    if not inner.size:
-        return
     step = 1e-9 * np.diff(b).min()
     bounds = path.derivative_bounds()
-    before, after = rotation_derivatives(path, inner - step), rotation_derivatives(path, inner + step)
+    before, after = oracles.rotation_derivatives(path, inner - step), oracles.rotation_derivatives(path, inner + step)
     for order in range(4):
         part = slice(0, 3)
         jump = np.abs(after[order] - before[order]).max()
@@ -274,12 +254,14 @@ def test_no_derivative_passes_its_bound(name: str, kind: str) -> None:
     for i, (a, b) in enumerate(zip(path.breaks[:-1], path.breaks[1:], strict=True)):
         s = np.linspace(a, b, 301)
         position = [path(s, k)[:, :3] for k in (1, 2, 3)]
-        turns = rotation_derivatives(path, s)[1:]
+        turns = oracles.rotation_derivatives(path, s)[1:]
         # what a secant rises by is never more than the greatest slope
         h = 1e-3 * (b - a)
         lower = np.linspace(a, b - h, 300)
         position.append((path(lower + h, 3)[:, :3] - path(lower, 3)[:, :3]) / h)
-        turns.append((rotation_derivatives(path, lower + h)[3] - rotation_derivatives(path, lower)[3]) / h)
+        turns.append(
+            (oracles.rotation_derivatives(path, lower + h)[3] - oracles.rotation_derivatives(path, lower)[3]) / h
+        )
         for k in range(4):
             worst = np.linalg.norm(position[k], axis=1).max(), np.linalg.norm(turns[k], ord=2, axis=(1, 2)).max()
             for part in (0, 1):
@@ -296,7 +278,7 @@ def test_the_bounds_that_a_certificate_rests_on_are_not_far_above_the_truth(name
     path = examples()[name][kind]
     s = np.concatenate([np.linspace(a, b, 301) for a, b in zip(path.breaks[:-1], path.breaks[1:], strict=True)])
     bounds = path.derivative_bounds()
-    turns = rotation_derivatives(path, s)
+    turns = oracles.rotation_derivatives(path, s)
     for k in (1, 2):
         assert (
             bounds[0, k - 1] <= TIGHT[name] * np.linalg.norm(path(s, k)[:, :3], axis=1).max() + 1e-9
@@ -331,7 +313,7 @@ def test_the_nearest_place_to_a_pose_of_the_path_is_where_it_is(name: str, kind:
 def test_no_place_is_nearer_than_the_nearest(name: str, kind: str, far: float) -> None:
     path, rng = examples()[name][kind], np.random.default_rng(3)
     poses = np.stack([
-        plain.moved(T, far * rng.normal(size=3), min(far, 0.3) * rng.normal(size=3))
+        oracles.moved(T, far * rng.normal(size=3), min(far, 0.3) * rng.normal(size=3))
         for T in path(rng.uniform(0.0, path.end, 60))
     ])  # fmt: skip
     found = path.nearest(poses)
@@ -365,17 +347,22 @@ def test_only_a_path_in_the_joints_gives_configurations(name: str, kind: str) ->
     q = path.configurations(robot, s)
     if name != "joint_line":
         assert q is None
-        return
-    assert q is not None
-    assert q.shape == (5, robot.n)
-    np.testing.assert_allclose(robot.fk(q), path(s), rtol=0.0, atol=1e-14)
+    else:
+        assert q is not None
+        assert q.shape == (5, robot.n)
+        np.testing.assert_allclose(robot.fk(q), path(s), rtol=0.0, atol=1e-14)
 
 
-@every_path
+WITHIN_REACH = [  # not those of four joints, nor those that ask for more than the paper's arm can
+    (name, kind)
+    for name, kind in CASES
+    if arm(examples()[name][kind]) in (None, paper6r()) and kind not in ("to a goal", "turns far")
+]
+
+
+@pytest.mark.parametrize(("name", "kind"), WITHIN_REACH, ids=[f"{n}, {k}" for n, k in WITHIN_REACH])
 def test_the_arm_follows_it(name: str, kind: str) -> None:
     path = examples()[name][kind]
-    if arm(path) not in (None, paper6r()) or kind in ("to a goal", "turns far"):  # four joints, or more than it can
-        return
     followed = follow(make_solver(paper6r(), "lm"), path, START, samples=401)
     assert followed, followed.stop
     joints = followed.joint_path
@@ -383,8 +370,8 @@ def test_the_arm_follows_it(name: str, kind: str) -> None:
     s = np.linspace(0.0, path.end, 50)
     for x, q in zip(s, joints(s), strict=True):
         T = path(x)
-        assert np.abs(plain.fk(q)[:3, 3] - T[:3, 3]).max() <= 1e-5
-        assert Rotation.from_matrix(plain.fk(q)[:3, :3].T @ T[:3, :3]).magnitude() <= 1e-5
+        assert np.abs(oracles.fk(PAPER, q)[:3, 3] - T[:3, 3]).max() <= 1e-5
+        assert Rotation.from_matrix(oracles.fk(PAPER, q)[:3, :3].T @ T[:3, :3]).magnitude() <= 1e-5
     if isinstance(path, JointLine):
         np.testing.assert_allclose(joints(s), path.configurations(paper6r(), s), rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(joints(s, 2), 0.0, rtol=0.0, atol=1e-6)

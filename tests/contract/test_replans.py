@@ -29,8 +29,8 @@ from planners import (
     plan,
     replan,
 )
-from tests.planners import brute, plain
-from tests.planners.plain import START, default_line, paper6r
+from tests import oracles
+from tests.planners.cases import START, default_line, paper6r
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def wrong_with(running: Plan, t: float, again: Plan, stop: bool) -> list[str]:
     if not again:
         return [f"none: {again.stop}"]
     words = [*again.certificate.broken]
-    before, after = brute.Joints(running.trajectory), brute.Joints(again.trajectory)
+    before, after = oracles.Joints(running.trajectory), oracles.Joints(again.trajectory)
     for order, most in enumerate(EXACT):
         off = float(np.abs(after.ends(order)[0][0] - before(np.array([t]), order)[0]).max())
         if off > most:
@@ -101,14 +101,14 @@ def wrong_with(running: Plan, t: float, again: Plan, stop: bool) -> list[str]:
     speed = float(np.abs(after.ends(1)[1][-1]).max())
     if speed > 1e-9:
         words.append(f"ends at a speed of {speed}")
-    last = brute.fk(again.robot, after.ends(0)[1][-1:])
+    last = oracles.fk(again.robot, after.ends(0)[1][-1:])
     place = again.path.nearest(last) if stop else np.array([again.path.end])
-    if max(brute.apart(last, again.path.pose(place)))[0] > 1e-8:
+    if max(oracles.off_by(last, again.path.pose(place)))[0] > 1e-8:
         words.append("ends off the path, or not at its end")
     if again.trajectory.duration > running.trajectory.end - t + 1e-9:
         words.append(f"takes {again.trajectory.duration} s, and {running.trajectory.end - t} s were left")
     at = np.sort(np.random.default_rng(0).uniform(0.0, after.t[-1], 300))
-    words += [*brute._joint_extremes(again, after, at), *brute._tool_speeds(again, after, at)]
+    words += [*oracles.joint_extremes(again, after, at), *oracles.tool_speeds(again, after, at)]
     assert again.span is not None
     if not 0.0 <= again.span[0] <= again.span[1] <= again.path.end * (1.0 + 1e-9):
         words.append(f"covers {again.span}")
@@ -316,6 +316,6 @@ def test_flags_that_cannot_be_meant_are_refused(running: Plan, flag: str) -> Non
 def test_the_tool_stays_on_the_path_after_an_interruption(running: Plan) -> None:
     again = replan(running, 0.25, limits=LIMITS.scaled(1.5))
     t = np.linspace(0.0, again.trajectory.end, 500)
-    T = brute.fk(again.robot, brute.Joints(again.trajectory)(t))
-    off = [plain.off_line(running.path.start, running.path.goal, x)[0] for x in T]
+    T = oracles.fk(again.robot, oracles.Joints(again.trajectory)(t))
+    off = [oracles.off_line(running.path.start, running.path.goal, x)[0] for x in T]
     assert max(off) <= 1e-5

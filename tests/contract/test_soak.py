@@ -39,7 +39,7 @@ def problems(arm: oracles.Arm, count: int, rng: np.random.Generator) -> tuple[An
     special = rng.random(q.shape) < 0.2 * (rng.random(count) < 0.2)[:, None]
     ends = np.where(rng.random(q.shape) < 0.5, arm.lower, arm.upper)
     q = np.where(special, np.where(rng.random(q.shape) < 0.3, np.clip(0.0, arm.lower, arm.upper), ends), q)
-    targets = oracles.fk_many(arm, q)
+    targets = oracles.fk(arm, q)
     targets[::20, :3, 3] += rng.normal(0.0, 0.5, (len(targets[::20]), 3))
     near = q + rng.normal(0.0, rng.choice([0.01, 0.1, 1.0], count)[:, None], q.shape)
     starts = np.where(rng.random(count)[:, None] < 0.5, near, rng.uniform(arm.lower, arm.upper, q.shape))
@@ -49,7 +49,7 @@ def problems(arm: oracles.Arm, count: int, rng: np.random.Generator) -> tuple[An
 def judged(arm: oracles.Arm, batch: Any, targets: Any, task: str) -> Count:
     """Count claims that are none, successes not claimed, and answers outside the limits."""
     assert np.isfinite(batch.q).all()
-    T = oracles.fk_many(arm, batch.q)
+    T = oracles.fk(arm, batch.q)
     if task == "pose":
         p, r = oracles.off_by(T, targets)
     else:

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, laws, make_law, plan
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
-from tests.planners import plain
-from tests.planners.plain import default_joint_path, paper6r, random_joint_paths
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners import cases
+from tests.planners.cases import default_joint_path, paper6r, random_joint_paths
 
 Array = NDArray[np.float64]
 
@@ -100,7 +102,7 @@ def test_the_tool_stays_on_the_path(law: str, line: int, limits: str) -> None:
     worst = np.zeros(2)
     rng = np.random.default_rng(0)
     for t in rng.uniform(0.0, trajectory.duration, 60):
-        worst = np.maximum(worst, plain.off_line(path.start, path.goal, plain.fk(trajectory(t))))
+        worst = np.maximum(worst, oracles.off_line(path.start, path.goal, oracles.fk(PAPER, trajectory(t))))
     assert worst[0] <= ON_PATH.get(law, 1e-6)
     assert worst[1] <= 10.0 * ON_PATH.get(law, 1e-6)
 
@@ -229,7 +231,9 @@ def tool_speeds(trajectory: Trajectory, field: str, count: int = 3001) -> tuple[
     twist = np.einsum("kij,kj->ki", paper6r().jacobian(trajectory(t)), trajectory(t, 1))
     speeds = np.linalg.norm(twist[:, part], axis=1)
     at = t[speeds.argmax()]
-    return float(speeds.max()), float(np.linalg.norm((plain.jacobian(trajectory(at)) @ trajectory(at, 1))[part]))
+    return float(speeds.max()), float(
+        np.linalg.norm((oracles.jacobian(PAPER, trajectory(at)) @ trajectory(at, 1))[part])
+    )
 
 
 @every_law
@@ -256,16 +260,16 @@ def test_a_speed_of_the_tool_is_kept_and_used_by_the_laws_that_promise_it(law: s
 
 @cache
 def short_path(length: float) -> JointPath:
-    line = plain.default_line()
-    return plain.followed_line(line.start, plain.moved(line.start, plain.MOVE / line.end * length))
+    line = cases.default_line()
+    return cases.followed_line(line.start, oracles.moved(line.start, cases.MOVE / line.end * length))
 
 
 @cache
 def one_joint_path() -> JointPath:
     """A turn about the last axis: only joint6 moves."""
-    q = plain.START.copy()
+    q = cases.START.copy()
     q[5] += 0.5
-    return plain.followed_line(paper6r().fk(plain.START), paper6r().fk(q))
+    return cases.followed_line(paper6r().fk(cases.START), paper6r().fk(q))
 
 
 @every_law
@@ -327,11 +331,11 @@ def test_joints_that_do_not_move_stand_still(law: str) -> None:
 def sharp_corners() -> Plan:
     """Corners of 30° between stretches and nearly back on the way, rounded within a tenth of a millimetre."""
     robot = paper6r()
-    poses = np.tile(robot.fk(plain.START), (4, 1, 1))
+    poses = np.tile(robot.fk(cases.START), (4, 1, 1))
     poses[1, :3, 3] += (0.0, 0.06, 0.0)
     poses[2, :3, 3] += (0.03, 0.008, 0.0)
     poses[3, :3, 3] += (0.03, 0.058, 0.004)
-    return plan(robot, Polyline(poses, blend=1e-4), plain.START, limits=MotionLimits(2.0, 10.0, 100.0))
+    return plan(robot, Polyline(poses, blend=1e-4), cases.START, limits=MotionLimits(2.0, 10.0, 100.0))
 
 
 @pytest.mark.parametrize("law", [law for law in laws() if make_law(law).keeps])
@@ -339,7 +343,7 @@ def test_sharp_corners_are_kept_to_and_certified(law: str) -> None:
     followed = sharp_corners().joint_path
     assert followed is not None
     limits = MotionLimits(2.0, 10.0, 100.0)
-    proof = plan(paper6r(), followed.path, plain.START, timing=law, limits=limits).certificate
+    proof = plan(paper6r(), followed.path, cases.START, timing=law, limits=limits).certificate
     assert proof.holds
     assert max(proof.path_error[:2]) <= 1e-6
     s = proof.binding.s

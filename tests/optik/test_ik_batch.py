@@ -20,7 +20,7 @@ FIELDS = ("q", "status", "iterations", "restarts", "position_error", "rotation_e
 def problems(count, seed, arm=ARM):
     """Targets within reach, beyond it, and turned so that nothing solves them; starts anywhere."""
     rng = np.random.default_rng(seed)
-    targets = oracles.fk_many(arm, rng.uniform(arm.lower, arm.upper, (count, arm.n)))
+    targets = oracles.fk(arm, rng.uniform(arm.lower, arm.upper, (count, arm.n)))
     targets[::5, 0, 3] += 3.0
     targets[1::5] = targets[1::5] @ oracles.pose((0.0, 2.0, 0.0), (0.0, 0.0, 0.0))
     return targets, rng.uniform(arm.lower, arm.upper, (count, arm.n))
@@ -63,7 +63,7 @@ def test_five_thousand_are_the_same_in_any_order_and_any_number_of_threads():
     equal(batch, SHORT.solve_batch(targets[order], starts[order]), order)
     some = np.arange(0, 5000, 50)
     check_singles(SHORT, batch._replace(**{f: getattr(batch, f)[some] for f in FIELDS}), targets[some], starts[some])
-    p, r = oracles.off_by(oracles.fk_many(ARM, batch.q), targets)
+    p, r = oracles.off_by(oracles.fk(ARM, batch.q), targets)
     assert (batch.solved == ((p <= 1e-6) & (r <= 1e-6))).all()
     assert np.abs(batch.position_error - p).max() < 1e-12 * 10
     assert np.abs(batch.rotation_error - r).max() < 1e-8
@@ -123,7 +123,7 @@ def test_the_limits_on_iterations_and_restarts_hold(options):
 def test_one_tolerance_for_all():
     targets, starts = problems(100, 207)
     batch = optik.solve_ik_batch(PAPER, targets, starts, tolerance=Tolerance(1e-3, 1e-9), max_restarts=5)
-    p, r = oracles.off_by(oracles.fk_many(ARM, batch.q), targets)
+    p, r = oracles.off_by(oracles.fk(ARM, batch.q), targets)
     assert (batch.solved == ((p <= 1e-3) & (r <= 1e-9 + 1e-14))).all()
     assert batch.solved.any()
 

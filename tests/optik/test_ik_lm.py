@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from math import atan2, cos, inf, pi, sin
 
 import numba
@@ -148,7 +149,7 @@ def test_the_chain_is_the_arm_where_axes_are_parallel_or_nearly_so(seed, n, off,
         theta = rng.choice([0.0, pi, 0.5 * pi, rng.uniform(-3, 3)])
         rows.append(oracles.Row(*rng.uniform(-0.5, 0.5, 1), alpha, rng.uniform(-0.5, 0.5), theta))
     if prismatic:
-        rows[-1] = oracles.replace(rows[-1], prismatic=True)
+        rows[-1] = replace(rows[-1], prismatic=True)
     for convention in ("mdh", "dh"):
         arm = oracles.Arm(convention, tuple(rows), lower=np.full(n, -9.0), upper=np.full(n, 9.0))
         q = rng.uniform(-7, 7, n)
@@ -362,9 +363,9 @@ def test_limits_corners_and_singular_poses_are_solved(spread):
         starts = rng.uniform(ARM.lower, ARM.upper, q.shape)
     else:
         starts = np.clip(q + rng.normal(0, spread, q.shape), ARM.lower, ARM.upper)
-    targets = oracles.fk_many(ARM, q)
+    targets = oracles.fk(ARM, q)
     batch = LM(PAPER).solve_batch(targets, starts)
-    p, r = oracles.off_by(oracles.fk_many(ARM, batch.q), targets)
+    p, r = oracles.off_by(oracles.fk(ARM, batch.q), targets)
     assert (batch.solved == ((p <= 1e-6) & (r <= 1e-6))).all()
     assert ((batch.q >= ARM.lower) & (batch.q <= ARM.upper)).all()
     assert (~batch.solved).sum() == 0
@@ -692,7 +693,7 @@ def test_a_pickled_solver_answers_the_same(options):
 @pytest.mark.parametrize("options", [{}, {"task": "axis_z"}, {"time_limit": 60.0}], ids=str)
 def test_one_solver_in_eight_threads_answers_as_in_one(options):
     rng, solver = np.random.default_rng(115), LM(PAPER, max_restarts=20, **options)
-    targets = oracles.fk_many(ARM, rng.uniform(ARM.lower, ARM.upper, (400, 6)))
+    targets = oracles.fk(ARM, rng.uniform(ARM.lower, ARM.upper, (400, 6)))
     starts = rng.uniform(ARM.lower, ARM.upper, (400, 6))
     serial = [solver.solve(T, q) for T, q in zip(targets, starts, strict=True)]
     with ThreadPoolExecutor(8) as pool:

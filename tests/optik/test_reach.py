@@ -55,7 +55,7 @@ def test_no_configuration_breaks_the_bound(seed, n, prismatic, convention, task)
     q = rng.uniform(arm.lower, arm.upper, (80, n))
     ends = rng.random(q.shape) < 0.3
     q[ends] = np.where(rng.random(q.shape) < 0.5, arm.lower, arm.upper)[ends]
-    for T in oracles.fk_many(arm, q):
+    for T in oracles.fk(arm, q):
         assert outside_reach(reach, np.ascontiguousarray(T), 0.0, 0.0) < 0.0
 
 
@@ -67,7 +67,7 @@ def test_no_configuration_of_a_robot_breaks_its_bound(name, task):
     q = rng.uniform(arm.lower, arm.upper, (1000, arm.n))
     q[rng.random(q.shape) < 0.3] = 0.0  # straight arms
     q = np.clip(q, arm.lower, arm.upper)
-    for T in oracles.fk_many(arm, q):
+    for T in oracles.fk(arm, q):
         assert outside_reach(reach, np.ascontiguousarray(T), 0.0, 0.0) < 0.0
 
 
@@ -137,7 +137,7 @@ def test_a_slider_is_proved_out_at_both_its_ends():
 def test_the_bound_is_within_a_quarter_of_what_is_found(name):
     arm = oracles.table(name)
     A, c, _, most = np.split(reach_bound(optik.load(name), as_task("pose")), [3, 6, 7])
-    T = oracles.fk_many(arm, oracles.configurations(arm, 20_000, 303))
+    T = oracles.fk(arm, oracles.configurations(arm, 20_000, 303))
     far = np.linalg.norm(T[:, :3, :3] @ c + T[:, :3, 3] - A, axis=1).max()
     assert far <= most[0] <= 1.35 * far
 
@@ -163,7 +163,7 @@ def test_a_far_target_is_proved_out_and_the_message_has_the_bound(method, task):
         assert pytest.approx(bound[:3], rel=1e-3, abs=1e-4) == A
         assert allowed == pytest.approx(bound[7], rel=1e-5)
         assert "at most" in result.message
-        far = oracles.fk_many(ARM, oracles.configurations(ARM, 300, 305))
+        far = oracles.fk(ARM, oracles.configurations(ARM, 300, 305))
         reached = np.linalg.norm(far[:, :3, :3] @ bound[3:6] + far[:, :3, 3] - bound[:3], axis=1).max()
         assert reached <= allowed * (1.0 + 1e-6) < distance * (1.0 + 1e-6)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import optik
 from optik.errors import InvalidInput
@@ -32,7 +33,7 @@ def plain_error(T, target, task):
     R, R_t = T[:3, :3], target[:3, :3]
     to_axes = R_t.T if task.frame == "target" else np.eye(3)
     D = R_t.T @ R if task.frame == "target" else R @ R_t.T
-    turn = -oracles.Rotation.from_matrix(D).as_rotvec()
+    turn = -Rotation.from_matrix(D).as_rotvec()
     free = [k for k in range(3) if not task.mask[3 + k]]
     if len(free) == 1:  # the shortest turn that brings the one axis onto the other
         axis = np.eye(3)[free[0]]
@@ -79,6 +80,27 @@ def test_the_rows_are_the_errors_derivative(task):
             rows = [0, 1, 2] if free != 2 else list(range(6))
             rows = [i for i in rows if e[i] != 0.0 or not task.mask[i] or task.box[i] == 0.0]
             assert np.abs(J[rows, k] - slope[rows]).max() < 1e-7
+
+
+LONE = [task for task in TASKS if 3 - sum(task.mask[3:]) == 2 and not any(task.box)]
+
+
+@pytest.mark.parametrize("task", LONE, ids=str)
+@pytest.mark.parametrize("size", [9e-4, 0.02])
+def test_the_row_of_a_lone_rotation_is_right_to_second_order_in_a_small_angle(task, size):
+    q = np.array([0.3, -0.5, 0.6, 0.4, 0.7, -0.2])
+    for turn in size * np.array([[0.8, 0.0, 0.6], [0.6, 0.8, 0.0], [0.0, -0.6, 0.8]]):
+        target = oracles.moved(ARM.fk(q), np.zeros(3), turn)
+        _, w = compiled_error(ARM.fk(q), target, task)
+        J = ARM.jacobian(q).copy()
+        task_rows(target, task.flags, w, J)
+        for k in range(6):
+            step = np.eye(6)[k]
+            slope = oracles.difference(
+                lambda x, step=step, target=target: np.array([plain_error(ARM.fk(q + h * step), target, task) for h in x]),
+                np.zeros(1), 0.02,
+            )  # fmt: skip
+            assert np.abs(J[3:, k] + slope[0, 3:]).max() < 2e-9  # a twelfth of the angle's square is 7e-8
 
 
 @each_task

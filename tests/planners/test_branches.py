@@ -21,8 +21,9 @@ from planners._march import first_exit, piece_bound
 from planners.branches import branches
 from planners.joint_path import APART, apart
 from planners.redundancy import ROOM
-from tests.planners import plain
-from tests.planners.plain import START, default_line, paper6r
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners.cases import START, default_line, paper6r
 
 Array = NDArray[np.float64]
 ROBOTS = ("paper6r", "ur5e", "puma560", "gen3lite", "panda", "iiwa14")
@@ -34,7 +35,7 @@ def drawn_line(robot: Robot, rng: np.random.Generator, length: float = 0.15) -> 
     q = 0.5 * (lower + upper) + 0.35 * (upper - lower) * rng.uniform(-1.0, 1.0, robot.n)
     start = robot.fk(q)
     move = rng.normal(size=3)
-    return Line(start, plain.moved(start, length * move / np.linalg.norm(move), 0.2 * rng.normal(size=3))), q
+    return Line(start, oracles.moved(start, length * move / np.linalg.norm(move), 0.2 * rng.normal(size=3))), q
 
 
 @cache
@@ -52,7 +53,7 @@ def followed_lines(name: str, count: int = 3, branch: str = "start") -> tuple[Jo
 def off(joint_path: JointPath, s: Array) -> tuple[float, float]:
     """Worst distance and angle to the path, pose by pose, by SciPy's rotations."""
     poses = zip(joint_path.robot.fk(joint_path(s)), joint_path.path.pose(s), strict=True)
-    worst = np.array([plain.distance(T, wanted) for T, wanted in poses]).max(axis=0)
+    worst = np.array([oracles.off_by(T, wanted) for T, wanted in poses]).max(axis=0)
     return float(worst[0]), float(worst[1])
 
 
@@ -79,10 +80,10 @@ def test_the_bound_is_never_below_the_deviation_and_few_nodes_are_enough(name: s
 
 
 def test_a_sliding_joint_counts_in_the_bound() -> None:
-    rows = [DHRow(a=a, alpha=np.deg2rad(alpha), d=d, prismatic=i == 2) for i, (alpha, a, d) in enumerate(plain.SLIDING)]
+    rows = [DHRow(a=r.a, alpha=r.alpha, d=r.d, prismatic=r.prismatic) for r in oracles.SLIDING.rows]
     robot = Robot.from_mdh(rows, JointLimits(np.full(6, -3.0), np.full(6, 3.0)), name="sliding")
     q = np.array([0.3, -0.8, 0.5, 0.4, 0.9, -0.2])
-    line = Line(robot.fk(q), plain.moved(robot.fk(q), np.array([0.2, 0.16, -0.12]), np.array([0.2, -0.1, 0.3])))
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.2, 0.16, -0.12]), np.array([0.2, -0.1, 0.3])))
     joint_path = follow(make_solver(robot, "lm"), line, q, samples=3).joint_path
     assert joint_path is not None
     distance, angle = off(joint_path, np.linspace(0.0, line.end, 500))
@@ -92,13 +93,13 @@ def test_a_sliding_joint_counts_in_the_bound() -> None:
 
 def test_equal_samples_on_a_short_path_are_knots_but_not_all_nodes() -> None:
     start = paper6r().fk(START)
-    line = Line(start, plain.moved(start, np.array([0.001, 0.0, 0.0])))
+    line = Line(start, oracles.moved(start, np.array([0.001, 0.0, 0.0])))
     joint_path = follow(make_solver(paper6r(), "lm"), line, START).joint_path
     assert joint_path is not None
     assert len(joint_path.knots) == 151
     assert np.diff(joint_path.nodes).min() >= APART - 1e-12
     for i in (0, 1, 77, 150):
-        exact = plain.derivatives_along(line.start, line.goal, joint_path.knots[i], line.end, joint_path.q[i])
+        exact = oracles.derivatives_along(PAPER, line.start, line.goal, joint_path.knots[i], line.end, joint_path.q[i])
         for order in (1, 2, 3):
             np.testing.assert_allclose(joint_path.derivatives[i, order - 1], exact[order], rtol=1e-9, atol=1e-8)
 
@@ -176,7 +177,7 @@ def test_every_branch_of_the_start_is_tracked_and_the_best_is_the_cheapest_that_
     distinct = [q for i, q in enumerate(turns) if all(np.abs(q - p).max() > 1e-3 for p in turns[:i])]
     assert len(found) == len(distinct)
     for branch in found:
-        assert max(plain.distance(robot.fk(branch.q), path.pose(0.0))) < 1e-8
+        assert max(oracles.off_by(robot.fk(branch.q), path.pose(0.0))) < 1e-8
     whole = [branch for branch in found if branch.ended is None]
     assert whole == sorted(whole, key=lambda branch: branch.cost)
     assert found[: len(whole)] == whole
@@ -203,14 +204,14 @@ def spinning(turn: float) -> tuple[Robot, Line, Array]:
     room = np.where(np.arange(6) == 5, 1.5 * np.pi, np.pi)
     robot = Robot("roomy", robot.fixed, robot.prismatic, robot.tool, JointLimits(-room, room))
     start = robot.fk(START)
-    return robot, Line(start, plain.moved(start, np.zeros(3), turn * start[:3, 2])), START
+    return robot, Line(start, oracles.moved(start, np.zeros(3), turn * start[:3, 2])), START
 
 
 @pytest.mark.parametrize("turn", [2.5, -2.5])
 def test_the_winding_is_one_that_lets_the_whole_path_fit(turn: float) -> None:
     robot, line, q = spinning(turn)
     q = q + np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.sign(turn) * np.deg2rad(210.0)])
-    line = Line(robot.fk(q), plain.moved(robot.fk(q), np.zeros(3), turn * robot.fk(q)[:3, 2]))
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.zeros(3), turn * robot.fk(q)[:3, 2]))
     kept = follow(make_solver(robot, "lm"), line, q)
     assert kept.stop is not None
     assert (kept.stop.status, kept.stop.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint6")
@@ -272,7 +273,7 @@ def test_no_branch_at_the_start_is_said_so() -> None:
     robot = load("ur5e")
     far = np.eye(4)
     far[0, 3] = 3.0
-    stop = follow(make_solver(robot, "lm"), Line(far, plain.moved(far, np.array([0.1, 0.0, 0.0])))).stop
+    stop = follow(make_solver(robot, "lm"), Line(far, oracles.moved(far, np.array([0.1, 0.0, 0.0])))).stop
     assert stop is not None
     assert (stop.status, stop.s) == (FollowStatus.UNREACHABLE, 0.0)
 
@@ -288,7 +289,7 @@ def line_of_few(name: str) -> tuple[Line, Array]:
     else:  # SCARA: anywhere, turning about the vertical
         q = np.array([0.3, 0.8, 0.08, 0.2])
         move, turn = np.array([0.05, -0.1, -0.03]), np.array([0.0, 0.0, 0.5])
-    return Line(robot.fk(q), plain.moved(robot.fk(q), move, turn)), q
+    return Line(robot.fk(q), oracles.moved(robot.fk(q), move, turn)), q
 
 
 @pytest.mark.parametrize("name", ["wx200", "irb910sc"])
@@ -310,7 +311,7 @@ def test_what_few_joints_can_follow_is_followed(name: str, branch: str) -> None:
 @pytest.mark.parametrize("branch", ["start", "best"])
 def test_what_few_joints_cannot_follow_is_said_with_the_reason(name: str, turn: list[float], branch: str) -> None:
     robot, (line, q) = load(name), line_of_few(name)
-    goal = plain.moved(line.start, np.array([0.02, 0.01, -0.02]), np.array(turn))
+    goal = oracles.moved(line.start, np.array([0.02, 0.01, -0.02]), np.array(turn))
     followed = follow(make_solver(robot, "lm"), Line(line.start, goal), q, branch=branch)
     assert followed.joint_path is None and followed.stop is not None
     assert (followed.stop.status, followed.stop.s) == (FollowStatus.UNREACHABLE, 0.0)
@@ -319,7 +320,7 @@ def test_what_few_joints_cannot_follow_is_said_with_the_reason(name: str, turn: 
 
 def test_a_sliding_joint_at_its_end_is_said_in_metres() -> None:
     robot, (line, q) = load("irb910sc"), line_of_few("irb910sc")
-    up = Line(line.start, plain.moved(line.start, np.array([0.0, 0.0, 0.15])))
+    up = Line(line.start, oracles.moved(line.start, np.array([0.0, 0.0, 0.15])))
     followed = follow(make_solver(robot, "lm"), up, q)
     assert followed.stop is not None and followed.joint_path is not None
     assert (followed.stop.status, followed.stop.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint3")
@@ -369,7 +370,7 @@ def test_a_redundant_arm_starts_where_it_is_told_or_where_it_is_best() -> None:
 def test_a_redundant_arm_stops_where_its_reach_ends() -> None:
     robot = load("panda")
     q = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.5])
-    line = Line(robot.fk(q), plain.moved(robot.fk(q), np.array([0.9, 0.0, 0.0])))
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.9, 0.0, 0.0])))
     followed = follow(make_solver(robot, "lm"), line, q)
     assert followed.stop is not None and followed.joint_path is not None
     assert followed.stop.status in (FollowStatus.UNREACHABLE, FollowStatus.OUTSIDE_LIMITS)
@@ -387,7 +388,7 @@ class Given(Line):
     begin: ClassVar[Array] = np.array([0.1, -0.4, 0.3, 0.2, -0.5, 0.3])
 
     def __init__(self, length: float) -> None:
-        super().__init__(np.eye(4), plain.moved(np.eye(4), np.array([length, 0.0, 0.0])))
+        super().__init__(np.eye(4), oracles.moved(np.eye(4), np.array([length, 0.0, 0.0])))
 
     def configurations(self, robot: Robot, s: Any, order: int = 0) -> Array | None:
         s = np.asarray(s)[:, None]

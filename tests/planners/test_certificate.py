@@ -16,8 +16,10 @@ from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, cer
 from planners.hermite import through
 from planners.paths.base import Path
 from planners.timing.base import DERIVATIVES
-from tests.planners import plain
-from tests.planners.plain import START, default_joint_path, default_line, paper6r
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners import cases
+from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 Array = NDArray[np.float64]
 ROBOT = paper6r()
@@ -41,7 +43,7 @@ def judged(trajectory: Trajectory, limits: MotionLimits = ROOMY, **options: Any)
 
 def around_start(rng: np.random.Generator, smooth: int, size: float = 0.02) -> Trajectory:
     """Random pieces for six joints near the default start, which meet in so many orders."""
-    base = plain.random_trajectory(rng, pieces=4, n=6, smooth=smooth)
+    base = cases.random_trajectory(rng, pieces=4, n=6, smooth=smooth)
     c = size * base.coefficients
     c[5] += START
     return Trajectory(PPoly(c, base.knots))
@@ -83,13 +85,13 @@ def test_worst_values_equal_dense_brute_force(smooth: int) -> None:
             np.testing.assert_array_equal(getattr(certificate, field).value, np.inf)
             np.testing.assert_array_equal(getattr(certificate, field).ratio, np.inf)
             continue
-        least, greatest, t_least, t_greatest = plain.brute_extrema(trajectory, order, 40_000)
+        least, greatest, t_least, t_greatest = oracles.brute_extrema(trajectory, order, 40_000)
         worst = np.maximum(-least, greatest)
         extreme = getattr(certificate, field)
         np.testing.assert_allclose(extreme.value, worst, rtol=1e-9)
         np.testing.assert_allclose(extreme.ratio, worst / bound, rtol=1e-9)
         np.testing.assert_allclose(extreme.time, np.where(-least > greatest, t_least, t_greatest), rtol=0, atol=1e-4)
-    least, greatest, _, _ = plain.brute_extrema(trajectory, 0, 40_000)
+    least, greatest, _, _ = oracles.brute_extrema(trajectory, 0, 40_000)
     margin = np.minimum(least - ROBOT.limits.lower, ROBOT.limits.upper - greatest)
     np.testing.assert_allclose(certificate.position_margin, margin, rtol=0, atol=1e-12)
 
@@ -314,7 +316,7 @@ def test_sampled_jerk_is_the_largest_difference_of_accelerations_over_a_period(r
     trajectory = around_start(np.random.default_rng(3), smooth=2)
     certificate = certified(trajectory, rate=rate)
     periods = int(trajectory.duration * rate)
-    accelerations = np.array([plain.value(trajectory, i / rate, 2) for i in range(periods + 1)])
+    accelerations = np.array([oracles.value(trajectory, i / rate, 2) for i in range(periods + 1)])
     wanted = np.abs(np.diff(accelerations, axis=0)).max(axis=0) * rate
     assert certificate.rate == rate
     np.testing.assert_allclose(certificate.sampled_jerk, wanted, rtol=1e-9)
@@ -352,27 +354,29 @@ def test_the_path_error_bounds_what_plain_kinematics_say(law: str) -> None:
     error = certified(trajectory).path_error
     worst = np.zeros(2)
     for t in np.append(np.linspace(0.0, trajectory.duration, 1201), [error.t_distance, error.t_angle]):
-        worst = np.maximum(worst, plain.off_line(line.start, line.goal, plain.fk(trajectory(t))))
+        worst = np.maximum(worst, oracles.off_line(line.start, line.goal, oracles.fk(PAPER, trajectory(t))))
     assert_bounds(error.distance, worst[0])
     assert_bounds(error.angle, worst[1])
     for t, found, part in ((error.t_distance, error.found_distance, 0), (error.t_angle, error.found_angle, 1)):
-        at = plain.off_line(line.start, line.goal, plain.fk(trajectory(t)))[part]
+        at = oracles.off_line(line.start, line.goal, oracles.fk(PAPER, trajectory(t)))[part]
         assert at == pytest.approx(found, rel=1e-6, abs=1e-14)
 
 
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-4, 0.3))
 def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: int, size: float) -> None:
-    trajectory = around_start(np.random.default_rng(seed), 3, size)
-    certificate = certified(trajectory)
+    trajectory, line = around_start(np.random.default_rng(seed), 3, size), default_line()
+    certificate = certify(ROBOT, line, trajectory, ROOMY)
     assume((certificate.position_margin > 0.0).all())
-    line, error, slack = default_line(), certificate.path_error, 1.0 + 1e-9
+    error, slack = certificate.path_error, 1.0 + 1e-9
     worst = np.zeros(4)
     for t in np.linspace(0.0, trajectory.duration, 101):
-        worst[:2] = np.maximum(worst[:2], plain.off_line(line.start, line.goal, plain.fk(trajectory(t))))
-        twist = plain.jacobian(trajectory(t)) @ trajectory(t, 1)
+        worst[:2] = np.maximum(worst[:2], oracles.off_line(line.start, line.goal, oracles.fk(PAPER, trajectory(t))))
+        twist = oracles.jacobian(PAPER, trajectory(t)) @ trajectory(t, 1)
         worst[2:] = np.maximum(worst[2:], [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
     assert worst[0] <= slack * error.distance
+    assert worst[1] <= slack * error.angle, "the line keeps its orientation, so the angle is the same at all its places"
+    assert error.angle <= 1.1 * worst[1] + 1e-9
     assert worst[2] <= slack * certificate.tool_speed.value <= 1.01 * worst[2] + 1e-5
     assert worst[3] <= slack * certificate.rotation_speed.value <= 1.01 * worst[3] + 1e-5
 
@@ -380,8 +384,8 @@ def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: i
 def test_a_path_that_crosses_itself_is_followed_in_its_order() -> None:
     """At the end the tool is where it was at the start, but turned: only the order along the path tells them apart."""
     start = ROBOT.fk(START)
-    line = Line(start, plain.moved(start, np.zeros(3), np.array([0.0, 0.0, 0.4])))
-    trajectory = make_law("optimal").run(plain.followed_line(line.start, line.goal), MotionLimits(2.0, 10.0, 100.0))
+    line = Line(start, oracles.moved(start, np.zeros(3), np.array([0.0, 0.0, 0.4])))
+    trajectory = make_law("optimal").run(cases.followed_line(line.start, line.goal), MotionLimits(2.0, 10.0, 100.0))
     certificate = certify(ROBOT, line, trajectory, ROOMY)
     assert certificate.path_error.angle <= 2e-9
     np.testing.assert_allclose(certificate.binding.s[[0, -1]], [0.0, 0.4], rtol=0.0, atol=1e-9)
@@ -430,7 +434,7 @@ def test_the_binding_limit_is_that_of_the_worst_joint_of_each_piece() -> None:
     for k in range(0, len(binding.ratio), 7):
         u = np.linspace(binding.t[k], binding.t[k + 1], 41)[1:-1]
         worst = {
-            (field, joint): float(np.abs([plain.value(trajectory, t, order, k)[j] for t in u]).max()) / bound
+            (field, joint): float(np.abs([oracles.value(trajectory, t, order, k)[j] for t in u]).max()) / bound
             for order, (field, bound) in enumerate(zip(DERIVATIVES, (2.0, 10.0, 100.0), strict=True), start=1)
             for j, joint in enumerate(NAMES)
         }
@@ -440,9 +444,9 @@ def test_the_binding_limit_is_that_of_the_worst_joint_of_each_piece() -> None:
 
 def test_a_motion_one_millimetre_beside_the_line_is_reported_so() -> None:
     line, trajectory = default_line(), paper_motion()
-    sideways = np.cross(plain.MOVE, [0.3, 0.8, 0.5])
+    sideways = np.cross(cases.MOVE, [0.3, 0.8, 0.5])
     sideways *= 1e-3 / np.linalg.norm(sideways)
-    beside = Line(plain.moved(line.start, sideways), plain.moved(line.goal, sideways))
+    beside = Line(oracles.moved(line.start, sideways), oracles.moved(line.goal, sideways))
     error = certify(ROBOT, beside, trajectory, ROOMY).path_error
     assert error.distance == pytest.approx(1e-3, abs=1e-6)
     assert error.angle <= 1e-6
@@ -451,7 +455,7 @@ def test_a_motion_one_millimetre_beside_the_line_is_reported_so() -> None:
 def test_a_motion_that_is_one_milliradian_off_is_reported_so() -> None:
     line, trajectory = default_line(), paper_motion()
     turn = np.array([0.6, 0.0, 0.8]) * 1e-3
-    turned = Line(plain.moved(line.start, np.zeros(3), turn), plain.moved(line.goal, np.zeros(3), turn))
+    turned = Line(oracles.moved(line.start, np.zeros(3), turn), oracles.moved(line.goal, np.zeros(3), turn))
     error = certify(ROBOT, turned, trajectory, ROOMY).path_error
     assert error.angle == pytest.approx(1e-3, abs=1e-6)
     assert error.distance <= 1e-6
@@ -463,8 +467,8 @@ def test_a_bulge_of_one_millimetre_is_found_where_it_is() -> None:
     q = np.empty((61, 6))
     for i, u in enumerate(t / 1.5):
         off = 1e-3 * max(0.0, 1.0 - ((u - 0.4) / 0.1) ** 2) ** 3
-        target = plain.moved(plain.line_pose(line.start, line.goal, u), [0.0, off, 0.0])
-        q[i] = plain.newton(target, joint_path(u * line.end))
+        target = oracles.moved(oracles.line_pose(line.start, line.goal, u), [0.0, off, 0.0])
+        q[i] = oracles.met(PAPER, target, joint_path(u * line.end))
     spline = CubicSpline(t, q)
     error = certified(Trajectory(through(t, q, spline(t, 1), spline(t, 2)))).path_error
     assert error.distance == pytest.approx(1e-3, rel=1e-3)
@@ -473,14 +477,14 @@ def test_a_bulge_of_one_millimetre_is_found_where_it_is() -> None:
 
 def test_tool_speed_and_rotation_speed_are_those_of_the_moving_tool() -> None:
     start = ROBOT.fk(START)
-    line = Line(start, plain.moved(start, np.array([0.05, 0.03, -0.04]), np.array([0.1, -0.2, 0.15])))
-    trajectory = make_law("quintic").run(plain.followed_line(line.start, line.goal), ROOMY)
+    line = Line(start, oracles.moved(start, np.array([0.05, 0.03, -0.04]), np.array([0.1, -0.2, 0.15])))
+    trajectory = make_law("quintic").run(cases.followed_line(line.start, line.goal), ROOMY)
     certificate = certify(ROBOT, line, trajectory, ROOMY)
     fastest = np.zeros(2)
     h = 1e-5
     near = [certificate.tool_speed.time, certificate.rotation_speed.time]
     for t in [*np.linspace(0.0, trajectory.duration, 301)[1:-1], *near]:  # at rest at both ends
-        twist = plain.twist_to(plain.fk(trajectory(t - h)), plain.fk(trajectory(t + h))) / (2 * h)
+        twist = oracles.error(oracles.fk(PAPER, trajectory(t - h)), oracles.fk(PAPER, trajectory(t + h))) / (2 * h)
         fastest = np.maximum(fastest, [np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])])
     for proved, found in zip((certificate.tool_speed.value, certificate.rotation_speed.value), fastest, strict=True):
         assert found * (1.0 - 1e-6) <= proved <= found * (1.0 + 1e-4)
@@ -490,7 +494,7 @@ def test_the_smallest_singular_value_and_when() -> None:
     trajectory = paper_motion()
     certificate = certified(trajectory)
     t = np.linspace(0.0, 3.0, 101)
-    values = [np.linalg.svd(plain.jacobian(trajectory(w)), compute_uv=False)[-1] for w in t]
+    values = [np.linalg.svd(oracles.jacobian(PAPER, trajectory(w)), compute_uv=False)[-1] for w in t]
     assert certificate.singular_value <= min(values) * (1.0 + 1e-9)
     assert certificate.singular_value == pytest.approx(min(values), rel=1e-3)
     assert certificate.singular_value > 0.22
@@ -532,7 +536,7 @@ def test_a_rate_that_is_not_above_zero_is_refused(rate: float) -> None:
 
 def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> None:
     with pytest.raises(InvalidInput) as info:
-        certified(plain.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
+        certified(cases.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
     assert info.value.argument == "trajectory"
     with pytest.raises(InvalidInput) as info:
         certified(paper_motion(), keeps=("velocty",))

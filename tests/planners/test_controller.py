@@ -14,8 +14,9 @@ from scipy.interpolate import PPoly
 from optik.errors import InvalidInput
 from planners import MotionLimits, Trajectory, certify, make_law
 from planners.controller import executed, states
-from tests.planners import plain
-from tests.planners.plain import default_joint_path, default_line, paper6r
+from tests import oracles
+from tests.planners import cases
+from tests.planners.cases import default_joint_path, default_line, paper6r
 
 Array = NDArray[np.float64]
 ORDERS = {"linear": 1, "cubic": 2, "quintic": 3}
@@ -44,8 +45,8 @@ def exact(trajectory: Trajectory, t: float, order: int) -> Array:
     x = trajectory.knots
     k = int(np.argmin(np.abs(x - t)))
     if abs(x[k] - t) > 1e-9 or k in (0, len(x) - 1):
-        return plain.value(trajectory, t, order)
-    return 0.5 * (plain.value(trajectory, t, order, k - 1) + plain.value(trajectory, t, order, k))
+        return oracles.value(trajectory, t, order)
+    return 0.5 * (oracles.value(trajectory, t, order, k - 1) + oracles.value(trajectory, t, order, k))
 
 
 def interpolation(trajectory: Trajectory, rate: float, kind: str, t: float, order: int) -> Array:
@@ -64,7 +65,7 @@ def interpolation(trajectory: Trajectory, rate: float, kind: str, t: float, orde
 @given(st.integers(0, 2**32 - 1), st.integers(2, 3), st.floats(3.0, 60.0))
 def test_it_is_what_plain_interpolation_makes_of_the_points(kind: str, seed: int, smooth: int, rate: float) -> None:
     rng = np.random.default_rng(seed)
-    trajectory = plain.random_trajectory(rng, pieces=3, n=2, smooth=smooth)
+    trajectory = cases.random_trajectory(rng, pieces=3, n=2, smooth=smooth)
     motion = executed(trajectory, rate, kind)
     assert motion.duration == trajectory.duration
     for t in rng.uniform(0.0, trajectory.end, 8):
@@ -78,7 +79,7 @@ def test_it_is_what_plain_interpolation_makes_of_the_points(kind: str, seed: int
 @given(st.integers(0, 2**32 - 1), st.integers(2, 3))
 def test_states_are_the_exact_ones_and_the_mean_of_both_sides_where_acceleration_jumps(seed: int, smooth: int) -> None:
     rng = np.random.default_rng(seed)
-    trajectory = plain.random_trajectory(rng, pieces=4, n=3, smooth=smooth)
+    trajectory = cases.random_trajectory(rng, pieces=4, n=3, smooth=smooth)
     t = np.concatenate([trajectory.knots, rng.uniform(0.0, trajectory.end, 6)])
     for order, values in enumerate(states(trajectory, t)):
         expected = np.array([exact(trajectory, x, order) for x in t])
@@ -130,6 +131,6 @@ def test_points_are_at_whole_periods_and_at_the_end_and_never_a_rounding_apart(T
     ],
 )
 def test_what_cannot_be_meant_is_refused(rate: Any, kind: Any, named: str) -> None:
-    trajectory = plain.random_trajectory(np.random.default_rng(0), smooth=3)
+    trajectory = cases.random_trajectory(np.random.default_rng(0), smooth=3)
     with pytest.raises(InvalidInput, match=named):
         executed(trajectory, rate, kind)

@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 from optik.errors import InvalidInput
 from planners import Arc, Certificate, JointLine, MotionLimits, Trajectory, certify, plan
 from planners.hermite import through
-from tests.planners.plain import START, default_line, paper6r
+from tests.planners.cases import START, default_line, paper6r
 
 Array = NDArray[np.float64]
 ROBOT = paper6r()

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from optik.errors import InvalidInput
 from planners import Arc, JointLine, Line, MotionLimits, Plan, PlanStatus, Polyline, laws, make_law, plan
 from planners.timing.base import ALL_LIMITS
-from tests.planners.plain import START, paper6r
+from tests.planners.cases import START, paper6r
 
 Array = NDArray[np.float64]
 ROBOT = paper6r()

@@ -27,8 +27,9 @@ from planners.files import parsed
 from planners.motion import Motion, motion_of
 from planners.motion_file import load_motion, save
 from planners.timing.base import ALL_LIMITS
-from tests.planners import plain
-from tests.planners.plain import MOVE, START, default_line, moved, paper6r
+from tests import oracles
+from tests.planners import cases
+from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 
 Array = NDArray[np.float64]
 SUFFIXES = (".npz", ".json", ".csv")
@@ -43,7 +44,7 @@ def planned(law: str = "ruckig") -> Plan:
 @cache
 def small() -> Motion:
     """Two pieces near the default start."""
-    base = plain.random_trajectory(np.random.default_rng(4), pieces=2, n=6, smooth=2)
+    base = cases.random_trajectory(np.random.default_rng(4), pieces=2, n=6, smooth=2)
     c = 0.02 * base.coefficients
     c[5] += START
     return Motion(paper6r(), default_line(), MotionLimits(2.0, jerk=[9.0] * 6), Trajectory(PPoly(c, base.knots)))
@@ -112,7 +113,7 @@ def test_any_motion_comes_back_to_the_last_bit(suffix: str, tmp_path: Path, data
     T = np.array([se3.pose(se3.exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(4)])
     robot = Robot(data.draw(text), T[:3], [True, False, True], T[3], free, tuple(names), rng.normal(size=3), 'a, "b"\n')
     limits = MotionLimits(*(data.draw(limit) for _ in range(3)), tool_speed=data.draw(st.none() | st.floats(1e-9, 1e9)))
-    path = Line(plain.random_pose(rng), plain.random_pose(rng))
+    path = Line(oracles.random_pose(rng), oracles.random_pose(rng))
     motion = Motion(
         robot, path, limits, Trajectory(PPoly(c, knots)), data.draw(text), data.draw(st.sampled_from([(), ("jerk",)]))
     )

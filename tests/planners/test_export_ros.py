@@ -25,8 +25,8 @@ from planners import JointLine, Line, MotionLimits, Trajectory, certify, plan
 from planners.motion import Motion, motion_of
 from planners.ros import from_ros, to_ros
 from planners.ros_message import _to_yaml
-from tests.planners import plain
-from tests.planners.plain import MOVE, START, default_line, moved, paper6r
+from tests import oracles
+from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ def way_of(trajectory: Trajectory) -> JointLine:
 def at_its_limits(kind: str) -> Motion:
     """From rest to rest in phases of constant jerk, or constant acceleration, which are the limits it promises."""
     if kind == "jerk":
-        s = plain.s_curve(1.0, 1.0, 0.11)
+        s = oracles.s_curve(1.0, 1.0, 0.11)
     else:  # a trapezoid of velocity: accelerations jump
         s = PPoly([[2.0, 0.0, -2.0], [0.0, 1.2, 1.2], [0.0, 0.18, 0.54]], [0.0, 0.3, 0.6, 0.9])
     size = 0.1 * np.arange(1.0, 7.0)

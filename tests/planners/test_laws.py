@@ -21,6 +21,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from planners import JointPath, Line, MotionLimits, Trajectory, certify, follow, make_law
 from planners.paths.base import Path
+from planners.timing import base
 from planners.timing import toppra as toppra_law
 from planners.timing._ramps import Ramp, law_of, phases_of, ratio_of, table
 from planners.timing.base import refit
@@ -28,8 +29,10 @@ from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic
 from planners.timing.ruckig import RuckigLaw
 from planners.timing.toppra import Toppra, constant_acceleration
-from tests.planners import plain
-from tests.planners.plain import default_joint_path, default_line, paper6r, random_joint_paths
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners import cases
+from tests.planners.cases import default_joint_path, default_line, paper6r, random_joint_paths
 
 Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
@@ -68,20 +71,22 @@ def test_the_papers_law_is_exactly_the_papers(joint_path: JointPath) -> None:
 
 def test_the_papers_velocity_is_the_chord_over_the_time_without_rotation() -> None:
     V = default_line()(0.0, 1) * default_line().end / 3.0
-    np.testing.assert_allclose(V, [*(plain.MOVE / 3.0), 0.0, 0.0, 0.0], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(V, [*(cases.MOVE / 3.0), 0.0, 0.0, 0.0], rtol=0.0, atol=1e-15)
 
 
 def test_another_duration_and_step_are_kept() -> None:
     trajectory = make_law("quintic", duration=1.5, step=0.05).run(default_joint_path(), LIMITS)
     assert trajectory.duration == 1.5
     np.testing.assert_allclose(trajectory.knots, 0.05 * np.arange(31), rtol=0.0, atol=1e-14)
-    middle = np.linalg.solve(paper6r().jacobian(trajectory(0.75)), [*(plain.MOVE / 1.5), 0.0, 0.0, 0.0])
+    middle = np.linalg.solve(paper6r().jacobian(trajectory(0.75)), [*(cases.MOVE / 1.5), 0.0, 0.0, 0.0])
     np.testing.assert_allclose(trajectory(0.75, 1), middle, rtol=0.0, atol=1e-10)
 
 
 def test_the_papers_law_reaches_full_speed_within_one_step() -> None:
     trajectory = make_law("quintic").run(default_joint_path(), LIMITS)
-    speed = [np.linalg.norm((plain.jacobian(trajectory(t)) @ trajectory(t, 1))[:3]) for t in (0.0, 0.02, 1.5, 3.0)]
+    speed = [
+        np.linalg.norm((oracles.jacobian(PAPER, trajectory(t)) @ trajectory(t, 1))[:3]) for t in (0.0, 0.02, 1.5, 3.0)
+    ]
     np.testing.assert_allclose(speed, [0.0, default_line().end / 3, default_line().end / 3, 0.0], rtol=1e-9, atol=1e-12)
     hardest = trajectory.extrema(2).t_worst
     assert np.minimum(hardest, 3.0 - hardest).max() <= 0.02
@@ -245,7 +250,7 @@ def near_singular_path() -> JointPath:
     robot = paper6r()
     for move in np.eye(3):
         for sign in (0.3, -0.3):
-            line = Line(robot.fk(q), plain.moved(robot.fk(q), sign * move))
+            line = Line(robot.fk(q), oracles.moved(robot.fk(q), sign * move))
             joint_path = follow(make_solver(robot, "dls"), line, q).joint_path
             whole = joint_path is not None and joint_path.end == line.end
             if whole and 0.01 < joint_path.singular_values.min() < 0.05:
@@ -264,7 +269,7 @@ def test_one_bad_point_does_not_pace_the_whole_line() -> None:
     joint_path = near_singular_path()
     duration = make_law("ruckig").run(joint_path, LIMITS).duration
     assert 0.99 <= duration / optimum(joint_path, LIMITS) <= 1.2
-    assert duration <= 0.6 * plain.best_uniform(joint_path, 2.0, 10.0, 100.0)
+    assert duration <= 0.6 * oracles.best_uniform(joint_path, 2.0, 10.0, 100.0)
 
 
 def slow_stop(joint_path: JointPath, law: PPoly, limits: MotionLimits) -> float:
@@ -359,7 +364,7 @@ def test_ruckig_on_s_keeps_velocity_acceleration_and_jerk_exactly(joint_path: Jo
         assert trajectory.extrema(order).worst.max() <= bound
         for k in range(len(trajectory.knots) - 1):
             t = np.linspace(trajectory.knots[k], trajectory.knots[k + 1], 7)
-            values = [plain.value(trajectory, w, order, k) for w in t]
+            values = [oracles.value(trajectory, w, order, k) for w in t]
             assert np.abs(values).max() <= bound * (1.0 + 1e-12)
 
 
@@ -402,8 +407,8 @@ def test_ruckig_is_never_given_waypoints_and_no_socket_is_opened(monkeypatch: py
 @pytest.mark.parametrize("length", [1e-2, 1e-3])
 def test_a_short_line_takes_the_time_of_the_closed_form(length: float) -> None:
     line = default_line()
-    goal = plain.moved(line.start, plain.MOVE / line.end * length)
-    joint_path = plain.followed_line(line.start, goal)
+    goal = oracles.moved(line.start, cases.MOVE / line.end * length)
+    joint_path = cases.followed_line(line.start, goal)
     trajectory = make_law("ruckig").run(joint_path, LIMITS)
     steepest = np.abs(joint_path.derivatives[:, 0]).max()
     assert trajectory.duration == pytest.approx((32.0 * length * steepest / 100.0) ** (1 / 3), rel=0.02 * length / 1e-2)
@@ -413,7 +418,7 @@ def test_a_short_line_takes_the_time_of_the_closed_form(length: float) -> None:
 @limit_sets
 def test_no_uniform_bounds_on_s_are_much_faster(joint_path: JointPath, limits: MotionLimits) -> None:
     trajectory = make_law("ruckig").run(joint_path, limits)
-    assert trajectory.duration <= 1.01 * plain.best_uniform(
+    assert trajectory.duration <= 1.01 * oracles.best_uniform(
         joint_path, limits.velocity, limits.acceleration, limits.jerk
     )
 
@@ -430,8 +435,8 @@ def test_where_jerk_alone_limits_the_time_goes_with_its_cube_root() -> None:
 @pytest.mark.parametrize("length", [1e-5, 1e-6])
 def test_a_very_short_line_has_a_motion_too(length: float) -> None:
     line = default_line()
-    goal = plain.moved(line.start, plain.MOVE / line.end * length)
-    joint_path = plain.followed_line(line.start, goal)
+    goal = oracles.moved(line.start, cases.MOVE / line.end * length)
+    joint_path = cases.followed_line(line.start, goal)
     trajectory = make_law("ruckig").run(joint_path, LIMITS)
     assert trajectory.extrema(3).worst.max() <= 100.0
 
@@ -462,7 +467,7 @@ def test_infinite_limits_are_free_or_refused() -> None:
 
 def test_samples_close_together_do_not_slow_the_motion() -> None:
     line = default_line()
-    dense = follow(make_solver(paper6r(), "dls"), line, plain.START, samples=20_001).joint_path
+    dense = follow(make_solver(paper6r(), "dls"), line, cases.START, samples=20_001).joint_path
     assert dense is not None
     durations = [make_law("ruckig").run(path, LIMITS).duration for path in (default_joint_path(), dense)]
     assert durations[1] == pytest.approx(durations[0], rel=5e-3)
@@ -514,7 +519,7 @@ def test_the_certificate_of_toppra_says_the_exact_acceleration_jumps_included(
     worst = np.zeros(6)
     for k in range(len(trajectory.knots) - 1):
         for t in np.linspace(trajectory.knots[k], trajectory.knots[k + 1], 9):
-            worst = np.maximum(worst, np.abs(plain.value(trajectory, t, 2, k)))
+            worst = np.maximum(worst, np.abs(oracles.value(trajectory, t, 2, k)))
     np.testing.assert_allclose(certificate.acceleration.value, worst, rtol=1e-6)
     assert (certificate.acceleration.value >= worst * (1.0 - 1e-12)).all()
     np.testing.assert_allclose(certificate.acceleration.ratio, worst / limits.acceleration, rtol=1e-6)
@@ -607,7 +612,7 @@ class Uneven(Path):
 def speed_of_tool(trajectory: Trajectory, t: Array, part: slice = slice(0, 3)) -> Array:
     """Speeds (k,) of the tool; the first of them by the slow Jacobian too."""
     twists = np.einsum("kij,kj->ki", paper6r().jacobian(trajectory(t)), trajectory(t, 1))
-    slow = plain.jacobian(trajectory(t[0])) @ trajectory(t[0], 1)
+    slow = oracles.jacobian(PAPER, trajectory(t[0])) @ trajectory(t[0], 1)
     np.testing.assert_allclose(twists[0], slow, rtol=0.0, atol=1e-12)
     return np.asarray(np.linalg.norm(twists[:, part], axis=1))
 
@@ -671,7 +676,7 @@ def test_a_speed_limit_of_the_tool_bounds_the_constant_speed() -> None:
 
 def test_a_tool_that_only_turns_turns_at_one_speed() -> None:
     start = default_line().start
-    joint_path = plain.followed_line(start, plain.moved(start, np.zeros(3), np.array([0.3, -0.2, 0.2])))
+    joint_path = cases.followed_line(start, oracles.moved(start, np.zeros(3), np.array([0.3, -0.2, 0.2])))
     trajectory = make_law("constant_speed", speed=0.2).run(joint_path, LIMITS)
     speeds = speed_of_tool(trajectory, np.linspace(0.3, 0.7, 9) * trajectory.duration, slice(3, 6))
     np.testing.assert_allclose(speeds, 0.2, rtol=1e-8)
@@ -679,7 +684,7 @@ def test_a_tool_that_only_turns_turns_at_one_speed() -> None:
 
 def test_the_speed_is_the_tools_also_where_s_is_no_distance() -> None:
     path = Uneven(default_line())
-    joint_path = follow(make_solver(paper6r(), "dls"), path, plain.START).joint_path
+    joint_path = follow(make_solver(paper6r(), "dls"), path, cases.START).joint_path
     assert joint_path is not None
     trajectory = make_law("constant_speed", speed=0.1).run(joint_path, LIMITS)
     speeds = speed_of_tool(trajectory, np.linspace(0.3, 0.7, 41) * trajectory.duration)
@@ -721,12 +726,29 @@ def chain(joint_path: JointPath, law: PPoly, t: float, k: int) -> tuple[Array, A
 
 
 LAWS = {
-    "jerk limited": lambda end: plain.s_curve(end, 4.0, 0.25, 0.1),
-    "slow": lambda end: plain.s_curve(end, 1.0, 2.0, 1.0),
+    "jerk limited": lambda end: oracles.s_curve(end, 4.0, 0.25, 0.1),
+    "slow": lambda end: oracles.s_curve(end, 1.0, 2.0, 1.0),
     "acceleration jumps": lambda end: constant_acceleration(
         np.array([0.0, 0.2, 0.7, 1.0]) * end, np.array([0.0, 0.4, 0.5, 0.0])
     ),
 }
+
+
+@pytest.mark.parametrize("name", LAWS)
+@lines
+def test_what_the_refit_is_checked_by_is_the_chain_rule(name: str, joint_path: JointPath) -> None:
+    """Jerk as the derivative of acceleration, by differences inside a piece of the law where the joint path is smooth."""
+    law = LAWS[name](joint_path.end)
+    k = int(np.argmax(np.diff(law.x)))
+    t = law.x[k] + np.array([0.31, 0.5, 0.77]) * (law.x[k + 1] - law.x[k])
+    q, jerk = base._chain(joint_path, law, law.x[k : k + 2], t[None])
+    exact = [chain(joint_path, law, x, k) for x in t]
+    np.testing.assert_allclose(q, [x[0] for x in exact], rtol=0.0, atol=1e-13)
+    h = 1e-5
+    by_differences = [
+        (chain(joint_path, law, x + h, k)[2] - chain(joint_path, law, x - h, k)[2]) / (2.0 * h) for x in t
+    ]
+    np.testing.assert_allclose(jerk, by_differences, rtol=0.0, atol=1e-5 * np.abs(jerk).max())
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -764,7 +786,7 @@ def test_the_refit_has_the_laws_one_sided_accelerations_at_its_switches(name: st
         for t, piece in ((law.x[k], i), (law.x[k + 1], j - 1)):
             exact = chain(joint_path, law, t, k)
             for order, tolerance in enumerate((1e-12, 1e-10, 1e-8)):
-                mine = plain.value(trajectory, t, order, piece)
+                mine = oracles.value(trajectory, t, order, piece)
                 np.testing.assert_allclose(
                     mine, exact[order], rtol=0.0, atol=tolerance * (1 + np.abs(exact[order]).max())
                 )
@@ -784,7 +806,7 @@ def test_the_refit_is_continuous_and_ends_where_the_joint_path_ends(name: str) -
 
 def test_a_finer_jerk_scale_gives_a_finer_refit() -> None:
     joint_path = default_joint_path("dls", 15)
-    law = plain.s_curve(joint_path.end, 4.0, 0.25)
+    law = oracles.s_curve(joint_path.end, 4.0, 0.25)
     rough, fine = (refit(joint_path, law, scale) for scale in (1e6, 0.1))
     assert len(fine.knots) > len(rough.knots)
     assert isinstance(fine, Trajectory)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, MotionLimits, Trajectory, laws, make_law
-from planners.timing import optimal
+from planners.timing import _optimum, optimal
 from planners.timing.base import DERIVATIVES, PathState
 from planners.timing.optimal import Optimal
-from tests.planners.plain import default_joint_path, random_joint_paths
+from tests.planners.cases import default_joint_path, random_joint_paths
 
 Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
@@ -239,3 +239,35 @@ def test_no_limits_over_four_decades_are_without_a_motion(seed: int) -> None:
         trajectory = make_law("optimal").run(joint_paths[rng.integers(len(joint_paths))], limits)
         for order, field in enumerate(DERIVATIVES, start=1):
             assert (trajectory.extrema(order).worst <= limits.arrays(6)[field]).all()
+
+
+# ---------------------------------------------------------------- the iteration's parts
+
+
+def test_the_barrier_of_many_tiny_slacks_is_the_sum_of_their_logarithms() -> None:
+    """Their product is far below the least number that there is."""
+    rng, K, n = np.random.default_rng(1), 3, 7
+    node, edge = np.zeros((K + 1, n, 2)), np.zeros((K, 2, n, 3))
+    one = {"ds": np.ones(K), "tau": np.ones(K), "least": np.full(K, 0.1), "top": np.full(K + 1, 3.0)}
+    given = one | {"node": node, "edge": edge, "goal": np.zeros(2)}
+    problem = _optimum.Problem(**{name: given[name] for name in _optimum.Problem._fields})
+    z = np.abs(rng.normal(size=(K + 1, 4))) + 0.2
+    slack = 10.0 ** rng.uniform(-40.0, -20.0, (K + 1, 2, 3 * n))
+    slack[1] = 10.0 ** rng.uniform(20.0, 40.0, (2, 3 * n))
+    mu = 0.3
+    wanted = 0.0
+    for k in range(K):
+        wanted += z[k, 2] - mu * np.log(z[k, 2] - 0.1) - mu * np.log(slack[k, :, n if k == 0 else 0 :]).sum()
+        wanted -= mu * (np.log(z[k, 0]) + np.log(3.0 - z[k, 0])) if k else 0.0
+    objective, _ = _optimum._merit(problem, mu, z, np.zeros((K, 3)), np.zeros((K + 1, 3 * n)), slack)
+    assert objective == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "limits", [MotionLimits(2.0, 10.0, 1e4), MotionLimits(0.5, 50.0, 100.0), MotionLimits(5.0, 2.0, 1e3)]
+)
+def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -> None:
+    for joint_path in (default_joint_path(), *random_joint_paths(3)):
+        trajectory = make_law("optimal").run(joint_path, limits)
+        np.testing.assert_allclose(trajectory(trajectory.end), joint_path.q[-1], rtol=0.0, atol=1e-9)
+        assert np.abs(trajectory(trajectory.end, 1)).max() < 1e-9

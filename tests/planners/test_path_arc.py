@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from optik.errors import InvalidInput
 from planners import Arc
-from tests.planners import plain
+from tests import oracles
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ angles = st.floats(0.05, 12.0).flatmap(lambda a: st.sampled_from([a, -a]))
 
 
 def pose_of(position: Any, turn: Any) -> Array:
-    return plain.moved(np.eye(4), np.asarray(position), np.asarray(turn))
+    return oracles.moved(np.eye(4), np.asarray(position), np.asarray(turn))
 
 
 poses = st.builds(pose_of, vectors, vectors)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.robot import load
 from planners import JointLine, path_of
-from tests.planners import plain
-from tests.planners.plain import START, paper6r
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners.cases import START, paper6r
 
 Array = NDArray[np.float64]
 
@@ -30,25 +31,21 @@ def test_all_joints_move_at_constant_rates_and_the_tool_with_them(a: Array, b: A
     assert path.end == pytest.approx(np.sqrt(((b - a) ** 2).sum()), rel=1e-14)
     q = (1.0 - u) * a + u * b
     np.testing.assert_allclose(path.configurations(ROBOT, u * path.end), q, rtol=0.0, atol=1e-13)
-    np.testing.assert_allclose(path(u * path.end), plain.fk(q), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(path(u * path.end), oracles.fk(PAPER, q), rtol=0.0, atol=1e-12)
 
 
 def test_derivatives_are_those_of_power_series() -> None:
     path = JointLine(ROBOT, START, GOAL)
     s, rate = 0.4 * path.end, (GOAL - START) / path.end
-    series = np.zeros((plain.TERMS, 6))
+    series = np.zeros((4, 6))
     series[0], series[1] = START + s * rate, rate
-    T = plain.fk_series(series, "paper6r") * np.array([1.0, 1.0, 2.0, 6.0])[:, None, None]
+    T = oracles.fk_series(PAPER, series) * np.array([1.0, 1.0, 2.0, 6.0])[:, None, None]
     for order in (1, 2, 3):
         np.testing.assert_allclose(path(s, order)[:3], T[order, :3, 3], rtol=0.0, atol=1e-13)
-    R, w, w1, w2 = T[0, :3, :3], *(plain_cross(path(s, k)[3:]) for k in (1, 2, 3))
+    R, w, w1, w2 = T[0, :3, :3], *(oracles.crossing(path(s, k)[3:]) for k in (1, 2, 3))
     np.testing.assert_allclose(w @ R, T[1, :3, :3], rtol=0.0, atol=1e-13)
     np.testing.assert_allclose((w1 + w @ w) @ R, T[2, :3, :3], rtol=0.0, atol=1e-13)
     np.testing.assert_allclose((w2 + 2 * w1 @ w + w @ w1 + w @ w @ w) @ R, T[3, :3, :3], rtol=0.0, atol=1e-12)
-
-
-def plain_cross(w: Array) -> Array:
-    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
 
 
 @pytest.mark.parametrize("robot", ["paper6r", "ur5e", "panda", "irb910sc"])
@@ -64,7 +61,7 @@ def test_the_bounds_hold_for_any_arm_also_where_samples_are_far_apart(robot: str
             worst = np.linalg.norm(path(s, k)[:, :3], axis=1).max()
             assert worst <= bounds[0, k - 1] * (1.0 + 1e-12)
         assert np.linalg.norm(path(s, 1)[:, 3:], axis=1).max() <= bounds[1, 0] * (1.0 + 1e-12)
-        fourth = plain.difference(lambda x, p=path: p(x, 3)[:, :3], s[50:-50], 1e-3 * path.end)
+        fourth = oracles.difference(lambda x, p=path: p(x, 3)[:, :3], s[50:-50], 1e-3 * path.end)
         assert np.linalg.norm(fourth, axis=1).max() <= bounds[0, 3] * (1.0 + 1e-6)
 
 
@@ -96,7 +93,7 @@ def test_the_unit_is_that_of_the_joints_that_move() -> None:
 def test_equal_configurations_make_a_path_without_length() -> None:
     path = JointLine(ROBOT, START, START)
     assert path.end == 0.0
-    np.testing.assert_allclose(path(0.0), plain.fk(START), rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(path(0.0), oracles.fk(PAPER, START), rtol=0.0, atol=1e-14)
     assert not path(0.0, 1).any()
     assert path.nearest(np.eye(4)[None]) == 0.0
     assert not path.derivative_bounds().any()
@@ -107,17 +104,17 @@ def test_equal_configurations_make_a_path_without_length() -> None:
 
 @pytest.mark.parametrize("solver", ["lm", "dls"])
 def test_to_a_pose_it_ends_there_to_rounding(solver: str) -> None:
-    goal = plain.moved(plain.fk(START), np.array([-0.1, 0.05, 0.1]), np.array([0.1, 0.2, 0.3]))
+    goal = oracles.moved(oracles.fk(PAPER, START), np.array([-0.1, 0.05, 0.1]), np.array([0.1, 0.2, 0.3]))
     path = JointLine.to_pose(ROBOT, START, goal, solver=solver)
     np.testing.assert_array_equal(path.q_start, START)
-    assert max(plain.distance(plain.fk(path.q_goal), goal)) <= 1e-12
+    assert max(oracles.off_by(oracles.fk(PAPER, path.q_goal), goal)) <= 1e-12
     assert ROBOT.limits.contains(path.q_goal)
     np.testing.assert_allclose(path(path.end), goal, rtol=0.0, atol=1e-12)
 
 
 def test_a_pose_out_of_reach_has_no_solution_and_a_reason() -> None:
     with pytest.raises(NoSolution) as info:
-        JointLine.to_pose(ROBOT, START, plain.moved(plain.fk(START), np.array([5.0, 0.0, 0.0])))
+        JointLine.to_pose(ROBOT, START, oracles.moved(oracles.fk(PAPER, START), np.array([5.0, 0.0, 0.0])))
     assert "unreachable" in info.value.reason
     assert "mm" in info.value.reason
     assert info.value.advice
@@ -125,7 +122,7 @@ def test_a_pose_out_of_reach_has_no_solution_and_a_reason() -> None:
 
 def test_an_ik_method_that_does_not_exist_is_named() -> None:
     with pytest.raises(UnknownName):
-        JointLine.to_pose(ROBOT, START, plain.fk(GOAL), solver="lmm")
+        JointLine.to_pose(ROBOT, START, oracles.fk(PAPER, GOAL), solver="lmm")
 
 
 # ---------------------------------------------------------------- misuse

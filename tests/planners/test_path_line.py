@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
 from planners import Curve, Line
-from tests.planners import plain
+from tests import oracles
+from tests.planners import cases
 
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vectors = st.tuples(number, number, number).map(np.array)
@@ -18,7 +19,7 @@ parts = st.floats(0.0, 1.0)
 
 
 def pose_of(position: Any, turn: Any) -> Any:
-    return plain.moved(np.eye(4), position, np.asarray(turn))
+    return oracles.moved(np.eye(4), position, np.asarray(turn))
 
 
 poses = st.builds(pose_of, vectors, vectors.map(lambda v: 3.0 * v))
@@ -29,10 +30,10 @@ CURVES = ["path", "joint path", "trajectory"]
 
 def curve(kind: str) -> Curve:
     if kind == "path":
-        return plain.default_line()
+        return cases.default_line()
     if kind == "joint path":
-        return plain.default_joint_path()
-    return plain.random_trajectory(np.random.default_rng(1), n=6)
+        return cases.default_joint_path()
+    return cases.random_trajectory(np.random.default_rng(1), n=6)
 
 
 # ---------------------------------------------------------------- every curve
@@ -91,7 +92,7 @@ def test_rounding_beyond_the_ends_is_forgiven(kind: str) -> None:
 @pytest.mark.parametrize("wrong", ["a", 1j, [[1.0], [1.0, 2.0]]])
 def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
     with pytest.raises(InvalidInput):
-        plain.default_line()(wrong)
+        cases.default_line()(wrong)
 
 
 # ---------------------------------------------------------------- the line
@@ -114,11 +115,11 @@ def test_s_is_the_distance_travelled_in_metres(start: Any, goal: Any, u: float, 
 def test_s_is_the_angle_turned_in_radians_where_the_tool_only_turns(start: Any, axis: Any, u: float, w: float) -> None:
     angle = 2.9 * np.linalg.norm(axis) / np.sqrt(3.0)
     assume(angle > 1e-6)
-    goal = plain.moved(start, np.zeros(3), axis / np.linalg.norm(axis) * angle)
+    goal = oracles.moved(start, np.zeros(3), axis / np.linalg.norm(axis) * angle)
     line = Line(start, goal)
     assert line.unit == "rad"
     assert line.end == pytest.approx(angle, abs=1e-14)
-    between = plain.distance(line(u * line.end), line(w * line.end))
+    between = oracles.off_by(line(u * line.end), line(w * line.end))
     assert between[0] == 0.0
     assert between[1] == pytest.approx(abs(u - w) * line.end, abs=1e-13)
 
@@ -127,9 +128,9 @@ def test_s_is_the_angle_turned_in_radians_where_the_tool_only_turns(start: Any, 
 @given(poses, poses, parts)
 def test_the_pose_is_on_the_chord_and_turned_the_shortest_way(start: Any, goal: Any, u: float) -> None:
     assume(np.linalg.norm(goal[:3, 3] - start[:3, 3]) > 1e-6)
-    assume(plain.distance(start, goal)[1] < np.pi - 1e-6)
+    assume(oracles.off_by(start, goal)[1] < np.pi - 1e-6)
     line = Line(start, goal)
-    np.testing.assert_allclose(line(u * line.end), plain.line_pose(start, goal, u), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(line(u * line.end), oracles.line_pose(start, goal, u), rtol=0.0, atol=1e-13)
 
 
 @laws_hold
@@ -146,7 +147,7 @@ def test_the_twist_is_the_derivative_of_the_pose(start: Any, goal: Any, u: float
     line = Line(start, goal)
     assume(line.end > 1e-3)
     s, h = u * line.end, 0.02 * line.end
-    velocity = plain.difference(lambda x: line(x), s, h)
+    velocity = oracles.difference(lambda x: line(x), s, h)
     v, w = line(s, 1)[:3], line(s, 1)[3:]
     scale = 1.0 + np.linalg.norm(w)
     np.testing.assert_allclose(v, velocity[:3, 3], rtol=0.0, atol=1e-11 * scale / line.end)
@@ -167,7 +168,7 @@ def test_the_twist_is_constant_and_of_unit_speed(start: Any, goal: Any, u: float
 
 
 def test_pose_and_twist_are_the_orders_of_the_curve() -> None:
-    line = plain.default_line()
+    line = cases.default_line()
     s = np.linspace(0.0, line.end, 5)
     np.testing.assert_array_equal(line.pose(s), line(s))
     np.testing.assert_array_equal(line.twist(s), line(s, 1))
@@ -175,24 +176,24 @@ def test_pose_and_twist_are_the_orders_of_the_curve() -> None:
 
 
 def test_the_default_line_keeps_its_orientation_and_moves_in_x_and_z_only() -> None:
-    line = plain.default_line()
+    line = cases.default_line()
     poses_along = line(np.linspace(0.0, line.end, 151))
     assert line.end == pytest.approx(np.sqrt(0.12**2 + 0.20**2), abs=1e-15)
     np.testing.assert_allclose(poses_along[0, :3, 3], [0.1640, 0.3536, 0.1496], rtol=0.0, atol=5e-5)
     np.testing.assert_allclose(poses_along[:, :3, :3] - line.start[:3, :3], 0.0, rtol=0.0, atol=1e-15)
     assert np.ptp(poses_along[:, 1, 3]) == 0.0
-    np.testing.assert_allclose(poses_along[-1, :3, 3] - poses_along[0, :3, 3], plain.MOVE, rtol=0.0, atol=1e-15)
-    np.testing.assert_allclose(line(0.0, 1), [*(plain.MOVE / line.end), 0.0, 0.0, 0.0], rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(poses_along[-1, :3, 3] - poses_along[0, :3, 3], cases.MOVE, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(line(0.0, 1), [*(cases.MOVE / line.end), 0.0, 0.0, 0.0], rtol=0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("short", [1e-3, 1e-5, 2e-6])
 def test_a_rotation_of_almost_180_degrees_keeps_its_axis_and_its_rate(short: float) -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
-        start = plain.random_pose(rng)
+        start = oracles.random_pose(rng)
         axis = rng.normal(size=3)
         axis /= np.linalg.norm(axis)
-        goal = plain.moved(start, 0.1 * axis, (np.pi - short) * axis)
+        goal = oracles.moved(start, 0.1 * axis, (np.pi - short) * axis)
         line = Line(start, goal)
         for u in (0.0, 0.25, 0.5, 0.9, 1.0):
             wanted = Rotation.from_rotvec(u * (np.pi - short) * axis).as_matrix() @ start[:3, :3]
@@ -204,11 +205,11 @@ def test_a_rotation_of_almost_180_degrees_keeps_its_axis_and_its_rate(short: flo
 def test_a_half_turn_is_refused_with_what_would_work(short: float, move: float) -> None:
     rng = np.random.default_rng(4)
     for _ in range(20):
-        start = plain.random_pose(rng)
+        start = oracles.random_pose(rng)
         axis = rng.normal(size=3)
         axis /= np.linalg.norm(axis)
         with pytest.raises(InvalidInput, match=r"179\.999|180\.000") as info:
-            Line(start, plain.moved(start, move * axis, (np.pi - short) * axis))
+            Line(start, oracles.moved(start, move * axis, (np.pi - short) * axis))
         assert info.value.argument == "goal"
         for way_out in ("Polyline", "Arc.about", "0.001 rad"):
             assert way_out in info.value.expected
@@ -234,7 +235,7 @@ def test_no_place_on_the_line_is_nearer_than_the_nearest(start: Any, goal: Any, 
 @given(poses, vectors, parts, st.booleans())
 def test_the_nearest_place_to_a_pose_of_the_line_is_where_it_is(start: Any, turn: Any, u: float, moves: bool) -> None:
     assume(np.linalg.norm(turn) > 1e-3)
-    line = Line(start, plain.moved(start, 0.3 * turn * moves, 1.7 * turn))
+    line = Line(start, oracles.moved(start, 0.3 * turn * moves, 1.7 * turn))
     s = np.array([0.0, u, 1.0]) * line.end
     np.testing.assert_allclose(line.nearest(line(s)), s, rtol=0.0, atol=1e-12)
 
@@ -242,9 +243,9 @@ def test_the_nearest_place_to_a_pose_of_the_line_is_where_it_is(start: Any, turn
 def test_the_nearest_place_to_the_goal_of_almost_a_half_turn_is_its_end() -> None:
     rng = np.random.default_rng(4)
     for _ in range(300):
-        start = plain.random_pose(rng)
+        start = oracles.random_pose(rng)
         axis = rng.normal(size=3)
-        line = Line(start, plain.moved(start, np.zeros(3), (np.pi - 1e-5) * axis / np.linalg.norm(axis)))
+        line = Line(start, oracles.moved(start, np.zeros(3), (np.pi - 1e-5) * axis / np.linalg.norm(axis)))
         assert line.nearest(line(np.array([line.end])))[0] == pytest.approx(line.end, abs=1e-6)
 
 
@@ -265,15 +266,15 @@ def test_equal_poses_make_a_line_without_length(start: Any) -> None:
 
 @pytest.mark.parametrize("small", [1e-3, 1e-6, 1e-9])
 def test_a_line_has_length_where_its_poses_differ(small: float) -> None:
-    start = plain.random_pose(np.random.default_rng(7))
-    assert Line(start, plain.moved(start, [0.0, small, 0.0])).end == pytest.approx(small, rel=1e-6)
-    assert Line(start, plain.moved(start, np.zeros(3), np.array([0.0, 0.0, small]))).end == pytest.approx(
+    start = oracles.random_pose(np.random.default_rng(7))
+    assert Line(start, oracles.moved(start, [0.0, small, 0.0])).end == pytest.approx(small, rel=1e-6)
+    assert Line(start, oracles.moved(start, np.zeros(3), np.array([0.0, 0.0, small]))).end == pytest.approx(
         small, rel=1e-6
     )
 
 
 def bad_poses() -> dict[str, Any]:
-    good = plain.random_pose(np.random.default_rng(8))
+    good = oracles.random_pose(np.random.default_rng(8))
     nan, infinite, row, loose = good.copy(), good.copy(), good.copy(), good.copy()
     nan[1, 3], infinite[0, 3] = np.nan, np.inf
     row[3, 0] = 0.1
@@ -296,7 +297,7 @@ def test_what_is_no_pose_is_refused_and_the_argument_named(kind: str) -> None:
 
 def test_a_measured_rotation_is_taken_to_the_nearest_exact_one() -> None:
     rng = np.random.default_rng(9)
-    start, goal = plain.random_pose(rng), plain.random_pose(rng)
+    start, goal = oracles.random_pose(rng), oracles.random_pose(rng)
     start[:3, :3] += 1e-7 * rng.normal(size=(3, 3))
     line = Line(start, goal)
     R = line(np.linspace(0.0, line.end, 5))[:, :3, :3]
@@ -306,7 +307,7 @@ def test_a_measured_rotation_is_taken_to_the_nearest_exact_one() -> None:
 
 
 def test_a_line_keeps_its_own_copy_of_its_poses() -> None:
-    start, goal = np.eye(4), plain.moved(np.eye(4), [0.1, 0.2, 0.3])
+    start, goal = np.eye(4), oracles.moved(np.eye(4), [0.1, 0.2, 0.3])
     line = Line(start, goal)
     before = line(0.5 * line.end)
     start[0, 3], goal[0, 3] = 9.0, 9.0

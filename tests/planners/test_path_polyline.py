@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from optik import se3
 from optik.errors import InvalidInput
 from planners import Line, Polyline
-from tests.planners import plain
+from tests import oracles
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ tolerances = st.floats(-5.0, -1.0).map(lambda e: 10.0**e)
 
 
 def pose_of(position: Any, turn: Any = (0.0, 0.0, 0.0)) -> Array:
-    return plain.moved(np.eye(4), np.asarray(position, float), np.asarray(turn, float))
+    return oracles.moved(np.eye(4), np.asarray(position, float), np.asarray(turn, float))
 
 
 waypoints = st.lists(st.builds(pose_of, vectors, vectors.map(lambda w: 0.8 * w)), min_size=3, max_size=6)
@@ -37,7 +37,7 @@ def returns(poses: list[Array]) -> bool:
 
 def length(a: Array, b: Array) -> float:
     """What a segment counts in s."""
-    distance, angle = plain.distance(a, b)
+    distance, angle = oracles.off_by(a, b)
     return max(distance, 0.1 * angle)
 
 
@@ -84,7 +84,7 @@ def test_the_path_stays_within_its_tolerance_of_the_sharp_polyline_and_of_its_co
         both = (apart[:, ::4] <= blend + 2.0 * grid) & (turned <= turn + 40.0 * grid)
         assert both.any(axis=1).all(), "somewhere neither position nor rotation is within the tolerance of one place"
         limited = h >= 0.499 * min(lengths[i], lengths[i + 1])
-        moves = min(plain.distance(before, corner)[0] / lengths[i], plain.distance(corner, after)[0] / lengths[i + 1])
+        moves = min(oracles.off_by(before, corner)[0] / lengths[i], oracles.off_by(corner, after)[0] / lengths[i + 1])
         alike = _turning_difference(before, corner, after, lengths[i], lengths[i + 1])
         if not limited and moves > 0.999 and alike * h * 10.0 / 64.0 < 0.999 * turn:
             assert to_corner.min() > 0.2 * blend
@@ -92,7 +92,7 @@ def test_the_path_stays_within_its_tolerance_of_the_sharp_polyline_and_of_its_co
 
 
 def _turning_difference(a: Array, b: Array, c: Array, one: float, two: float) -> float:
-    return float(np.linalg.norm(plain.twist_to(b, c)[3:] / two - plain.twist_to(a, b)[3:] / one))
+    return float(np.linalg.norm(oracles.error(b, c)[3:] / two - oracles.error(a, b)[3:] / one))
 
 
 def test_the_middle_of_a_right_angle_is_at_the_tolerance() -> None:
@@ -167,7 +167,7 @@ def test_a_path_that_nearly_returns_never_stands_still(aside: float) -> None:
 
 def test_the_speed_along_s_is_at_most_one_and_never_stands_still() -> None:
     rng = np.random.default_rng(5)
-    path = Polyline([plain.random_pose(rng) for _ in range(6)], blend=0.02)
+    path = Polyline([oracles.random_pose(rng) for _ in range(6)], blend=0.02)
     v = np.linalg.norm(path(np.linspace(0.0, path.end, 5001), 1)[:, :3], axis=1)
     assert v.max() <= 1.0 + 1e-14
     assert v.min() > 0.01
@@ -212,7 +212,7 @@ def test_a_waypoint_that_nearly_repeats_its_neighbour_changes_little() -> None:
     sharp = [pose_of(p) for p in ([0, 0, 0], [0, 0.05, 0], [0.03, 0.05, 0.03], [0.03, 0, 0.05])]
     smooth = Polyline(sharp, blend=1e-3)
     for where, eps in [(i, e) for i in (0, 1, 2, 3) for e in (1e-8, 1e-6, 9e-5)]:
-        again = plain.moved(sharp[where], eps * Rotation.random(random_state=rng).as_matrix()[0], np.zeros(3))
+        again = oracles.moved(sharp[where], eps * Rotation.random(random_state=rng).as_matrix()[0], np.zeros(3))
         for at in (where, where + 1):
             poses = [*sharp[:at], again, *sharp[at:]]
             if at in (0, len(poses) - 1):
@@ -249,8 +249,8 @@ def test_every_waypoint_is_passed_within_its_tolerance_merged_or_not(seed: int, 
 def test_turns_only_count_in_radians() -> None:
     path = Polyline([pose_of([1, 2, 3], w) for w in ([0, 0, 0], [0.5, 0, 0], [0.5, 0.3, 0])])
     assert path.unit == "rad"
-    first = plain.distance(path.waypoints[0], path.waypoints[1])[1]
-    second = plain.distance(path.waypoints[1], path.waypoints[2])[1]
+    first = oracles.off_by(path.waypoints[0], path.waypoints[1])[1]
+    second = oracles.off_by(path.waypoints[1], path.waypoints[2])[1]
     assert path.end == pytest.approx(first + second, rel=1e-14)
     np.testing.assert_array_equal(path(np.linspace(0, path.end, 5))[:, :3, 3], np.tile([1.0, 2.0, 3.0], (5, 1)))
 
@@ -287,7 +287,7 @@ def test_the_rotation_at_a_corner_keeps_its_tolerance() -> None:
     path = Polyline(
         [pose_of([0, 0, 0]), pose_of([1, 0, 0], [0.9, 0, 0]), pose_of([2, 0, 0])], blend=1.0, blend_rotation=0.01
     )
-    assert plain.distance(path(1.0), path.waypoints[1])[1] == pytest.approx(0.01, rel=1e-9)
+    assert oracles.off_by(path(1.0), path.waypoints[1])[1] == pytest.approx(0.01, rel=1e-9)
     s = np.linspace(0.0, path.end, 4001)
     assert Rotation.from_matrix(path(s)[:, :3, :3]).magnitude().max() == pytest.approx(0.89, rel=1e-6)
 

@@ -29,8 +29,9 @@ from planners import (
     plan,
     replan,
 )
-from tests.planners import plain
-from tests.planners.plain import START, default_joint_path, default_line, paper6r
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 Array = NDArray[np.float64]
 ROBOT = paper6r()
@@ -43,7 +44,7 @@ def planned(**options: Any) -> Plan:
 
 def too_far() -> Plan:
     """A line that joint 5 does not follow to its end."""
-    line = Line(default_line().start, plain.moved(default_line().start, [0.62, -0.78, 0.13]))
+    line = Line(default_line().start, oracles.moved(default_line().start, [0.62, -0.78, 0.13]))
     return plan(ROBOT, line, START, timing="quintic")
 
 
@@ -131,7 +132,7 @@ def test_the_good_part_of_a_plan_that_fails_is_kept() -> None:
     assert result.stop is not None
     assert result.prefix.end <= result.stop.s
     for s, q in zip(result.prefix.knots, result.prefix.q, strict=True):
-        assert max(plain.distance(plain.fk(q), result.path.pose(s))) <= 1e-12
+        assert max(oracles.off_by(oracles.fk(PAPER, q), result.path.pose(s))) <= 1e-12
 
 
 @pytest.mark.parametrize("status", [s for s in FollowStatus if s is not FollowStatus.SOLVED])
@@ -142,7 +143,7 @@ def test_every_way_to_stop_on_the_path_is_a_way_a_plan_ends(status: FollowStatus
 def test_a_singular_start_is_the_plans_status() -> None:
     q = np.zeros(6)
     start = ROBOT.fk(q)
-    result = plan(ROBOT, Line(start, plain.moved(start, [0.05, 0.0, 0.02])), q, timing="quintic")
+    result = plan(ROBOT, Line(start, oracles.moved(start, [0.05, 0.0, 0.02])), q, timing="quintic")
     assert result.status is PlanStatus.SINGULAR
     assert result.prefix is None
     with pytest.raises(NoSolution) as info:
@@ -259,7 +260,7 @@ def test_limits_as_arrays() -> None:
 
 def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -> None:
     robot, q = load("ur5e"), np.deg2rad([15.0, -80.0, 95.0, -60.0, -70.0, 20.0])
-    line = Line(robot.fk(q), plain.moved(robot.fk(q), [0.05, 0.0, 0.02]))
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), [0.05, 0.0, 0.02]))
     with pytest.raises(InvalidInput, match="acceleration and jerk") as info:
         plan(robot, line, q, timing="ruckig")
     assert info.value.argument == "limits"
@@ -355,7 +356,7 @@ def test_one_joint_alone_takes_as_long_as_the_double_s() -> None:
         goal = START.copy()
         goal[2] -= move
         found = plan(ROBOT, goal, START, limits=LIMITS).trajectory.duration
-        known = float(plain.double_s(move, np.array(2.0), np.array(10.0), np.array(100.0)))
+        known = float(oracles.double_s(move, np.array(2.0), np.array(10.0), np.array(100.0)))
         assert known * (1.0 - 1e-9) <= found <= known * 1.001
 
 
@@ -404,11 +405,11 @@ def test_replan_goes_on_from_the_very_state(stop: bool) -> None:
     assert again.certificate.rest == (False, True)
     for order, tolerance in ((0, 1e-9), (1, 1e-8), (2, 1e-6)):
         np.testing.assert_allclose(again.trajectory(0.0, order), first.trajectory(t, order), rtol=0.0, atol=tolerance)
-    end = plain.fk(again.trajectory(again.trajectory.end))
+    end = oracles.fk(PAPER, again.trajectory(again.trajectory.end))
     if stop:
-        assert plain.off_line(first.path.start, first.path.goal, end)[0] <= 1e-8
+        assert oracles.off_line(first.path.start, first.path.goal, end)[0] <= 1e-8
     else:
-        assert max(plain.distance(end, first.path.goal)) <= 1e-9
+        assert max(oracles.off_by(end, first.path.goal)) <= 1e-9
     given = tuple(first.trajectory(t, order) for order in range(3))
     np.testing.assert_array_equal(
         replan(first, given, stop=stop, limits=MotionLimits(2.5, 15.0, 200.0)).trajectory.coefficients,

@@ -10,14 +10,15 @@ from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput
 from planners import Trajectory
-from tests.planners import plain
+from tests import oracles
+from tests.planners import cases
 
 laws_hold = settings(deadline=None, max_examples=40)
 seeds = st.integers(0, 2**31)
 
 
 def random(seed: int, **options: Any) -> Trajectory:
-    return plain.random_trajectory(np.random.default_rng(seed), **options)
+    return cases.random_trajectory(np.random.default_rng(seed), **options)
 
 
 # ---------------------------------------------------------------- values
@@ -28,7 +29,7 @@ def random(seed: int, **options: Any) -> Trajectory:
 def test_values_are_those_of_the_polynomial_that_holds_the_instant(seed: int, order: int, u: float) -> None:
     trajectory = random(seed)
     t = u * trajectory.duration
-    wanted = plain.value(trajectory, t, order)
+    wanted = oracles.value(trajectory, t, order)
     np.testing.assert_allclose(trajectory(t, order), wanted, rtol=1e-12, atol=1e-12 * (1 + np.abs(wanted).max()))
 
 
@@ -40,7 +41,7 @@ def test_each_order_is_the_derivative_of_the_one_before(seed: int, order: int, u
     for k in range(len(x) - 1):
         h = x[k + 1] - x[k]
         t, step = x[k] + u * h, 0.01 * h
-        by_differences = plain.difference(lambda w: trajectory(w, order - 1), t, step)
+        by_differences = oracles.difference(lambda w: trajectory(w, order - 1), t, step)
         np.testing.assert_allclose(trajectory(t, order), by_differences, rtol=1e-9, atol=1e-9 / h)
 
 
@@ -48,7 +49,7 @@ def test_where_a_derivative_jumps_the_right_hand_value_is_given() -> None:
     trajectory = random(2)
     for k in range(1, len(trajectory.knots) - 1):
         for order in range(4):
-            right = plain.value(trajectory, trajectory.knots[k], order, k)
+            right = oracles.value(trajectory, trajectory.knots[k], order, k)
             np.testing.assert_array_equal(trajectory(trajectory.knots[k], order), right)
 
 
@@ -69,7 +70,7 @@ def test_what_it_says_of_itself() -> None:
 def test_extrema_equal_two_hundred_thousand_samples_refined(seed: int, order: int) -> None:
     trajectory = random(seed, pieces=1 + seed, smooth=(0, 2, 3, 0)[seed])
     extrema = trajectory.extrema(order)
-    least, greatest, t_least, t_greatest = plain.brute_extrema(trajectory, order)
+    least, greatest, t_least, t_greatest = oracles.brute_extrema(trajectory, order)
     np.testing.assert_allclose(extrema.least, least, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(extrema.greatest, greatest, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(extrema.t_least, t_least, rtol=0.0, atol=1e-5)
@@ -89,7 +90,7 @@ def test_extrema_are_never_below_what_occurs(seed: int, order: int) -> None:
     least, greatest = np.full(2, np.inf), np.full(2, -np.inf)
     for k in range(pieces):
         t = np.linspace(x[k], x[k + 1], 501)
-        values = np.array([plain.value(trajectory, w, order, k) for w in t[[0, -1]]])
+        values = np.array([oracles.value(trajectory, w, order, k) for w in t[[0, -1]]])
         values = np.concatenate([values, trajectory(t[:-1], order)])
         least, greatest = np.minimum(least, values.min(axis=0)), np.maximum(greatest, values.max(axis=0))
     slack = 1e-9 * np.maximum(np.abs(least), np.abs(greatest)) + 1e-300
@@ -105,7 +106,7 @@ def test_extrema_occur_when_they_are_said_to(seed: int, order: int) -> None:
     for j in range(trajectory.n):
         for wanted, t in ((extrema.least[j], extrema.t_least[j]), (extrema.greatest[j], extrema.t_greatest[j])):
             near = [k for k in range(len(x) - 1) if x[k] <= t <= x[k + 1]]  # two pieces at a knot
-            values = [plain.value(trajectory, t, order, k)[j] for k in near]
+            values = [oracles.value(trajectory, t, order, k)[j] for k in near]
             assert min(abs(v - wanted) for v in values) <= 1e-11 * (1.0 + abs(wanted))
 
 
@@ -164,8 +165,8 @@ def test_jumps_are_the_differences_of_one_sided_values(seed: int, order: int) ->
     first, last = trajectory.ends(order)
     x = trajectory.knots
     for k in range(4):
-        np.testing.assert_allclose(first[k], plain.value(trajectory, x[k], order, k), rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(last[k], plain.value(trajectory, x[k + 1], order, k), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(first[k], oracles.value(trajectory, x[k], order, k), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(last[k], oracles.value(trajectory, x[k + 1], order, k), rtol=1e-12, atol=1e-12)
     assert trajectory.jumps(order).shape == (3, 2)
     np.testing.assert_array_equal(trajectory.jumps(order), first[1:] - last[:-1])
 
@@ -211,7 +212,7 @@ def test_samples_are_a_period_apart_from_the_start_and_the_end_is_always_there(r
     assert q.shape == (t.size, 2)
     np.testing.assert_allclose(t[:-1], np.arange(t.size - 1) / rate, rtol=1e-13)
     assert 0.0 < t[-1] - t[-2] <= (1.0 + 1e-9) / rate
-    np.testing.assert_allclose(q[t.size // 2], plain.value(trajectory, t[t.size // 2], 0), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(q[t.size // 2], oracles.value(trajectory, t[t.size // 2], 0), rtol=1e-12, atol=1e-12)
 
 
 def test_an_end_on_the_grid_is_sampled_once() -> None:

@@ -6,146 +6,20 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
-from optik.robot import LIMIT_TOLERANCE, Robot
-from planners import Path, Plan
+from optik.robot import LIMIT_TOLERANCE
+from planners import Plan
+from tests.oracles.kinematics import fk, jacobian, smallest
+from tests.oracles.motions import Joints, piece_values
+from tests.oracles.paths import nearest
+from tests.oracles.poses import off_by
 
-Array = NDArray[np.float64]
+Array = Any
 
 DERIVATIVES = ("velocity", "acceleration", "jerk")
 ROUNDING = 1e-11
 """Share of the largest value that Horner's rule in another order may differ by."""
 CHUNK = 200_000
-
-# ---------------------------------------------------------------- joints from coefficients
-
-
-def piece_values(c: Array, u: Array, order: int) -> Array:
-    """Derivatives (k, n) at u (k,) after the starts of pieces with coefficients c (degree + 1, k, n)."""
-    degree = len(c) - 1
-    out = np.zeros(c.shape[1:])
-    for i in range(degree - order + 1):
-        power = degree - i
-        factor = float(np.prod(np.arange(power - order + 1, power + 1)))
-        out = out * u[:, None] + factor * c[i]
-    return out
-
-
-class Joints:
-    """A motion's polynomials, evaluated by Horner's rule."""
-
-    def __init__(self, motion: Any) -> None:
-        self.t, self.c = np.array(motion.knots), np.array(motion.coefficients)
-
-    def __call__(self, t: Array, order: int = 0) -> Array:
-        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
-        return piece_values(self.c[:, i], t - self.t[i], order)
-
-    def ends(self, order: int) -> tuple[Array, Array]:
-        """One-sided values at the first and the last instant of every piece."""
-        h = np.diff(self.t)
-        return piece_values(self.c, np.zeros_like(h), order), piece_values(self.c, h, order)
-
-
-# ---------------------------------------------------------------- the arm from its fixed transforms
-
-
-def frames(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
-    """Tool poses (k, 4, 4), the joints' axes (k, n, 3) and origins (k, n, 3)."""
-    T = np.tile(np.eye(4), (len(q), 1, 1))
-    axes, origins = np.empty((2, *q.shape, 3))
-    for j in range(robot.n):
-        T = T @ robot.fixed[j]
-        axes[:, j], origins[:, j] = T[:, :3, 2], T[:, :3, 3]
-        move = np.tile(np.eye(4), (len(q), 1, 1))
-        if robot.prismatic[j]:
-            move[:, 2, 3] = q[:, j]
-        else:
-            c, s = np.cos(q[:, j]), np.sin(q[:, j])
-            move[:, 0, 0], move[:, 0, 1], move[:, 1, 0], move[:, 1, 1] = c, -s, s, c
-        T = T @ move
-    return T @ robot.tool, axes, origins
-
-
-def fk(robot: Robot, q: Array) -> Array:
-    return frames(robot, q)[0]
-
-
-def jacobian(robot: Robot, q: Array) -> Array:
-    """Geometric Jacobians (k, 6, n), linear rows first."""
-    T, z, o = frames(robot, q)
-    J = np.zeros((len(q), 6, robot.n))
-    for j in range(robot.n):
-        if robot.prismatic[j]:
-            J[:, :3, j] = z[:, j]
-        else:
-            J[:, :3, j], J[:, 3:, j] = np.cross(z[:, j], T[:, :3, 3] - o[:, j]), z[:, j]
-    return J
-
-
-def smallest(robot: Robot, q: Array) -> Array:
-    """Smallest singular values (k,)."""
-    out: Array = np.linalg.svd(jacobian(robot, q), compute_uv=False)[:, -1]
-    return out
-
-
-def apart(A: Array, B: Array) -> tuple[Array, Array]:
-    """Distances [m] and angles [rad] (k,) between poses (k, 4, 4)."""
-    turn = A[:, :3, :3] @ B[:, :3, :3].transpose(0, 2, 1) - np.eye(3)
-    chord = np.linalg.norm(turn.reshape(-1, 9), axis=1) / (2.0 * np.sqrt(2.0))
-    return np.linalg.norm(A[:, :3, 3] - B[:, :3, 3], axis=1), 2.0 * np.arcsin(np.minimum(chord, 1.0))
-
-
-def newton(robot: Robot, pose: Array, q: Array) -> tuple[Array, float]:
-    """Configuration near q (n,) that meets a pose, limits aside, by least squares; and how far off it stays."""
-
-    def off(x: Array) -> Array:
-        T = fk(robot, x[None])[0]
-        turn = Rotation.from_matrix(pose[:3, :3] @ T[:3, :3].T).as_rotvec()
-        return np.concatenate([pose[:3, 3] - T[:3, 3], turn])
-
-    found = least_squares(off, q, method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=200)
-    return found.x, float(np.abs(found.fun).max())
-
-
-def cold(robot: Robot, pose: Array, rng: np.random.Generator, starts: int = 30) -> Array | None:
-    """A configuration inside the limits that meets a pose, from random starts; None where none is found."""
-    low, high = np.maximum(robot.limits.lower, -7.0), np.minimum(robot.limits.upper, 7.0)
-    for _ in range(starts):
-        q, off = newton(robot, pose, rng.uniform(low, high))
-        turn = 2.0 * np.pi * ~robot.prismatic
-        q = q - turn * np.round((q - 0.5 * (low + high)) / (2.0 * np.pi))
-        if off < 1e-9 and (q >= low - 1e-9).all() and (q <= high + 1e-9).all():
-            return q
-    return None
-
-
-# ---------------------------------------------------------------- places on the path
-
-
-def nearest(path: Path, T: Array, low: Array, high: Array, weight: float) -> tuple[Array, Array]:
-    """Places (k,) between low and high least apart from poses, a radian counted as so many metres; and how far apart."""
-
-    def cost(s: Array) -> Array:
-        distance, angle = apart(T, path.pose(s))
-        return np.asarray(np.hypot(distance, weight * angle))
-
-    grid = np.stack([cost(low + (high - low) * x) for x in np.linspace(0.0, 1.0, 25)])
-    k, step = grid.argmin(axis=0), (high - low) / 24.0
-    a, b = low + step * np.maximum(k - 1, 0), low + step * np.minimum(k + 1, 24)
-    golden = 0.5 * (np.sqrt(5.0) - 1.0)
-    for _ in range(48):
-        c, d = b - golden * (b - a), a + golden * (b - a)
-        left = cost(c) < cost(d)
-        a, b = np.where(left, a, c), np.where(left, d, b)
-    s = 0.5 * (a + b)
-    return s, cost(s)
-
-
-# ---------------------------------------------------------------- what a solved plan claims
 
 
 def contradictions(plan: Plan, q_start: Array | None, rate: float, most: int, seed: int = 0) -> list[str]:
@@ -157,8 +31,8 @@ def contradictions(plan: Plan, q_start: Array | None, rate: float, most: int, se
     t = np.clip((np.arange(count) + rng.random()) * end / count, 0.0, end)  # a random phase
     words = [*_ends(plan, joints, q_start), *_continuity(plan, joints)]
     for chunk in np.array_split(t, max(1, count // CHUNK)):
-        words += _joint_extremes(plan, joints, chunk)
-        words += _tool_speeds(plan, joints, chunk)
+        words += joint_extremes(plan, joints, chunk)
+        words += tool_speeds(plan, joints, chunk)
     words += _at_the_times_said(plan, joints)
     words += _singular(plan, joints, t[:: max(1, count // 4000)])
     words += _on_the_path(plan, joints, np.sort(rng.choice(t, min(count, most // 40), replace=False)))
@@ -172,7 +46,7 @@ def _ends(plan: Plan, joints: Joints, q_start: Array | None) -> Iterator[str]:
     if q_start is not None and np.abs(first - q_start).max() > 1e-9:
         yield f"starts {np.abs(first - q_start).max():.3g} from q_start"
     for q, s, name in ((first, 0.0, "starts"), (last, path.end, "ends")):
-        distance, angle = apart(fk(robot, q[None]), path.pose(np.array([s])))
+        distance, angle = off_by(fk(robot, q[None]), path.pose(np.array([s])))
         if max(distance[0], angle[0]) > 1e-9:
             yield f"{name} {distance[0]:.3g} m and {angle[0]:.3g} rad off the path's own"
     begin, finish = joints.ends(1)
@@ -183,7 +57,7 @@ def _ends(plan: Plan, joints: Joints, q_start: Array | None) -> Iterator[str]:
     if plan.certificate.rest != (True, True):
         yield f"the certificate says rest {plan.certificate.rest}"
     knots = plan.joint_path.knots
-    distance, angle = apart(fk(robot, plan.joint_path.q), path.pose(knots))
+    distance, angle = off_by(fk(robot, plan.joint_path.q), path.pose(knots))
     if max(distance.max(), angle.max()) > 1e-9:
         yield f"joint path {distance.max():.3g} m and {angle.max():.3g} rad off at its knots"
 
@@ -205,7 +79,7 @@ def _continuity(plan: Plan, joints: Joints) -> Iterator[str]:
             yield f"said to be C{said}, but order {order} jumps by {step:.3g} of {scale:.3g} only"
 
 
-def _joint_extremes(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
+def joint_extremes(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
     proof, robot = plan.certificate, plan.robot
     q = joints(t)
     room = np.minimum(q - robot.limits.lower, robot.limits.upper - q).min(axis=0)
@@ -253,7 +127,7 @@ def _twists(plan: Plan, joints: Joints, t: Array) -> Array:
     return np.asarray(np.einsum("kij,kj->ki", jacobian(plan.robot, joints(t)), joints(t, 1)))
 
 
-def _tool_speeds(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
+def tool_speeds(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
     proof, twist = plan.certificate, _twists(plan, joints, t)
     for field, part in (("tool_speed", slice(0, 3)), ("rotation_speed", slice(3, 6))):
         said = getattr(proof, field)

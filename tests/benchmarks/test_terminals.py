@@ -1,0 +1,110 @@
+"""Narrow terminals, plain ones, and a run that is stopped by a signal: nothing is lost and nothing breaks."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from polars.testing import assert_frame_equal
+
+from benchmarks.records import RunFolder
+from benchmarks.run import run_suite
+from tests.benchmarks.conftest import SMALL, small
+from tests.oracles import REPOSITORY
+
+START = "20,-35,40,25,50,-30"
+NARROW = {"COLUMNS": "40", "TERM": "dumb", "LC_ALL": "C"}
+
+
+def python(*arguments: str, **variables: str) -> subprocess.CompletedProcess[bytes]:
+    kept = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "TERM", "LANG", "LC_ALL", "FORCE_COLOR")}
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, timeout=300, cwd=REPOSITORY,
+        env=kept | {"PYTHONPATH": str(REPOSITORY)} | variables,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "wanted"),
+    [
+        (["ik", "--xyz", "0.1", "0.3", "0.2", "--rpy-deg", "-90", "10", "20", "--start-deg", START], ["joint6"]),
+        (["plan", "line", "--timing", "ruckig"], ["holds"]),
+        (["bench", "list"], ["ik"]),
+    ],
+    ids=lambda x: " ".join(x[:2]),
+)
+def test_a_plain_terminal_of_forty_columns_is_kept_to(command: list[str], wanted: list[str]) -> None:
+    done = python("-m", "benchmarks.cli", *command, **NARROW)
+    assert done.returncode == 0, done.stderr
+    text = done.stdout.decode("utf-8")
+    assert max(map(len, text.splitlines())) <= 40
+    assert "\x1b" not in text
+    for word in wanted:
+        assert word in text
+
+
+def test_an_error_is_one_line_where_nothing_but_ascii_can_be_written() -> None:
+    done = python(
+        "-m", "benchmarks.cli", "fk", "1", "2", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0", TERM="dumb"
+    )
+    assert done.returncode == 2
+    assert b"Traceback" not in done.stderr
+    assert done.stderr.strip()
+
+
+# ---------------------------------------------------------------- stopped by a signal
+
+INTERRUPTED = """
+import json, os, sys
+from pathlib import Path
+from benchmarks import cli, suite
+from tests.benchmarks.conftest import SMALL
+
+out, number, after = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+wanted = suite.suite_of("small", json.loads(sys.argv[4]))
+suite.load_suite = lambda name: wanted
+replace, count = Path.replace, 0
+
+def counted(self, target):
+    global count
+    count += Path(target).is_relative_to(out)
+    if count == after:  # the part is written, and not yet in its place
+        os.kill(os.getpid(), number)
+    return replace(self, target)
+
+Path.replace = counted
+import typer
+try:
+    cli.run_with_progress("small", out, 1)
+except typer.Exit as stopped:
+    sys.exit(stopped.exit_code)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
+    small_run: RunFolder, tmp_path: Path, number: int, status: int
+) -> None:
+    settings = SMALL | {"line": SMALL["line"] | {"laws": ["ruckig"]}}
+    done = python("-c", INTERRUPTED, str(tmp_path / "run"), str(int(number)), "5", json.dumps(settings))
+    assert done.returncode == status, done.stderr.decode()
+    if status == 130:
+        assert b"stopped; run the same command again to continue" in done.stderr
+        assert b"Traceback" not in done.stderr
+    stopped = RunFolder(tmp_path / "run")
+    assert stopped.manifest()["complete"] is False
+    finished = {p: p.stat().st_mtime_ns for p in (tmp_path / "run" / "ik").glob("*.parquet")}
+    assert 0 < len(finished) < 4
+    again = run_suite(small(line=settings["line"]), tmp_path / "run")
+    assert again.manifest()["complete"] is True
+    assert {p: p.stat().st_mtime_ns for p in finished} == finished, "what was done is not done again"
+    for block in ("workspace", "misprint"):
+        one, other = small_run.rows(block), again.rows(block)
+        assert one is not None
+        assert other is not None
+        assert_frame_equal(one.drop("seconds"), other.drop("seconds"), check_exact=True)

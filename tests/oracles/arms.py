@@ -1,0 +1,71 @@
+"""Arms: tables as they were published, and drawn ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import pi
+from typing import Any
+
+import numpy as np
+
+from tests.oracles.poses import pose
+
+Array = Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a Denavit–Hartenberg table; metres and radians."""
+
+    a: float = 0.0
+    alpha: float = 0.0
+    d: float = 0.0
+    theta: float = 0.0
+    prismatic: bool = False
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A table, its convention (Craig's ``mdh`` or the standard ``dh``), and what stands before and after it."""
+
+    convention: str
+    rows: tuple[Row, ...]
+    base: Array = field(default_factory=lambda: np.eye(4))
+    tool: Array = field(default_factory=lambda: np.eye(4))
+    lower: Array = None
+    upper: Array = None
+
+    @property
+    def n(self) -> int:
+        return len(self.rows)
+
+
+def _rows(*table: tuple[float, float, float], slides: int = -1) -> tuple[Row, ...]:
+    """Rows from (α in degrees, a, d)."""
+    return tuple(Row(a, np.deg2rad(alpha), d, 0.0, i == slides) for i, (alpha, a, d) in enumerate(table))
+
+
+PAPER = Arm("mdh", _rows((90, 0, 0), (-90, 0, 0), (0, 0.472, 0), (-90, 0.055, 0.470), (90, 0, 0), (-90, 0, 0.261)))
+"""The paper's Table 1, corrected."""
+SLIDING = Arm("mdh", _rows((0, 0, 0.4), (-90, 0, 0.15), (90, 0, 0), (0, 0, 0), (-90, 0, 0), (90, 0, 0.2), slides=2))
+"""An arm whose third joint slides."""
+UR5E = Arm(
+    "dh", _rows((90, 0, 0.1625), (0, -0.425, 0), (0, -0.3922, 0), (90, 0, 0.1333), (-90, 0, 0.0997), (0, 0, 0.0996))
+)
+"""Universal Robots' own table."""
+
+
+def random_arm(rng: np.random.Generator, n: int = 6, *, prismatic: bool = False, convention: str = "mdh") -> Arm:
+    """An arm with nothing special about it: no right angles, no zeros; one of its joints slides where asked."""
+    rows = [Row(*rng.uniform([-0.5, -pi, -0.5, -pi], [0.5, pi, 0.5, pi]).tolist()) for _ in range(n)]
+    if prismatic:
+        i = int(rng.integers(n))
+        rows[i] = replace(rows[i], prismatic=True)
+    base = pose(rng.uniform(-1.5, 1.5, 3), rng.uniform(-1, 1, 3))
+    tool = pose(rng.uniform(-1.5, 1.5, 3), rng.uniform(-0.3, 0.3, 3))
+    return Arm(convention, tuple(rows), base, tool, np.full(n, -3.0), np.full(n, 3.0))
+
+
+def configurations(arm: Arm, count: int, seed: int) -> Array:
+    """Configurations (count, n) uniform inside the limits."""
+    return np.random.default_rng(seed).uniform(arm.lower, arm.upper, (count, arm.n))

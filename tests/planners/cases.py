@@ -1,0 +1,78 @@
+"""What the planners' tests plan for: the paper's arm, its line, and motions drawn at random, made by the package itself."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+import optik
+from optik.ik import make_solver
+from planners import JointPath, Line, Trajectory, follow
+from tests.oracles import moved
+
+Array = NDArray[np.float64]
+
+START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
+MOVE = np.array([-0.12, 0.0, 0.20])
+END_DEG = np.array([52.74, -34.83, 37.15, 57.57, 53.29, -29.81])
+
+
+@cache
+def paper6r() -> optik.Robot:
+    return optik.load("paper6r")
+
+
+@cache
+def default_line() -> Line:
+    start = paper6r().fk(START)
+    return Line(start, moved(start, MOVE))
+
+
+@cache
+def default_joint_path(ik: str = "dls", samples: int = 151) -> JointPath:
+    followed = follow(make_solver(paper6r(), ik), default_line(), START, samples=samples)
+    assert followed.joint_path is not None and followed.stop is None
+    return followed.joint_path
+
+
+def followed_line(start: Array, goal: Array) -> JointPath:
+    """The joint path of a line from the default start."""
+    followed = follow(make_solver(paper6r(), "dls"), Line(start, goal), START)
+    assert followed.joint_path is not None and followed.stop is None
+    return followed.joint_path
+
+
+@cache
+def random_joint_paths(count: int, seed: int = 5) -> tuple[JointPath, ...]:
+    """Regular lines of the paper's arm: drawn at random, kept where the arm stays well away from singularities."""
+    robot, rng, kept = paper6r(), np.random.default_rng(seed), []
+    solver = make_solver(robot, "dls")
+    middle, half = 0.5 * (robot.limits.lower + robot.limits.upper), 0.5 * (robot.limits.upper - robot.limits.lower)
+    while len(kept) < count:
+        q = middle + 0.7 * half * rng.uniform(-1.0, 1.0, 6)
+        start = robot.fk(q)
+        move = rng.normal(size=3)
+        turn = None if len(kept) % 2 else 0.5 * rng.normal(size=3)
+        goal = moved(start, move / np.linalg.norm(move) * rng.uniform(0.03, 0.35), turn)
+        joint_path = follow(solver, Line(start, goal), q)
+        if joint_path and joint_path.joint_path.singular_values.min() > 0.03:
+            kept.append(joint_path.joint_path)
+    return tuple(kept)
+
+
+def random_trajectory(rng: np.random.Generator, pieces: int = 3, n: int = 2, smooth: int = 0) -> Trajectory:
+    """Random pieces that meet in so many orders: 0 for none, 2 for position and velocity, 3 for acceleration too."""
+    x = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 1.0, pieces))])
+    c = rng.normal(size=(6, pieces, n)) * np.array([3.0, 2.0, 1.0, 1.0, 1.0, 1.0])[:, None, None]
+    for k in range(1, pieces):
+        h = x[k] - x[k - 1]
+        for j in range(n):
+            left = c[::-1, k - 1, j]
+            for order in range(smooth):
+                scale = (1.0, 1.0, 2.0)[order]
+                c[5 - order, k, j] = polynomial.polyval(h, polynomial.polyder(left, order)) / scale
+    return Trajectory(PPoly(c, x))

@@ -1,0 +1,99 @@
+"""Verdicts of a certificate at their very edges: what is exactly a limit, what jumps, which end of a piece counts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+from scipy.optimize import minimize_scalar
+
+from planners import Certificate, JointLine, MotionLimits, Trajectory, certify
+from planners.timing.base import DERIVATIVES
+from tests import oracles
+from tests.oracles import PAPER
+from tests.planners.cases import START, paper6r
+
+Array = NDArray[np.float64]
+ROBOT = paper6r()
+
+
+def certified(trajectory: Trajectory, limits: MotionLimits, **options: Any) -> Certificate:
+    """Along the straight way in joint space from its start to its end."""
+    first, last = trajectory.ends(0)[0][0], trajectory.ends(0)[1][-1]
+    return certify(ROBOT, JointLine(ROBOT, first, last), trajectory, limits, **options)
+
+
+def step_of(joint: int, size: float, T: float) -> Trajectory:
+    """One joint from rest to rest by 10u³ − 15u⁴ + 6u⁵."""
+    c = np.zeros((6, 1, 6))
+    c[5, 0] = START
+    c[:3, 0, joint] = size * np.array([6.0 / T**5, -15.0 / T**4, 10.0 / T**3])
+    return Trajectory(PPoly(c, [0.0, T]))
+
+
+@pytest.mark.parametrize("field", DERIVATIVES)
+@pytest.mark.parametrize(("over", "holds"), [(1e-13, True), (1e-9, False), (1e-11, False)])
+def test_a_limit_is_kept_to_rounding_and_no_more(field: str, over: float, holds: bool) -> None:
+    trajectory = step_of(2, 0.04, 0.8)
+    worst = float(trajectory.extrema(DERIVATIVES.index(field) + 1).worst[2])
+    certificate = certified(trajectory, MotionLimits(**{field: worst / (1.0 + over)}), keeps=(field,))
+    assert any(field in words for words in certificate.broken) != holds
+
+
+@pytest.mark.parametrize(("order", "first"), [(0, 0), (1, 1), (2, 2)])
+def test_a_jump_makes_every_higher_derivative_infinite_though_none_of_them_jumps(order: int, first: int) -> None:
+    """Both pieces are one polynomial, but for the one derivative of one joint."""
+    rng = np.random.default_rng(3)
+    c = np.zeros((6, 2, 6))
+    c[:, 0] = 0.01 * rng.normal(size=(6, 6))
+    c[5, 0] = START
+    h, factorial = 0.7, (1.0, 1.0, 2.0, 6.0, 24.0, 120.0)
+    for j in range(6):
+        for k in range(6):
+            c[5 - k, 1, j] = np.polyval(np.polyder(c[:, 0, j], k) if k else c[:, 0, j], h) / factorial[k]
+    c[5 - order, 1, 3] += 0.003
+    trajectory = Trajectory(PPoly(c, [0.0, h, 1.5]))
+    for k in range(4):
+        assert np.abs(trajectory.jumps(k)[0, 3] - (0.003 * factorial[order] if k == order else 0.0)) < 1e-12
+    certificate = certified(trajectory, MotionLimits(10.0, 10.0, 10.0))
+    values = [getattr(certificate, field).value for field in DERIVATIVES]
+    assert certificate.continuous < order
+    for field, value in zip(DERIVATIVES[first:], values[first:], strict=True):
+        assert value[3] == np.inf, field
+        assert getattr(certificate, field).ratio[3] == np.inf
+    for value in values[:first]:
+        assert np.isfinite(value[3])
+
+
+def test_the_tools_limit_binds_by_the_faster_end_of_each_piece() -> None:
+    base = step_of(1, 0.4, 1.0)
+    t = np.array([0.0, 0.1, 0.25, 0.5, 0.8, 1.0])
+    c = np.zeros((6, 5, 6))
+    for k in range(5):  # the same motion in pieces whose ends are not equally fast
+        for j in range(6):
+            p = np.poly1d(base.coefficients[:, 0, j])(np.poly1d([1.0, t[k]]))
+            c[6 - len(p.coef) :, k, j] = p.coef
+    trajectory = Trajectory(PPoly(c, t))
+    twist = np.einsum("kij,kj->ki", oracles.jacobian(PAPER, trajectory(t)), trajectory(t, 1))
+    for field, part in (("tool_speed", slice(0, 3)), ("rotation_speed", slice(3, 6))):
+        speed = np.linalg.norm(twist[:, part], axis=1)
+        binding = certified(trajectory, MotionLimits(**{field: 0.7})).binding  # type: ignore[arg-type]
+        np.testing.assert_allclose(binding.ratio, np.maximum(speed[:-1], speed[1:]) / 0.7, rtol=1e-9)
+        assert set(zip(binding.limit, binding.joint, strict=True)) == {(field, "tool")}
+
+
+@pytest.mark.parametrize("size", [-1.3, -1.1])
+def test_the_least_singular_value_is_found_where_it_is(size: float) -> None:
+    """The wrist passes its straight place at no instant of any even grid."""
+    trajectory = step_of(4, size, 2.0)
+    certificate = certified(trajectory, MotionLimits())
+    assert certificate.singular_value < 2e-5
+    found = minimize_scalar(
+        lambda t: abs(float(trajectory(t)[4])), bounds=(0.5, 1.8), method="bounded", options={"xatol": 1e-9}
+    )
+    assert certificate.t_singular_value == pytest.approx(found.x, abs=2e-4)
+    at = oracles.smallest(PAPER, trajectory(certificate.t_singular_value))
+    assert certificate.singular_value == pytest.approx(float(at), abs=1e-12)
