@@ -207,7 +207,7 @@ def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes() -> None:
     q = np.array([0.3, 0.9, 0.12, -0.4])
     scara = optik.load("irb910sc")
     x, y, z = (str(v) for v in scara.fk(scara.limits.clip(q))[:3, 3])
-    done = optik_command("ik", "-r", "irb910sc", "--xyz", x, y, z, "--task", "position", "--json")
+    done = optik_command("ik", "-r", "irb910sc", "--xyz", x, y, z, "--task", "position", "--solver", "dls", "--json")
     answer = json.loads(done.stdout)
     assert answer["solved"]
     assert [unit == "mm" for unit in answer["q_deg_units"]] == scara.prismatic.tolist()
