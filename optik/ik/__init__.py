@@ -72,6 +72,10 @@ class _Options:
         return self._hash
 
 
+_NO_OPTIONS = _Options({})
+"""The usual case, whose key need not be made anew in every call."""
+
+
 @lru_cache(maxsize=64)
 def _kept(robot: Robot, solver: str, options: _Options) -> IKSolver:
     return make_solver(robot, solver, **options.given)
@@ -163,7 +167,7 @@ def solver_for(robot: Robot, solver: str = "lm", options: dict[str, Any] | None 
     """
     options = options or {}
     try:
-        return _kept(robot, solver, _Options(options))
+        return _kept(robot, solver, _Options(options) if options else _NO_OPTIONS)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numba import typeof
+from numba import typeof, types
 
 import optik._compile
 from optik._compile import compiled
@@ -86,12 +86,10 @@ FILES = {
 from enum import IntEnum
 from typing import NamedTuple
 import numpy as np
-from numba import types
-from numba.extending import intrinsic, overload, register_jitable
 from optik._compile import compiled, inlined, parallel
 
 FACTOR = 2.0
-TABLE = np.array([1.0, 2.0])
+TABLE = np.zeros(2)
 PAIR = (1, ("a", 2.5))
 class Kind(IntEnum):
     A = 1
@@ -99,12 +97,29 @@ class Fields(NamedTuple):
     first: float
     second: float
 @compiled
-def helper(x: float, more=1.0) -> float:
+def helper(x: float, more=1.0, *, scale=3) -> float:
     'What it does.'
-    return FACTOR * x + more
+    try:
+        least = [FACTOR * y for y in (x,)][0]
+        more = more + 1.0
+    except ValueError:
+        least = scale
+    return least + more
 @inlined
 def small(x):
     return x + 3.0
+def closed(n):
+    @compiled
+    def inside(x):
+        return x + n
+    return inside
+inside = closed(6)
+""",
+    "odd": """
+import numpy as np
+from numba import types
+from numba.extending import intrinsic, overload, register_jitable
+from beside import LESS, KIND, other
 @register_jitable
 def taught(x):
     return x + 4.0
@@ -112,18 +127,21 @@ def plain(x):
     return x
 @overload(plain)
 def _plain(x):
-    return lambda x: x - 5.0
+    return lambda x: other(x) - LESS
 def _own(typingctx, x):
     def generate(context, builder, signature, arguments):
         return builder.fadd(*arguments, *arguments)
-    return types.float64(types.float64), generate
+    return KIND(types.float64), generate
 own = intrinsic(_own)
-def closed(n):
-    @compiled
-    def inside(x):
-        return x + n
-    return inside
-inside = closed(6)
+""",
+    "beside": """
+from numba import types
+from optik._compile import compiled
+LESS = 5.0
+KIND = types.float64
+@compiled
+def other(x):
+    return x + 1.0
 """,
     "near": """
 import far
@@ -135,7 +153,8 @@ def through(x):
     return far.helper(x) + far.TABLE[0] + far.PAIR[0] + far.Kind.A
 """,
     "kernel": """
-from far import Fields, inside, own, plain, small, taught
+from far import Fields, inside, small
+from odd import own, plain, taught
 from near import through
 from optik._compile import compiled
 @compiled
@@ -173,19 +192,30 @@ def _written(tmp_path, monkeypatch):
     [
         ("far", "FACTOR = 2.0", "FACTOR = 2.5"),
         ("far", "FACTOR = 2.0", "FACTOR = 2"),
-        ("far", "[1.0, 2.0]", "[1.0, 2.1]"),
-        ("far", "np.array([1.0, 2.0])", "np.array([1.0, 2.0], np.float32)"),
+        ("far", "np.zeros(2)", "np.ones(2)"),
+        ("far", "np.zeros(2)", "np.zeros(2, np.int64)"),
         ("far", '("a", 2.5)', '("a", 2.6)'),
         ("far", "A = 1", "A = 2"),
         ("far", "first: float\n    second", "second: float\n    first"),
         ("far", "more=1.0", "more=1.5"),
-        ("far", "FACTOR * x + more", "FACTOR * x - more"),
+        ("far", "least + more", "least - more"),
         ("far", "return x + 3.0", "return x + 3.5"),
         ("far", "@inlined", "@compiled"),
         ("far", "@compiled\ndef helper", "@parallel\ndef helper"),
-        ("far", "return x + 4.0", "return x + 4.5"),
-        ("far", "x - 5.0", "x - 5.5"),
-        ("far", "fadd", "fmul"),
+        ("odd", "return x + 4.0", "return x + 4.5"),
+        ("odd", "other(x) - LESS", "other(x) + LESS"),
+        ("odd", "fadd", "fmul"),
+        ("beside", "LESS = 5.0", "LESS = 5.5"),
+        ("beside", "x + 1.0", "x + 1.5"),
+        ("beside", "types.float64", "types.float32"),
+        ("far", "*, scale=3", "*, scale=4"),
+        ("far", "ValueError", "KeyError"),
+        (
+            "far",
+            "        more = more + 1.0\n    except ValueError:\n        least = scale\n",
+            "    except ValueError:\n        least = scale\n    else:\n        more = more + 1.0\n",
+        ),
+        ("odd", "import numpy as np", "# The text of what teaches Numba counts whole.\nimport numpy as np"),
         ("far", "closed(6)", "closed(7)"),
         ("near", "north", "west"),
         ("near", "far.helper(x)", "far.small(x)"),
@@ -204,6 +234,8 @@ def test_a_kernel_depends_on(written, file, old, new):
         ("near", "import far", "import far\nOTHER = 3.0\n@far.compiled\ndef unused(x):\n    return OTHER * x\n"),
         ("kernel", "'What it says.'", "'What it says now.'"),
         ("kernel", "def kernel(x)", "def kernel(x: 'float') -> 'float'"),
+        ("far", "'What it does.'", "'What it does now.'"),
+        ("far", "x: float", "x: 'float'"),
         ("far", "", ""),
     ],
 )
@@ -241,15 +273,39 @@ def test_a_function_that_is_passed_is_compiled_in():
     def calls(f, x):
         return f(x)
 
-    def one(x):
-        return x + 1.0
+    def adds(n):
+        def f(x):
+            return x + n
 
-    def two(x):
-        return x + 2.0
+        return typeof(compiled(f))
 
     kernel = compiled(calls)
-    prints = [fingerprint(kernel, (typeof(compiled(f)),)) for f in (one, two, one)]
+    prints = [fingerprint(kernel, (adds(n),)) for n in (1, 2, 1)]
     assert prints[0] == prints[2] != prints[1]
+    with pytest.raises(Opaque):
+        fingerprint(kernel, (types.Opaque("a thing at 0x7f00"),))
+
+
+def test_the_order_of_a_set_does_not_count():
+    def prints(constant):
+        def kernel():
+            return constant
+
+        return fingerprint(compiled(kernel), ())
+
+    one, other = frozenset([0, 8]), frozenset([8, 0])
+    assert list(one) != list(other)
+    assert prints(one) == prints(other) != prints(frozenset([0, 9]))
+    assert prints({"a": 1, "b": 2}) == prints({"b": 2, "a": 1}) != prints({"a": 2, "b": 1})
+
+
+def test_a_function_may_call_itself():
+    @compiled
+    def factorial(n):
+        return n * factorial(n - 1) if n > 1 else 1
+
+    assert fingerprint(factorial, ()) == fingerprint(factorial, ())
+    assert factorial(5) == 120
 
 
 def test_modules_and_functions_may_reach_each_other_in_a_circle(written):
