@@ -11,6 +11,8 @@ from optik.errors import InvalidInput
 
 LARGEST = 2**30
 """Longest file that is read [bytes]."""
+PART = 2**20
+"""Bytes read at once: Python reserves as many as are asked for, also where the file is short."""
 
 
 def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
@@ -35,15 +37,17 @@ def content_of(file: Path) -> bytes:
     InvalidInput
         Nothing that can be read, or far too much.
     """
+    content = bytearray()
     try:
         with file.open("rb") as opened:
-            content = opened.read(LARGEST + 1)
+            while len(content) <= LARGEST and (part := opened.read(PART)):
+                content += part
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise InvalidInput("file", f"nothing that can be read ({reason})", "a file") from None
     if len(content) > LARGEST:
         raise InvalidInput("file", f"more than {LARGEST // 2**20} MB", "a file of a motion")
-    return content
+    return bytes(content)
 
 
 def text_of(content: bytes) -> str:

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput, NoSolution
 from planners.certificate import check_tolerance
-from planners.curve import Curve
 from planners.follow import JointPath
 from planners.plan import Asked, Plan, make_law
 from planners.splice import State, begun, joined, rest_of
@@ -312,9 +311,8 @@ def _when(running: Trajectory, given: State) -> float:
     return t
 
 
-def _place(joints: Curve, q: Array, near: float) -> float:
+def _place(joints: JointPath, q: Array, near: float) -> float:
     """Place s whose configuration is nearest to q; of several that are, where a path comes back to it, the one by `near`."""
-    assert isinstance(joints, JointPath)
     grid = np.linspace(0.0, joints.end, 2 * joints.nodes.size + 1)
     off = np.linalg.norm(joints(grid) - q, axis=1)
     lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))

@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import pickle
+import tracemalloc
+import zipfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -22,7 +24,7 @@ from scipy.interpolate import PPoly
 import optik
 from optik import JointLimits, Robot, se3
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError
-from planners import Line, MotionLimits, Plan, Trajectory, plan
+from planners import Line, MotionLimits, Plan, Trajectory, motion_file, plan
 from planners.files import parsed
 from planners.motion import Motion, motion_of
 from planners.motion_file import load_motion, save
@@ -400,6 +402,38 @@ def test_nothing_is_ever_unpickled(tmp_path: Path) -> None:
         load_motion(file)
     np.save(file.with_suffix(".npy"), arrays["knots"])
     assert readable_or_refused(file, file.with_suffix(".npy").read_bytes())
+
+
+def test_an_archive_that_would_unpack_to_gigabytes_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "motion.npz"
+    save(small(), file)
+    with np.load(file) as archive:
+        arrays: dict[str, Any] = dict(archive)
+    monkeypatch.setattr(motion_file, "UNPACKED", 2**20)
+    np.savez_compressed(file, **(arrays | {"knots": np.zeros(2**20)}))
+    assert file.stat().st_size < 2**15
+    tracemalloc.start()
+    with pytest.raises(InvalidInput, match="arrays of 8 MB"):
+        load_motion(file)
+    assert tracemalloc.get_traced_memory()[1] < 2**22
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("held", [8, 8 * 2**40])
+def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path: Path) -> None:
+    file, whole = tmp_path / "motion.npz", io.BytesIO()
+    save(small(), file)
+    with np.load(file) as archive:
+        arrays: dict[str, Any] = dict(archive)
+    header = {"descr": "<f8", "fortran_order": False, "shape": (held // 8,)}
+    np.lib.format.write_array_header_1_0(whole, header)  # type: ignore[no-untyped-call]
+    np.savez(file, header=arrays["header"], coefficients=arrays["coefficients"])
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.writestr("knots.npy", whole.getvalue() + np.zeros(2).tobytes())
+    with pytest.raises(InvalidInput, match=r"motion\.npz: knots\.npy: expected a whole array"):
+        load_motion(file)
 
 
 @pytest.mark.parametrize("kind", ["f4", "i8", "c16", "U8", "O"])

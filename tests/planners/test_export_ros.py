@@ -21,7 +21,7 @@ from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
-from planners import JointLine, Line, MotionLimits, Trajectory, certify, plan
+from planners import JointLine, Line, MotionLimits, Trajectory, certify, make_law, plan
 from planners.motion import Motion, motion_of
 from planners.ros import from_ros, to_ros
 from planners.ros_message import _to_yaml
@@ -234,6 +234,53 @@ def test_what_the_controller_would_exceed_is_slowed_and_said_or_refused(
     with pytest.raises(NoSolution, match=r"leaves its limits; 1\.\d+ times as long it would not"):
         to_ros(motion, tmp_path / "strict.json", rate=rate, strict=True)
     assert not (tmp_path / "strict.json").exists()
+
+
+def weld(speed: float | None = 0.05) -> Motion:
+    law = make_law("constant_speed", speed=speed)
+    return motion_of(plan(paper6r(), default_line(), START, timing=law))
+
+
+def tool_speeds(trajectory: Trajectory, t: Array) -> Array:
+    twists = np.array([oracles.jacobian(oracles.PAPER, trajectory(x)) @ trajectory(x, 1) for x in t])
+    return np.asarray(np.linalg.norm(twists[:, :3], axis=1))
+
+
+@pytest.mark.parametrize("rate", [None, 125.0, 1000.0])
+def test_a_tool_speed_that_was_asked_is_kept_and_the_end_is_held(rate: float | None, tmp_path: Path) -> None:
+    motion = weld()
+    sent = to_ros(motion, tmp_path / "motion.json", rate=rate)
+    assert sent.certificate.holds
+    end = motion.trajectory.duration
+    speeds = tool_speeds(sent.trajectory, np.linspace(0.3 * end, 0.7 * end, 50))
+    np.testing.assert_allclose(speeds, 0.05, rtol=1e-6)
+    t = np.linspace(0.0, end, 400)
+    np.testing.assert_allclose(sent.trajectory(t), motion.trajectory(t), rtol=0.0, atol=1e-9)
+    if rate is not None:
+        periods = sent.trajectory.duration * rate
+        assert periods == pytest.approx(round(periods), abs=1e-6)
+        assert end <= sent.trajectory.duration < end + 1.0 / rate
+        np.testing.assert_allclose(sent.trajectory(sent.trajectory.end, 1), 0.0, atol=1e-12)
+
+
+def test_a_tool_speed_that_nobody_asked_or_that_need_not_be_kept_is_slowed(tmp_path: Path) -> None:
+    assert weld(None).speed is None
+    for motion, options in ((weld(None), {}), (weld(), {"keep_speed": False})):
+        sent = to_ros(motion, tmp_path / "motion.json", rate=125.0, **options)
+        assert sent.factor > 1.01
+        assert sent.certificate.holds
+    with pytest.raises(InvalidInput, match="keep_speed"):
+        to_ros(weld(), tmp_path / "motion.json", keep_speed="no")  # type: ignore[arg-type]
+
+
+def test_a_tool_speed_that_cannot_be_kept_is_refused_with_what_it_would_be(tmp_path: Path) -> None:
+    motion = weld()
+    limits = motion.limits
+    tight = replace(motion, limits=replace(limits, jerk=0.5 * np.asarray(motion.certify().jerk.value)))
+    with pytest.raises(NoSolution, match=r"a tool speed of 0\.039685, and 0\.05 was asked.*keep_speed=False"):
+        to_ros(tight, tmp_path / "motion.json")  # half of its jerk: 2^(1/3) times as long
+    assert not (tmp_path / "motion.json").exists()
+    assert to_ros(tight, tmp_path / "motion.json", keep_speed=False).factor == pytest.approx(2.0 ** (1.0 / 3.0))
 
 
 def test_a_motion_at_its_limits_keeps_them_at_its_knots_without_being_slowed(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import planners.timing._ruckig as ruckig_call
 import planners.timing._stop as stop_law
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
-from planners import JointPath, Line, MotionLimits, Trajectory, certify, follow, make_law
+from planners import JointPath, Line, MotionLimits, Polyline, Trajectory, certify, follow, make_law
 from planners.paths.base import Path
 from planners.timing import base
 from planners.timing import toppra as toppra_law
@@ -672,6 +672,27 @@ def test_a_speed_limit_of_the_tool_bounds_the_constant_speed() -> None:
     with pytest.raises(NoSolution, match="tool or rotation speed") as info:
         make_law("constant_speed", speed=0.11).run(default_joint_path(), MotionLimits(2.0, 10.0, 100.0, tool_speed=0.1))
     assert info.value.joint is None
+
+
+def corner(blend: float) -> JointPath:
+    poses = np.tile(default_line().start, (3, 1, 1))
+    poses[1:, :3, 3] += [[0.0, 0.05, 0.0], [0.03, 0.05, 0.03]]
+    followed = follow(make_solver(paper6r(), "lm"), Polyline(poses, blend=blend), cases.START).joint_path
+    assert followed is not None
+    return followed
+
+
+def test_a_corner_that_makes_all_a_crawl_is_named_unless_that_speed_is_asked() -> None:
+    joint_path = corner(1e-6)
+    with pytest.raises(NoSolution, match="a corner where half of the path allows") as info:
+        make_law("constant_speed").run(joint_path, LIMITS)
+    assert info.value.s == pytest.approx(0.05, abs=1e-5)
+    assert info.value.joint in paper6r().joint_names
+    assert "a larger blend" in info.value.advice
+    speed = float(info.value.advice.split("speed=")[1].split()[0])
+    slow = make_law("constant_speed", speed=speed).run(joint_path, LIMITS)
+    assert slow.duration == pytest.approx(joint_path.end / speed, rel=0.1)
+    assert make_law("constant_speed").run(corner(1e-3), LIMITS).duration < 10.0
 
 
 def test_a_tool_that_only_turns_turns_at_one_speed() -> None:

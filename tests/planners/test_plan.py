@@ -378,7 +378,20 @@ def test_without_a_start_the_branch_is_chosen_for_the_whole_path() -> None:
     assert chosen.certificate.path_error.distance <= 1e-8
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "long"])
+def test_a_duration_that_changes_the_tool_speed_that_was_asked_is_refused() -> None:
+    law = make_law("constant_speed", speed=0.05)
+    free = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS)
+    twice = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=2.0 * free.trajectory.duration)
+    assert twice.status is PlanStatus.TIMING_INFEASIBLE
+    assert twice.stop is not None
+    assert "makes the tool speed 0.025, and 0.05 was asked" in twice.stop.reason
+    assert "without a speed" in twice.stop.advice
+    assert plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=free.trajectory.duration)
+    any_speed = plan(ROBOT, default_line(), START, timing="constant_speed", limits=LIMITS, duration=9.0)
+    assert any_speed.trajectory.duration == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "long", 1e10, 10**400])
 def test_durations_that_cannot_be_meant_are_refused(wrong: Any) -> None:
     with pytest.raises(InvalidInput) as info:
         planned(duration=wrong)
