@@ -19,6 +19,7 @@ def _stack(typingctx: Any, rows: Any, columns: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         data = cgutils.alloca_once(builder, context.get_value_type(types.float64), size=shape[0] * shape[1])
+        data.align = 64  # a cache line: where the stack happens to stand would make a tenth of a batch's time
         array = context.make_array(kind)(context, builder)
 
         def size(value: int) -> Any:

@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 
 _STOPPED = "User_Requested_Stop"
 
+# Looking these up where they belong costs a microsecond a call.
+_SOLVED, _new = IKStatus.SOLVED, tuple.__new__
+
 _FLOAT = np.dtype(np.float64)
 """Comparing with the type itself takes as long as three calls."""
 
@@ -75,6 +78,8 @@ class ProgrammeSolver(IKSolver):
         self._quick = self.time_limit is None and not self.chooses
         lower, upper, flags = robot.limits.lower, robot.limits.upper, self.task.flags
         self._judge_of = partial(judge, robot.fixed, robot.prismatic, robot.tool, lower, upper, flags, LIMIT_TOLERANCE)
+        self._position, self._rotation = self.tolerance.position, self.tolerance.rotation
+        self._prefix = f"{self.name.upper()}: "
         self._first: Answer | None = None
         self._lock = threading.RLock()
         self._objective: ca.Function | None = None
@@ -104,6 +109,7 @@ class ProgrammeSolver(IKSolver):
         """Build now, so that the first solve is not slower than the rest."""
         for choice in (False, True)[: 1 + self.chooses]:
             self._programme(choice, self.time_limit is not None)
+        self._pose = self._programme(False, self.time_limit is not None)
 
     def _new_programme(self, choice: bool, watched: bool) -> Programme:
         plugin, problem, options = self._problem(model(self.robot), choice)
@@ -127,12 +133,12 @@ class ProgrammeSolver(IKSolver):
         if trace or not self._quick:
             return super().solve(target, q0, trace=trace, closest=closest)
         with self._lock:
-            answer = self._programme(False, False).answer(target, q0)
+            answer = self._pose.answer(target, q0)
             if answer is not None:
                 position, rotation, inside = self._judge_of(answer.q, target)  # type: ignore[arg-type]
-                if position <= self.tolerance.position and rotation <= self.tolerance.rotation and inside:
-                    message = f"{self._word}: {answer.code}"
-                    return IKResult(answer.q, IKStatus.SOLVED, answer.iterations, 0, position, rotation, None, message)
+                if position <= self._position and rotation <= self._rotation and inside:
+                    message = self._prefix + answer.code
+                    return _new(IKResult, (answer.q, _SOLVED, answer.iterations, 0, position, rotation, None, message))
             self._first = answer
             return super().solve(target, q0, closest=closest)
 
@@ -149,7 +155,7 @@ class ProgrammeSolver(IKSolver):
         programme = self._programme(False, watched)
         answer, self._first = self._first or programme.solve(start, self._parameters[:12], end), None
         status = self._status(answer, programme.constrained)
-        q, count, message = answer.q, answer.iterations, f"{self._word}: {answer.code}"
+        q, count, message = answer.q, answer.iterations, self._prefix + answer.code
         visited = [start, *answer.visited]
         if self.chooses and status is IKStatus.SOLVED and self._meets(q, target):
             better = self._programme(True, watched).solve(q, self._parameters, end)
@@ -170,10 +176,6 @@ class ProgrammeSolver(IKSolver):
             problem = self._chosen(model(self.robot))
             self._objective = ca.Function("worth", [problem["x"], problem["p"]], [problem["f"]])
         return float(self._objective(q, self._parameters))
-
-    @property
-    def _word(self) -> str:
-        return self.name.upper()
 
     def _meets(self, q: Array, target: Array) -> bool:
         position, rotation, inside = self._measure(q, target)
