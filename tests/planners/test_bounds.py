@@ -142,11 +142,12 @@ def drawn_arm(rng: np.random.Generator) -> Robot:
     return arm_of(fixed[:n], rng.random(n) < 0.3, fixed[n])
 
 
-def test_no_motion_of_a_tool_is_faster_in_any_order_than_the_bounds_say() -> None:
-    rng, arms = np.random.default_rng(1), 50
+@pytest.mark.parametrize("samples", [SAMPLES // 5, pytest.param(5 * SAMPLES, marks=pytest.mark.soak)])
+def test_no_motion_of_a_tool_is_faster_in_any_order_than_the_bounds_say(samples: int) -> None:
+    rng, arms = np.random.default_rng(1), samples // 400
     for _ in range(arms):
         robot = drawn_arm(rng)
-        k = SAMPLES // arms // 5
+        k = 400
         scale = spread(rng, 6, 1, 1) * spread(rng, 1, k, 1, decades=0.5)
         dq = scale * rng.normal(size=(6, k, robot.n))
         for truth, bound in zip(true_rates(robot, dq), bounded(robot, dq), strict=True):
