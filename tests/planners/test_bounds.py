@@ -308,9 +308,17 @@ def test_the_turn_between_a_tool_and_its_path_changes_no_faster_than_the_bound_s
 
 @pytest.fixture
 def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every piece of a motion is one interval, whose bound stands as it is."""
+    """Every piece of a motion is one interval, whose bound stands as it is.
+
+    Only what Python looks up is changed: compiled code would keep a changed constant, or not see it.
+    """
+
+    def whole(bounds: Any) -> Any:
+        pieces = bounds.knots.size - 1
+        return np.arange(pieces), *bounds.ends, np.ones(pieces + 1, np.bool_)
+
     monkeypatch.setattr(deviation, "MOST", 0)
-    monkeypatch.setattr(deviation, "PARTS", 1)
+    monkeypatch.setattr(deviation, "_first_look", whole)
     monkeypatch.setattr(speeds, "MOST", 0)
 
 
@@ -433,7 +441,7 @@ def test_a_motion_on_its_path_at_few_instants_only_is_bounded_between(never_halv
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["line", "turning line", "arc", "polyline"])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("halved", [False, True])
 def test_no_instant_contradicts_the_bounds_at_length(
     request: pytest.FixtureRequest, kind: str, seed: int, halved: bool
