@@ -43,9 +43,17 @@ class Change:
         return hashlib.sha256(what).hexdigest()[:16]
 
 
+def read(root: Path, file: str) -> bytes:
+    """A file of the tree."""
+    try:
+        return (root / file).read_bytes()
+    except FileNotFoundError:
+        raise SystemExit(f"stale: there is no {file}; bring tests/mutants/listed.py up to date") from None
+
+
 def named(root: Path, file: str, old: str, new: str) -> Change:
     """A change given by its text, which must be in the file exactly once."""
-    source = (root / file).read_bytes()
+    source = read(root, file)
     if (found := source.count(old.encode())) != 1:
         raise SystemExit(f"stale: {file} has {old!r} {found} times, not once; bring tests/mutants/listed.py up to date")
     begin = source.index(old.encode())
@@ -54,7 +62,7 @@ def named(root: Path, file: str, old: str, new: str) -> Change:
 
 def drawn(root: Path, file: str, count: int, seed: int) -> list[Change]:
     """So many different changes of a file: a place at random, then one of what may be changed there."""
-    source = (root / file).read_bytes()
+    source = read(root, file)
     places: dict[tuple[int, int], list[Change]] = {}
     for begin, end, new in _Reader(source).found:
         places.setdefault((begin, end), []).append(Change(file, begin, end, new, source))

@@ -142,11 +142,12 @@ def drawn_arm(rng: np.random.Generator) -> Robot:
     return arm_of(fixed[:n], rng.random(n) < 0.3, fixed[n])
 
 
-def test_no_motion_of_a_tool_is_faster_in_any_order_than_the_bounds_say() -> None:
-    rng, arms = np.random.default_rng(1), 50
+@pytest.mark.parametrize("samples", [SAMPLES // 5, pytest.param(5 * SAMPLES, marks=pytest.mark.soak)])
+def test_no_motion_of_a_tool_is_faster_in_any_order_than_the_bounds_say(samples: int) -> None:
+    rng, arms = np.random.default_rng(1), samples // 400
     for _ in range(arms):
         robot = drawn_arm(rng)
-        k = SAMPLES // arms // 5
+        k = 400
         scale = spread(rng, 6, 1, 1) * spread(rng, 1, k, 1, decades=0.5)
         dq = scale * rng.normal(size=(6, k, robot.n))
         for truth, bound in zip(true_rates(robot, dq), bounded(robot, dq), strict=True):
@@ -307,9 +308,17 @@ def test_the_turn_between_a_tool_and_its_path_changes_no_faster_than_the_bound_s
 
 @pytest.fixture
 def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every piece of a motion is one interval, whose bound stands as it is."""
+    """Every piece of a motion is one interval, whose bound stands as it is.
+
+    Only what Python looks up is changed: compiled code would keep a changed constant, or not see it.
+    """
+
+    def whole(bounds: Any) -> Any:
+        pieces = bounds.knots.size - 1
+        return np.arange(pieces), *bounds.ends, np.ones(pieces + 1, np.bool_)
+
     monkeypatch.setattr(deviation, "MOST", 0)
-    monkeypatch.setattr(deviation, "PARTS", 1)
+    monkeypatch.setattr(deviation, "_first_look", whole)
     monkeypatch.setattr(speeds, "MOST", 0)
 
 
@@ -432,7 +441,7 @@ def test_a_motion_on_its_path_at_few_instants_only_is_bounded_between(never_halv
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["line", "turning line", "arc", "polyline"])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("halved", [False, True])
 def test_no_instant_contradicts_the_bounds_at_length(
     request: pytest.FixtureRequest, kind: str, seed: int, halved: bool
