@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import optik
-from optik import kinematics
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.reach import outside_reach
 from optik.robot import Robot
 from planners import _march
+from planners._singular import smallest
 from planners._track import Ended
 from planners.paths.base import Path
 
@@ -69,13 +69,6 @@ class Stop:
 def unit(robot: Robot, joint: int) -> str:
     """Return m for a sliding joint, rad for one that turns."""
     return "m" if robot.prismatic[joint] else "rad"
-
-
-def smallest(robot: Robot, q: Array) -> float:
-    """Smallest singular value of the Jacobian at q (n,)."""
-    out = np.empty(1)
-    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q[None], out)
-    return float(out[0])
 
 
 def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> Stop:

@@ -49,9 +49,8 @@ class JointPath(Curve):
     q : (k, n) array
         Configurations at the knots.
     derivatives : (k, 3, n) array
-        Exact q', q'', q''' there; at a break of the path, where q''' jumps, one of its two values.
-    singular_values : (k,) array
-        Smallest singular value of the Jacobian there.
+        Exact q', q'', q''' there, but where the arm is singular, those of the motion between the knots around; at a break of
+        the path, where q''' jumps, one of its two values.
     ik : IKRecord
         What the method left before the polish, at the samples.
     """
@@ -60,13 +59,9 @@ class JointPath(Curve):
 
     def __init__(
         self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord,
-        nodes: NDArray[np.bool_] | None = None, singular_values: Array | None = None,
+        nodes: NDArray[np.bool_] | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
-        if singular_values is None:
-            singular_values = np.empty(len(knots))
-            kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q, singular_values)
-        self.singular_values = singular_values
         self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
         self.nodes = knots[self._chosen]
         self._orders = [through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1))]
@@ -83,6 +78,13 @@ class JointPath(Curve):
         return values
 
     @cached_property
+    def singular_values(self) -> Array:
+        """Smallest singular value (k,) of the Jacobian at the knots."""
+        values, robot = np.empty(len(self.knots)), self.robot
+        kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, self.q, values)
+        return values
+
+    @cached_property
     def deviation(self) -> tuple[float, float]:
         """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
         s = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * (np.arange(1, 8) / 8.0)).ravel()
@@ -94,9 +96,10 @@ class JointPath(Curve):
         """Proved bound on distance [m] and angle [rad] to the path at the same s, everywhere, but for rounding."""
         robot, i = self.robot, self._chosen
         out = np.empty((len(i) - 1, 2))
+        s = self.nodes
         pieces_bound(
-            robot.fixed, robot.prismatic, robot.tool, self.nodes, self.q[i], self.derivatives[i],
-            fourth_bounds(self.path, self.nodes), out,
+            robot.fixed, robot.prismatic, robot.tool, s, self.q[i], self.derivatives[i],
+            self.path.pose(s), self.path.twist(s), fourth_bounds(self.path, s), out,
         )  # fmt: skip
         return float(out[:, 0].max()), float(out[:, 1].max())
 
@@ -117,12 +120,16 @@ def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
     return np.array(chosen)
 
 
-def fourth_bounds(path: Path, s: Array) -> Array:
-    """Bounds (k, 2) on the fourth derivatives of position and rotation from each of the nodes s (k,) to the next."""
-    pieces = getattr(path, "piece_bounds", None)
-    if pieces is None:
-        return np.tile(path.derivative_bounds()[:, 3], (len(s), 1))
-    breaks, bounds = path.breaks, pieces()
-    i = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(bounds) - 1)
-    fourth: Array = np.ascontiguousarray(bounds[i, :, 3])
-    return fourth
+def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
+    """Bounds (k, 2) on the fourth derivatives of position and rotation from each of the nodes s (k,) to the next.
+
+    The largest of all pieces of the path that the interval touches: derivatives up to the third have no jumps, so a
+    remainder of fourth order holds across breaks. ``pieces`` are the path's `piece_bounds`, where they are at hand.
+    """
+    breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])
+    first = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(fourth) - 1)
+    last = np.maximum(np.searchsorted(breaks, np.append(s[1:], s[-1:]), side="left") - 1, first)
+    if (first == last).all():
+        return np.ascontiguousarray(fourth[first])
+    padded = np.concatenate([fourth, np.zeros((1, 2))])  # so that an interval may end behind the last piece
+    return np.ascontiguousarray(np.maximum.reduceat(padded, np.stack([first, last + 1], axis=1).ravel())[::2])

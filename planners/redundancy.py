@@ -14,7 +14,7 @@ from optik._compile import compiled
 from optik.ik import IKSolver, make_solver
 from optik.ik._chain import draw_configurations
 from optik.robot import Robot
-from planners._track import Guide
+from planners._course import Guide
 from planners.branches import MOTION, SINGULAR, START
 from planners.paths.base import Path
 
