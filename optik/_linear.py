@@ -118,7 +118,7 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
     k = QR.shape[1]
     bound = 3.0 * abs(QR[k - 1, k - 1]) / sqrt(4.0**k + 6.0 * k - 1.0)
     if bound > floor:
-        return bound
+        return float(bound)
     A = np.zeros((k, k))
     for i in range(k):
         for j in range(i, k):

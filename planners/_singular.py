@@ -23,6 +23,9 @@ from planners._course import Course
 
 Array = NDArray[np.float64]
 
+CLEAR = 1e-4
+"""Smallest singular value of a place ahead of a singular start: its derivatives q'' are exact to 1e-3 / m²."""
+
 AHEAD = 2.0 ** np.arange(-10.0, -2.0)
 """Shares of the path at which the motion from a singular start is looked for, the nearest that is regular first."""
 
@@ -74,7 +77,7 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
     arm, none = (robot.fixed, robot.prismatic, robot.tool), np.empty((4, 0, robot.n))
     for s in AHEAD * course.path.end:
         nodes, found = course.nodes(np.array([s])), False
-        for q in roots(robot, nodes.poses[0])[0]:
+        for q in roots(robot, nodes.poses[0], CLEAR)[0]:
             if near is not None:
                 q = q + 2.0 * np.pi * ~robot.prismatic * np.round((near - q) / (2.0 * np.pi))
                 if np.abs(q - near).max() > _march.LARGEST_STEP:
@@ -83,23 +86,26 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
             at = nodes.twists[0], none, none[:, :, 0]
             kinematics.put_on(*arm, nodes.poses[0], none[0], none[0, :, 0], 8, q)
             rank, sigma = kinematics.derivatives_at(*arm, q, *at, dq, _march.REGULAR)
-            if not (sigma >= _march.REGULAR and rank > 0.0):
+            if not (sigma >= CLEAR and rank > 0.0):
                 continue
             right = At(float(s), q, dq)
             left = beyond(robot, course, right, 0.0, _march.REGULAR)
             if left is not None:
-                found = True
+                found |= bool(sigma >= _march.REGULAR)
                 yield left, right
         if found:
             return
 
 
-def roots(robot: Robot, pose: Array, near: Array | None = None) -> tuple[Array, bool]:
-    """Regular configurations (k, n) that meet a pose inside the limits, and whether there are singular ones."""
+def roots(robot: Robot, pose: Array, least: float, near: Array | None = None) -> tuple[Array, bool]:
+    """Configurations (k, n) that meet a pose inside the limits, whose smallest singular value is at least so much.
+
+    And whether there are others.
+    """
     found = _closed_form(robot).branches(pose, near)
     singular = found.free.copy()
     for k in range(len(singular)):
-        singular[k] |= smallest(robot, found.q[k]) < _march.REGULAR
+        singular[k] |= smallest(robot, found.q[k]) < least
     return np.asarray(found.q[~singular]), bool(singular.any())
 
 

@@ -32,9 +32,9 @@ BENDS = 1e-3
 CHUNK = 1024
 """Nodes that are marched through at once: so the work of a refused step does not grow with the path."""
 
-AWAY = (_march.REGULAR, 3e-3, 1e-2)
-"""Singular values from which a singular configuration is stepped over, the nearest first: the nearer, the smaller the step;
-the farther, the less it matters that the path passes a little beside it."""
+AWAY = (_march.REGULAR, 1.7e-3, 3e-3, 5e-3, 1e-2, 3e-4, 1e-4)
+"""Singular values from which a singular configuration is stepped over: near ones, for a small step; farther ones, where it
+matters less that the path passes a little beside it; and nearer ones, where the arm comes out of it slowly."""
 
 STRETCH = (1.0, 1.7, 3.0, 5.0)
 """Lengths of the step behind the singular configuration, as shares of the length before it: the arm's speed changes there."""
@@ -180,11 +180,11 @@ class _Tracker:
         if code == _march.LIMIT:
             return self._to_the_limit(nodes, i, q[i : i + 2], dq[i : i + 2], value, joint)
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
-        if code == _march.SINGULAR and self.least == _march.REGULAR:
+        if code == _march.SINGULAR:
             passed, coarse = self._step_over(nodes, i)
             if passed:
                 return None
-            if not coarse or b - a <= APART:  # go in, node by node
+            if self.least == _march.REGULAR and (not coarse or b - a <= APART):  # go in, node by node
                 self.least = _march.SMALLEST_SINGULAR_VALUE
                 self.ahead.append(part(nodes, i))
                 return None
@@ -223,29 +223,58 @@ class _Tracker:
         for away in AWAY:
             from_here = np.flatnonzero(sigma >= away)
             if not from_here.size:
-                break
+                continue
             k = self.count - back + int(from_here[-1])
-            left = At(float(self.s[k]), self.q[k], self.dq[k])
+            left = At(float(self.s[k]), self.q[k].copy(), self.dq[k].copy())
             for stretch in STRETCH:
                 s = min(middle + stretch * (middle - left.s), self.end)
                 right = beyond(self.robot, self.course, left, s, away)
-                refused = _march.SINGULAR if right is None else self._refused(left, right)
-                if right is not None and refused == _march.DONE:
-                    self.count = k + 1
-                    self._keep(np.array([s]), right.q[None], right.dq[None])
+                if right is None:
+                    continue
+                refused = self._refused(left, right)
+                if refused == _march.LOOSE:
+                    ends = self._softened(k, left, right)
+                else:
+                    ends = [left, right] if refused == _march.DONE else None
+                if ends is not None:
+                    self.count = k
+                    for end in ends:
+                        self._keep(np.array([end.s]), end.q[None], end.dq[None])
                     self._resume(part(nodes, i + 1))
                     return True, False
                 coarse |= refused in (_march.LOOSE, _march.TOO_LONG)
         return False, coarse
+
+    def _softened(self, k: int, left: At, right: At) -> list[At] | None:
+        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is good.
+
+        A path that passes a little beside a singular configuration has exact second derivatives near it that tell of the
+        detour of its joints, not of the step over it. The proof needs pose and twist only.
+        """
+        h, (v0, v1) = right.s - left.s, (left.dq[0], right.dq[0])
+        slope = (right.q - left.q) / h
+        third = 6.0 * (v0 + v1 - 2.0 * slope) / h**2
+        soft = At(left.s, left.q, np.stack([v0, (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, third]))
+        softer = At(right.s, right.q, np.stack([v1, (4.0 * v1 + 2.0 * v0 - 6.0 * slope) / h, third]))
+        if self._refused(soft, softer) != _march.DONE:
+            return None
+        before = At(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
+        if k == 0 or self._refused(before, soft) == _march.DONE:  # the piece before ends there too
+            return [soft, softer]
+        between = beyond(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
+        if between is not None and self._refused(before, between) == self._refused(between, soft) == _march.DONE:
+            return [between, soft, softer]
+        return None
 
     def _refused(self, left: At, right: At) -> int:
         """Why a step that no march has judged is not good; DONE where it is."""
         h, n = right.s - left.s, self.robot.n
         if np.abs(right.q - left.q).max() > _march.LARGEST_STEP:
             return _march.TOO_LONG
-        predicted = left.dq[0] + h * (left.dq[1] + 0.5 * h * left.dq[2]), left.dq[1] + h * left.dq[2]
-        jumps = [h ** (k + 1) * np.abs(right.dq[k] - predicted[k]).max() for k in range(2)]
-        if not max(jumps) <= _march.LARGEST_CORRECTION:
+        if not h * max(np.abs(left.dq[0]).max(), np.abs(right.dq[0]).max()) <= _march.LARGEST_STEP:
+            return _march.TOO_LONG
+        aside = right.q - left.q - 0.5 * h * (left.dq[0] + right.dq[0])  # of what the speeds at both ends tell
+        if not np.abs(aside).max() <= _march.LARGEST_CORRECTION:
             return _march.NOT_MET
         points, out = np.empty((n, 6)), np.empty((1, 2))
         ends = self.course.nodes(np.array([left.s, right.s]))

@@ -93,7 +93,7 @@ def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Ar
     goes on.
     """
     start = near if near is not None and robot.limits.contains(near) else None
-    found, singular = roots(robot, pose, start)
+    found, singular = roots(robot, pose, _march.REGULAR, start)
     if singular:
         goes_on = [left.q for left, _ in departures(robot, course)]
         found = np.concatenate([found, np.array(goes_on).reshape(-1, robot.n)])
