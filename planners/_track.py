@@ -13,7 +13,7 @@ from optik.robot import LIMIT_TOLERANCE, Robot
 from planners import _march
 from planners._course import Course, Nodes, part
 from planners._singular import At, beyond, departures, smallest
-from planners.joint_path import APART
+from planners.joint_path import APART, deviation_bounds
 
 Array = NDArray[np.float64]
 
@@ -181,7 +181,7 @@ class _Tracker:
             return self._to_the_limit(nodes, i, q[i : i + 2], dq[i : i + 2], value, joint)
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
         if code == _march.SINGULAR:
-            passed, coarse = self._step_over(nodes, i)
+            passed, coarse = self._step_over(nodes, i, value)
             if passed:
                 return None
             if self.least == _march.REGULAR and (not coarse or b - a <= APART):  # go in, node by node
@@ -212,8 +212,8 @@ class _Tracker:
 
     # ------------------------------------------------------------ singular configurations
 
-    def _step_over(self, nodes: Nodes, i: int) -> tuple[bool, bool]:
-        """Step from a regular node, over the singular one behind node i, to another; or to the path's singular end.
+    def _step_over(self, nodes: Nodes, i: int, value: float) -> tuple[bool, bool]:
+        """Step from a regular node, over the one behind node i with this singular value, to another; or to the path's end.
 
         Returns whether that was proved, and if not, whether a shorter step might be.
         """
@@ -226,6 +226,8 @@ class _Tracker:
                 continue
             k = self.count - back + int(from_here[-1])
             left = At(float(self.s[k]), self.q[k].copy(), self.dq[k].copy())
+            if value >= away:  # there is nothing to step over yet
+                continue
             for stretch in STRETCH:
                 s = min(middle + stretch * (middle - left.s), self.end)
                 right = beyond(self.robot, self.course, left, s, away)
@@ -276,10 +278,9 @@ class _Tracker:
         aside = right.q - left.q - 0.5 * h * (left.dq[0] + right.dq[0])  # of what the speeds at both ends tell
         if not np.abs(aside).max() <= _march.LARGEST_CORRECTION:
             return _march.NOT_MET
-        points, out = np.empty((n, 6)), np.empty((1, 2))
-        ends = self.course.nodes(np.array([left.s, right.s]))
-        q, dq = np.stack([left.q, right.q]), np.stack([left.dq, right.dq])
-        _march.pieces_bound(*self.arm, ends.s, q, dq, ends.poses, ends.twists[:, 0].copy(), ends.fourth, out)
+        points = np.empty((n, 6))
+        s, q, dq = np.array([left.s, right.s]), np.stack([left.q, right.q]), np.stack([left.dq, right.dq])
+        out = deviation_bounds(self.robot, self.course.path, s, q, dq, self.course.pieces)
         if not (out[0] <= self.allowed).all():
             return _march.LOOSE
         _march.control_points(h, left.q, left.dq, right.q, right.dq, points)

@@ -316,7 +316,7 @@ def _solve_samples(
                 away = abs(result.q - tracked[i]).max()
             if not result:
                 stop = no_ik(solver, float(samples[i]), result, q)
-            elif away > _march.LARGEST_STEP or not (free or _same(robot, target, result.q, tracked[i])):
+            elif redundant and away > _march.LARGEST_STEP or not (free or _same(robot, target, result.q, tracked[i])):
                 stop = jumped(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
             if stop is not None:
                 break

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
 from optik.robot import Robot
-from planners._march import pieces_bound
+from planners import _march
 from planners.curve import Curve
 from planners.hermite import through
 from planners.paths.base import Path
@@ -21,6 +21,13 @@ Ints = NDArray[np.int64]
 APART = 2e-4
 """Least distance of equal samples that are spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3
 in the third derivative."""
+
+
+CLOSE = 1e-6
+"""A proved deviation [m, rad] below this is not looked at more closely: controllers keep 1e-5 at best."""
+
+PARTS = 16
+"""In which other pieces are proved: the remainder is 65,536 times as small there."""
 
 
 class IKRecord(NamedTuple):
@@ -94,13 +101,8 @@ class JointPath(Curve):
     @cached_property
     def bound(self) -> tuple[float, float]:
         """Proved bound on distance [m] and angle [rad] to the path at the same s, everywhere, but for rounding."""
-        robot, i = self.robot, self._chosen
-        out = np.empty((len(i) - 1, 2))
-        s = self.nodes
-        pieces_bound(
-            robot.fixed, robot.prismatic, robot.tool, s, self.q[i], self.derivatives[i],
-            self.path.pose(s), self.path.twist(s), fourth_bounds(self.path, s), out,
-        )  # fmt: skip
+        i = self._chosen
+        out = deviation_bounds(self.robot, self.path, self.nodes, self.q[i], self.derivatives[i])
         return float(out[:, 0].max()), float(out[:, 1].max())
 
 
@@ -118,6 +120,37 @@ def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
             chosen.append(i)
             last = knots[i]
     return np.array(chosen)
+
+
+def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pieces: Array | None = None) -> Array:
+    """Proved bounds (k − 1, 2) on distance and angle to the path of the quintics between nodes s (k,), everywhere.
+
+    A piece that does not look close enough is proved in parts, by what it is off between them and less of a remainder.
+    """
+
+    def bounds(s: Array, q: Array, dq: Array) -> Array:
+        out = np.empty((len(s) - 1, 2))
+        _march.pieces_bound(
+            robot.fixed,
+            robot.prismatic,
+            robot.tool,
+            s,
+            q,
+            dq,
+            path.pose(s),
+            path.twist(s),
+            fourth_bounds(path, s, pieces),
+            out,
+        )
+        return out
+
+    out, u = bounds(s, q, dq), np.arange(PARTS + 1) / PARTS
+    for i in np.flatnonzero(out.max(axis=1) > CLOSE):
+        at = s[i] + (s[i + 1] - s[i]) * u
+        piece = through(s[i : i + 2], q[i : i + 2], dq[i : i + 2, 0], dq[i : i + 2, 1])
+        within = np.stack([piece(at, order) for order in (1, 2, 3)], axis=1)
+        out[i] = np.minimum(out[i], bounds(at, piece(at), within).max(axis=0))
+    return out
 
 
 def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
