@@ -161,7 +161,7 @@ def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
     """
     breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])
     first = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(fourth) - 1)
-    last = np.maximum(np.searchsorted(breaks, np.append(s[1:], s[-1:]), side="left") - 1, first)
+    last = np.clip(np.searchsorted(breaks, np.append(s[1:], s[-1:]), side="left") - 1, first, len(fourth) - 1)
     if (first == last).all():
         return np.ascontiguousarray(fourth[first])
     padded = np.concatenate([fourth, np.zeros((1, 2))])  # so that an interval may end behind the last piece
