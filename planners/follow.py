@@ -25,7 +25,7 @@ from planners.branches import branches
 from planners.hermite import through
 from planners.joint_path import IKRecord, JointPath, apart
 from planners.paths.base import Path
-from planners.redundancy import guides
+from planners.redundancy import REFINED, free_motions
 
 __all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
 
@@ -230,12 +230,15 @@ def _redundant(
 ) -> Followed:
     """Choose the free motion, then track it; the first choice that goes all the way, or the one that goes farthest."""
     robot, best = solver.robot, None
-    for start, guide in guides(robot, path, q, branch):
-        course = Course(path, guide)
-        way = track(robot, course, course.nodes(course.spread(grid, tolerance)), start, tolerance)
-        if best is None or way.s[-1] > best[0].s[-1]:
-            best = way, course
-        if way.ended is None:
+    for motion in free_motions(robot, path, q, branch):
+        for _ in range(REFINED):
+            course = Course(path, motion.guide())
+            way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
+            if best is None or way.s[-1] > best[0].s[-1]:
+                best = way, course
+            if way.ended is None or not motion.refined(way.ended.s):
+                break
+        if best[0].ended is None:
             break
     if best is None:
         return Followed(None, _no_start(solver, path, q))
@@ -316,7 +319,7 @@ def _solve_samples(
                 away = abs(result.q - tracked[i]).max()
             if not result:
                 stop = no_ik(solver, float(samples[i]), result, q)
-            elif redundant and away > _march.LARGEST_STEP or not (free or _same(robot, target, result.q, tracked[i])):
+            elif (redundant and away > _march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):
                 stop = jumped(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
             if stop is not None:
                 break

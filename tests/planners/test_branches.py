@@ -20,7 +20,7 @@ from planners import FollowStatus, JointPath, Line, follow
 from planners._march import first_exit, piece_bound
 from planners.branches import branches
 from planners.joint_path import APART, apart
-from planners.redundancy import ROOM
+from planners._smoothing import ROOM
 from tests.planners import plain
 from tests.planners.plain import START, default_line, paper6r
 
