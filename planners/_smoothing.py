@@ -155,7 +155,7 @@ def carry(
             other[i] = way[k, i] + other[i] * min(1.0, AWAY / largest)
         if come_to(fixed, prismatic, tool, poses[k], other, J) < REACHED:
             way[k] = other
-    return way.shape[0]
+    return len(way)
 
 
 @compiled

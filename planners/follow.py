@@ -18,7 +18,7 @@ from optik.robot import LIMIT_TOLERANCE, Robot
 from optik.task import POSE
 from planners import _march
 from planners._course import Course, Nodes, unguided
-from planners._ends import FollowStatus, Stop, jumped, no_ik, unit, why_ended
+from planners._ends import FollowStatus, Stop, jumped, lower_rank, no_ik, unit, why_ended
 from planners._singular import smallest
 from planners._track import Ended, Track, track
 from planners.branches import branches
@@ -109,6 +109,9 @@ def follow(
     given = path.configurations(robot, grid)
     if given is not None:
         return _given(robot, path, grid, given, q)
+    few = lower_rank(robot)
+    if few is not None:
+        return Followed(None, few)
     if robot.n > 6:
         return _redundant(solver, path, grid, q, branch, tolerance)
     course = Course(path, unguided(robot.n))
@@ -238,7 +241,7 @@ def _redundant(
                 best = way, course
             if way.ended is None or not motion.refined(way.ended.s):
                 break
-        if best[0].ended is None:
+        if way.ended is None:
             break
     if best is None:
         return Followed(None, _no_start(solver, path, q))
