@@ -16,7 +16,7 @@ from planners.paths.base import Path
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-SHARE = 0.01
+SHARE = 0.2
 """Share of the tolerance that the path's own bend may take of a step; the joints, whose bounds are wider, need the rest."""
 
 MOST_PLACES = 100_000

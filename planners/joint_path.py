@@ -144,12 +144,17 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
         )
         return out
 
-    out, u = bounds(s, q, dq), np.arange(PARTS + 1) / PARTS
-    for i in np.flatnonzero(out.max(axis=1) > CLOSE):
-        at = s[i] + (s[i + 1] - s[i]) * u
-        piece = through(s[i : i + 2], q[i : i + 2], dq[i : i + 2, 0], dq[i : i + 2, 1])
-        within = np.stack([piece(at, order) for order in (1, 2, 3)], axis=1)
-        out[i] = np.minimum(out[i], bounds(at, piece(at), within).max(axis=0))
+    out = bounds(s, q, dq)
+    far = np.flatnonzero(out.max(axis=1) > CLOSE)
+    if far.size:
+        at = s[far, None] + np.diff(s)[far, None] * (np.arange(PARTS + 1) / PARTS)
+        at[:, -1] = s[far + 1]
+        curve, flat = through(s, q, dq[:, 0], dq[:, 1]), at.ravel()
+        parts = bounds(flat, curve(flat), np.stack([curve(flat, order) for order in (1, 2, 3)], axis=1))
+        whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PARTS + 1, 2)[
+            :, :PARTS
+        ]  # not from piece to piece
+        out[far] = np.minimum(out[far], whole.max(axis=1))
     return out
 
 
