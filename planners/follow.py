@@ -313,13 +313,13 @@ def _solve_samples(
     q = q_start
     for i, target in enumerate(path.pose(samples)):
         result = solve(target, q)
-        away = abs(result.q - tracked[i]).max()
+        away = _march.farthest(result.q, tracked[i])
         free = redundant
         if away > SAME_BRANCH or not result:
             free = redundant or smallest(robot, tracked[i]) < NEARLY_SINGULAR
             if free and (away > _march.LARGEST_STEP or not result):
                 result = solve(target, tracked[i])
-                away = abs(result.q - tracked[i]).max()
+                away = _march.farthest(result.q, tracked[i])
             if not result:
                 stop = no_ik(solver, float(samples[i]), result, q)
             elif (redundant and away > _march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):
