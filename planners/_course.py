@@ -61,17 +61,22 @@ class Course:
         with np.errstate(divide="ignore"):
             share = (SHARE * np.array([tolerance.position, tolerance.rotation]) / fourth).min(axis=1)
         step = np.sqrt(np.sqrt(384.0 * share))  # longest in each piece
-        s = np.union1d(s, breaks)
-        piece = np.clip(np.searchsorted(breaks, 0.5 * (s[:-1] + s[1:]), side="right") - 1, 0, len(step) - 1)
-        parts = np.maximum(np.ceil(np.diff(s) / step[piece]), 1.0).astype(np.int64)
-        if parts.sum() > MOST_PLACES:
-            parts = np.minimum(parts, 16)
-        first = np.repeat(np.cumsum(parts) - parts, parts)
-        u = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
-        s, step = (
-            np.append(np.repeat(s[:-1], parts) + np.repeat(np.diff(s), parts) * u, s[-1]),
-            np.repeat(step[piece], parts),
-        )
+        if len(breaks) > 2:
+            s = np.union1d(s, breaks[1:-1])
+        gap = np.diff(s)
+        step = step[np.clip(np.searchsorted(breaks, s[:-1] + 0.5 * gap, side="right") - 1, 0, len(step) - 1)]
+        parts = np.maximum(np.ceil(gap / step), 1.0).astype(np.int64)
+        if parts.max() > 1:
+            if parts.sum() > MOST_PLACES:
+                parts = np.minimum(parts, 16)
+            u = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+            s, step = (
+                np.append(np.repeat(s[:-1], parts) + np.repeat(gap / parts, parts) * u, s[-1]),
+                np.repeat(step, parts),
+            )
+            gap = np.diff(s)
+        if gap.min() >= APART:
+            return s
         kept = np.ones(len(s), np.bool_)
         thin(s, step, np.isin(s, breaks), kept)
         return np.asarray(s[kept])
