@@ -89,8 +89,11 @@ def qr_solve(A: Array, beta: Array, order: Ints, b: Array, x: Array) -> float:
 
 
 @compiled
-def smallest_singular_value(J: Array) -> float:
-    """Smallest of the min(m, n) singular values of J (m, n), to 1e-10 of itself or rounding of the largest."""
+def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
+    """Smallest of the min(m, n) singular values of J (m, n), to 1e-10 of itself or rounding of the largest.
+
+    Where it is proved to be above `floor`, a lower bound on it above `floor`.
+    """
     m, n = J.shape
     tall = m >= n
     k, rest = (n, m) if tall else (m, n)
@@ -100,17 +103,22 @@ def smallest_singular_value(J: Array) -> float:
             A[i, j] = J[i, j] if tall else J[j, i]
     if qr_factor(A, beta, order) == 0.0:
         return 0.0
-    return smallest_of_factor(A)
+    return smallest_of_factor(A, floor)
 
 
 @compiled
-def smallest_of_factor(QR: Array) -> float:
+def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
     """Smallest singular value of a matrix (m, k), m ≥ k, of full rank, from what `qr_factor` made of it.
 
     One-sided Jacobi rotations of the rows of R, which column exchanges have made nearly diagonal, so that two or three
-    sweeps are enough (Drmač and Veselić 2008).
+    sweeps are enough (Drmač and Veselić 2008). Of a factor with column exchanges it is at least
+    3 |r_kk| / √(4ᵏ + 6k − 1) (Lawson and Hanson, Solving Least Squares Problems, eq. 6.31): where that is above `floor`,
+    it is the answer.
     """
     k = QR.shape[1]
+    bound = 3.0 * abs(QR[k - 1, k - 1]) / sqrt(4.0**k + 6.0 * k - 1.0)
+    if bound > floor:
+        return float(bound)
     A = np.zeros((k, k))
     for i in range(k):
         for j in range(i, k):

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 
+DAMPED = 1e-4
+"""Damping at a singular configuration: directions that move the tool 100 times as far keep 1e-4 of their error a step."""
+
 LOST = 3e-5
 """A Jacobian whose last pivot is below this share of its first has lost rank: derivatives have lost their meaning."""
 
@@ -319,9 +322,10 @@ def put_on(
             largest = max(largest, abs(e[i]))
         if not size < smallest:
             break
-        smallest, worst = size, largest
+        before, smallest, worst = smallest, size, largest
         copy_vector(q, best)
-        if size < 1e-30:
+        # Newton squares the error: from 1e-9 it comes to rounding, and another step would only stir that
+        if size < 1e-30 or (before < 1e-18 and size < 1e-26):
             break
         jacobian_from(frame, prismatic, T, J)
         _stack(J, rows, A)
@@ -337,13 +341,15 @@ def put_on(
 
 @compiled
 def derivatives_at(
-    fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, rows: Array, values: Array, dq: Array
-) -> tuple[float, float]:
+    fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, rows: Array, values: Array, dq: Array,
+    floor: float = np.inf,
+) -> tuple[float, float]:  # fmt: skip
     """q', q'', q''' into dq (3, n) at q (n,), of a motion with tool twists (3, 6) and rows(s) · q(s) = values(s); exact.
 
     J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on. rows (4, d, n) and values (4, d)
     hold their own derivatives of order 0 to 3; d = 0 for n ≤ 6 joints, n − 6 otherwise, and [J; rows] is square. Returns
-    |r_nn / r_11| of the system, and the smallest singular value of J.
+    |r_nn / r_11| of the system, and the smallest singular value of J; where that is proved to be above `floor`, a lower
+    bound on it above `floor`, which costs less.
     """
     n, d = q.shape[0], rows.shape[1]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
@@ -356,9 +362,9 @@ def derivatives_at(
     rank = qr_factor(A, beta, order)
     singular = 0.0
     if d > 0:
-        singular = smallest_singular_value(J)
+        singular = smallest_singular_value(J, floor)
     elif rank > 0.0:  # A is J
-        singular = smallest_of_factor(A)
+        singular = smallest_of_factor(A, floor)
     for k in range(3):
         for i in range(n):
             dq[k, i] = 0.0
@@ -380,6 +386,45 @@ def derivatives_at(
                 e[6 + i] -= part
         qr_solve(A, beta, order, e, dq[k])
     return rank, singular
+
+
+@compiled
+def settle(
+    fixed: Array, prismatic: Bools, tool: Array, target: Array, twist: Array, steps: int, q: Array, v: Array
+) -> float:
+    """Bring q (n,) onto a target (4, 4) and v (n,) onto a twist (6,), in place, at or near a singular configuration.
+
+    By damped least squares: what moves the tool is corrected, what does not stays as it was given. Returns the largest
+    error left in pose and twist.
+    """
+    n = q.shape[0]
+    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
+    worst = 0.0
+    for step in range(2 * steps):
+        of_pose = step < steps
+        frames(fixed, prismatic, q, frame)
+        tool_pose(frame, tool, T)
+        jacobian_from(frame, prismatic, T, J)
+        if of_pose:
+            pose_error(T, target, e)
+        else:
+            for i in range(6):
+                e[i] = twist[i]
+                for j in range(n):
+                    e[i] -= J[i, j] * v[j]
+        if step == steps - 1 or step == 2 * steps - 1:
+            for i in range(6):
+                worst = max(worst, abs(e[i]))
+            continue
+        if not damped_step(J, e, DAMPED * DAMPED, A, y, dq, 0.0):
+            return np.inf
+        for j in range(n):
+            if of_pose:
+                q[j] += dq[j]
+            else:
+                v[j] += dq[j]
+    return worst
 
 
 @compiled

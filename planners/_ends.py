@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 import optik
-from optik import kinematics
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
+from optik.ik._chain import draw_configurations
 from optik.reach import outside_reach
 from optik.robot import Robot
 from planners import _march
+from planners._singular import smallest
 from planners._track import Ended
 from planners.paths.base import Path
 
@@ -27,6 +29,13 @@ BEYOND = 1e-3
 
 EXACT = Tolerance(1e-9, 1e-9)
 """Of whether an arm with fewer than six joints meets a pose: beside a path that it can keep, others are nearly met."""
+
+
+DRAWN = 20
+"""Configurations at which the rank of an arm is looked at; at random ones it is that of almost all."""
+
+ZERO = 1e-10
+"""Share of the largest below which a singular value is rounding."""
 
 
 class FollowStatus(StrEnum):
@@ -71,11 +80,24 @@ def unit(robot: Robot, joint: int) -> str:
     return "m" if robot.prismatic[joint] else "rad"
 
 
-def smallest(robot: Robot, q: Array) -> float:
-    """Smallest singular value of the Jacobian at q (n,)."""
-    out = np.empty(1)
-    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q[None], out)
-    return float(out[0])
+@lru_cache(maxsize=16)
+def rank_of(robot: Robot) -> int:
+    """Greatest rank of the Jacobian at drawn configurations: that of almost all."""
+    q = draw_configurations(robot, np.random.default_rng(0), DRAWN)
+    sigma = np.linalg.svd(robot.jacobian(q), compute_uv=False)
+    return int((sigma > ZERO * sigma[:, :1]).sum(axis=1).max())
+
+
+def lower_rank(robot: Robot) -> Stop | None:
+    """Why an arm follows no path at all: that its joints move the tool in fewer directions than there are of them."""
+    rank, full = rank_of(robot), min(robot.n, 6)
+    if rank == full:
+        return None
+    reason = (
+        f"the Jacobian of {robot.name} has rank {rank} of {full} at each of {DRAWN} configurations drawn: its {robot.n} joints "
+        f"move the tool in {rank} directions only, so a pose does not determine them"
+    )
+    return Stop(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
 
 
 def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> Stop:

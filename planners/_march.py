@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from math import asin
+from math import asin, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
-from optik.kinematics import derivatives_at, put_on
+from optik.kinematics import derivatives_at, frames, put_on, tool_motion, tool_pose
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -19,8 +19,12 @@ LARGEST_STEP = 0.25
 LARGEST_CORRECTION = 0.02
 """Largest correction of a predicted configuration [rad or m]; more might be another branch."""
 
-SMALLEST_SINGULAR_VALUE = 1e-4
-"""Below this the joint speed for a tool speed of 1 m/s passes 10,000 rad/s: no motion follows the path there."""
+REGULAR = 1e-3
+"""Above this smallest singular value nodes are exact: 1e-15 of rounding in the pose is 1e-6 / m² in q''. Below it a motion
+that goes through the singular configuration smoothly is stepped over from the regular nodes on both sides."""
+
+SMALLEST_SINGULAR_VALUE = 1e-6
+"""Below this the joint speed for a tool speed of 1 mm/s passes 1,000 rad/s: no motion follows the path node by node."""
 
 ON_PATH = 1e-12
 """Error that the corrector must come down to [m and rad] in an arm of a metre; rounding leaves some 1e-15."""
@@ -45,11 +49,11 @@ def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Arra
 def piece_bound(fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array, fourth: Array) -> tuple[float, float]:
     """Proved bounds on distance [m] and angle [rad] between tool and path on a piece with Bézier points b (n, 6).
 
-    Where pose, twist and its derivative agree at both ends, the difference e of positions, or of entries of rotations,
-    is that of a function and its Hermite interpolant: |e| ≤ h⁴/384 · max |e⁗|. A joint's rotation is a power series in s
-    whose coefficients are bounded by those of exp(Σ mₖ tᵏ/k!), where mₖ bounds the joint's k-th derivative; that of a
-    chain by the product; so the tool's fourth derivative is bounded by Bell polynomials. fourth (2,) holds bounds on the
-    path's own, of position and rotation.
+    Where pose and twist agree at both ends, the difference e of positions, or of entries of rotations, is that of a
+    function and its cubic Hermite interpolant, which is zero: |e| ≤ h⁴/384 · max |e⁗|, singular or not. A joint's
+    rotation is a power series in s whose coefficients are bounded by those of exp(Σ mₖ tᵏ/k!), where mₖ bounds the joint's
+    k-th derivative; that of a chain by the product; so the tool's fourth derivative is bounded by Bell polynomials.
+    fourth (2,) holds bounds on the path's own, of position and rotation.
     """
     n = b.shape[0]
     m = np.zeros(5)  # Σ over the joints so far of the bounds on |θ⁽ᵏ⁾|
@@ -89,15 +93,59 @@ def piece_bound(fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array,
 
 
 @compiled
+def misfit(
+    fixed: Array, prismatic: Bools, tool: Array, q: Array, dq: Array, pose: Array, twist: Array, out: Array
+) -> None:
+    """How far a node is off its path: distance, angle as a chord, and the same of the twist, into out (4,)."""
+    n = q.shape[0]
+    frame, T, made = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((3, 6))
+    frames(fixed, prismatic, q, frame)
+    tool_pose(frame, tool, T)
+    tool_motion(frame, T, prismatic, fixed, q, dq, made)
+    for k in range(4):
+        out[k] = 0.0
+    for r in range(3):
+        out[0] += (T[r, 3] - pose[r, 3]) ** 2
+        out[2] += (made[0, r] - twist[r]) ** 2
+        out[3] += (made[0, 3 + r] - twist[3 + r]) ** 2
+        for c in range(3):
+            out[1] += 0.5 * (T[r, c] - pose[r, c]) ** 2  # ‖R₁ − R₂‖_F = 2 √2 sin(θ/2)
+    turned = 0.0  # Ṙ = [ω]R at both: ‖Ṙ₁ − Ṙ₂‖ ≤ |ω₁ − ω₂| + |ω| ‖R₁ − R₂‖
+    for r in range(3):
+        turned += twist[3 + r] ** 2
+    for k in range(4):
+        out[k] = np.sqrt(out[k])
+    out[3] += np.sqrt(turned) * out[1]
+
+
+@compiled
+def widened(bound: tuple[float, float], h: float, left: Array, right: Array) -> tuple[float, float]:
+    """`piece_bound` of a piece whose ends are off by what `misfit` says.
+
+    The cubic Hermite interpolant of e is not zero then; it is at most max |e| + 4/27 h (|e'| + |e'|) at the ends.
+    """
+    far = max(left[0], right[0]) + 4.0 / 27.0 * h * (left[2] + right[2])
+    turn = max(left[1], right[1]) + 4.0 / 27.0 * h * (left[3] + right[3])
+    return bound[0] + far, 2.0 * asin(min(1.0, sin(0.5 * bound[1]) + 0.5 * turn))
+
+
+@compiled
 def pieces_bound(
-    fixed: Array, prismatic: Bools, tool: Array, s: Array, q: Array, dq: Array, fourth: Array, out: Array
+    fixed: Array, prismatic: Bools, tool: Array, s: Array, q: Array, dq: Array, poses: Array, twists: Array,
+    fourth: Array, out: Array,
 ) -> None:  # fmt: skip
-    """`piece_bound` of all pieces between nodes s (k,), into out (k − 1, 2); fourth (k, 2) counts from each node on."""
-    b = np.empty((q.shape[1], 6))
+    """`piece_bound` between any nodes s (k,) on a path with these poses and twists (k, 6), into out (k − 1, 2).
+
+    Whatever q and dq are: what the nodes are off counts. fourth (k, 2) counts from each node on.
+    """
+    b, left, right = np.empty((q.shape[1], 6)), np.empty(4), np.empty(4)
+    misfit(fixed, prismatic, tool, q[0], dq[0], poses[0], twists[0], right)
     for i in range(s.shape[0] - 1):
+        left[:] = right
+        misfit(fixed, prismatic, tool, q[i + 1], dq[i + 1], poses[i + 1], twists[i + 1], right)
         h = s[i + 1] - s[i]
         control_points(h, q[i], dq[i], q[i + 1], dq[i + 1], b)
-        out[i, 0], out[i, 1] = piece_bound(fixed, prismatic, tool, h, b, fourth[i])
+        out[i, 0], out[i, 1] = widened(piece_bound(fixed, prismatic, tool, h, b, fourth[i]), h, left, right)
 
 
 @compiled
@@ -106,6 +154,11 @@ def first_exit(points: Array, low: float, high: float) -> float:
 
     By halving: a part whose points are all inside is inside; parts shorter than 1e-9 that are not count as outside.
     """
+    lowest, highest = np.inf, -np.inf
+    for k in range(6):
+        lowest, highest = min(lowest, points[k]), max(highest, points[k])
+    if lowest >= low and highest <= high:
+        return 2.0
     stack, ends = np.empty((64, 6)), np.empty((64, 2))
     left, right = np.empty(6), np.empty(6)
     stack[0, :] = points
@@ -139,13 +192,13 @@ def first_exit(points: Array, low: float, high: float) -> float:
 @compiled
 def march(
     fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, s: Array, poses: Array, twists: Array,
-    rows: Array, values: Array, fourth: Array, tolerance: Array, q: Array, dq: Array, singular: Array,
+    rows: Array, values: Array, fourth: Array, tolerance: Array, least: float, q: Array, dq: Array, singular: Array,
 ) -> tuple[int, int, float, int]:  # fmt: skip
     """Go from q[0], dq[0] at s[0] to every next node, as far as each step is good.
 
     A step is good where the corrected configuration is on the path, near what was predicted and no large joint motion
-    away, the Jacobian keeps its rank, the quintic between is proved to be on the path within the tolerance, and inside
-    the limits all along.
+    away, the smallest singular value there is not below the least, the quintic between is proved to be on the path within
+    the tolerance, and inside the limits all along.
 
     Parameters
     ----------
@@ -161,8 +214,10 @@ def march(
         Bounds on the fourth derivatives of the path's position and rotation, from each node to the next.
     tolerance : (2,) array
         Largest bound on distance [m] and angle [rad].
+    least : float
+        Smallest singular value that a node may have.
     q, dq, singular : (k, n), (k, 3, n), (k,) array
-        Written; the first of each is given.
+        Written; the first of each is given. Singular values are lower bounds where those are not below the least.
 
     Returns
     -------
@@ -195,9 +250,9 @@ def march(
             if not abs(q[k + 1, i] - q[k, i]) <= LARGEST_STEP:
                 return k + 1, TOO_LONG, 0.0, i
         rank, singular[k + 1] = derivatives_at(
-            fixed, prismatic, tool, q[k + 1], twists[k + 1], rows[k + 1], values[k + 1], dq[k + 1]
+            fixed, prismatic, tool, q[k + 1], twists[k + 1], rows[k + 1], values[k + 1], dq[k + 1], least
         )
-        if not singular[k + 1] >= SMALLEST_SINGULAR_VALUE or rank == 0.0:
+        if not singular[k + 1] >= least or rank == 0.0:
             return k + 1, SINGULAR, singular[k + 1], 0
         control_points(h, q[k], dq[k], q[k + 1], dq[k + 1], b)
         distance, angle = piece_bound(fixed, prismatic, tool, h, b, fourth[k])
@@ -211,6 +266,15 @@ def march(
         if joint >= 0:
             return k + 1, LIMIT, first, joint
     return s.shape[0], DONE, 0.0, 0
+
+
+@compiled
+def farthest(q: Array, other: Array) -> float:
+    """Largest joint motion between two configurations; three NumPy calls take five times as long."""
+    largest = 0.0
+    for i in range(len(q)):
+        largest = max(largest, abs(q[i] - other[i]))
+    return largest
 
 
 @compiled

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optik import kinematics
 from optik.ik import Tolerance
-from optik.ik.closed_form import ClosedForm
 from optik.robot import LIMIT_TOLERANCE, Robot
 from planners import _march
-from planners._track import Ended, Track, nodes_at, track, unguided
+from planners._course import Course, unguided
+from planners._singular import departures, roots
+from planners._track import Ended, Track, track
 from planners.paths.base import Path
 
 Array = NDArray[np.float64]
@@ -70,14 +71,14 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
     Returns
     -------
     list of Branch
-        Empty where no regular configuration meets the path's start.
+        Empty where no configuration meets the path's start from which a motion goes on.
     """
-    tolerance, free = Tolerance(1e-5, 1e-5), unguided(robot.n)
-    nodes = nodes_at(path, np.union1d(np.linspace(0.0, path.end, STATIONS), path.breaks), free)
+    tolerance, course = Tolerance(1e-5, 1e-5), Course(path, unguided(robot.n))
+    nodes = course.nodes(course.spread(np.linspace(0.0, path.end, STATIONS), tolerance))
     open_ended = np.full(robot.n, np.inf)
     found = []
-    for root in _roots(robot, nodes.poses[0], near):
-        way = track(robot, path, nodes, root, free, tolerance, (-open_ended, open_ended))
+    for root in _starts(robot, course, nodes.poses[0], near):
+        way = track(robot, course, nodes, root, tolerance, (-open_ended, open_ended))
         if len(way.s) > 1:
             found.append(_wound(robot, path, way, near))
         else:
@@ -85,22 +86,24 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
     return sorted(found, key=lambda branch: (-branch.s, branch.cost))
 
 
-def _roots(robot: Robot, pose: Array, near: Array | None) -> Array:
-    """Regular configurations (k, n) that meet a pose inside the limits, each once whatever its winding."""
+def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:
+    """Configurations (k, n) inside the limits at the path's start, each once whatever its winding.
+
+    The regular ones, and where there are singular ones, which meet the pose along whole curves, those from which a motion
+    goes on.
+    """
     start = near if near is not None and robot.limits.contains(near) else None
-    all_of_them = _closed_form(robot).branches(pose, start)
+    found, singular = roots(robot, pose, _march.REGULAR, start)
+    if singular:
+        goes_on = [left.q for left, _ in departures(robot, course)]
+        found = np.concatenate([found, np.array(goes_on).reshape(-1, robot.n)])
     kept: list[Array] = []
     turn = 2.0 * np.pi * ~robot.prismatic
-    for q in all_of_them.q[~all_of_them.free]:
+    for q in found:
         apart = (q - known for known in kept)
         if all(np.abs(d - turn * np.round(d / (2.0 * np.pi))).max() > SAME for d in apart):
             kept.append(q)
     return np.array(kept).reshape(-1, robot.n)
-
-
-@lru_cache(maxsize=16)
-def _closed_form(robot: Robot) -> ClosedForm:
-    return ClosedForm(robot)
 
 
 def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
@@ -116,7 +119,9 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
         end, ended = ends, Ended(_march.LIMIT, ends, 0.0, joint)
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
-    cost = MOTION * motion + posture - SINGULAR * float(np.log(way.singular.min()))
+    sigma = np.empty(len(way.s))
+    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, np.ascontiguousarray(way.q), sigma)
+    cost = MOTION * motion + posture - SINGULAR * float(np.log(np.maximum(sigma.min(), _march.SMALLEST_SINGULAR_VALUE)))
     if near is not None:
         cost += START * float(np.linalg.norm(q - near))
     return Branch(q, cost, path.end if ended is None else end, ended)

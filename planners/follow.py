@@ -17,12 +17,15 @@ from optik.reach import reach_bound
 from optik.robot import LIMIT_TOLERANCE, Robot
 from optik.task import POSE
 from planners import _march
-from planners._ends import FollowStatus, Stop, jumped, no_ik, unit, why_ended
-from planners._track import Ended, Guide, Nodes, Track, nodes_at, track, unguided
+from planners._course import Course, Nodes, unguided
+from planners._ends import FollowStatus, Stop, jumped, lower_rank, no_ik, unit, why_ended
+from planners._singular import smallest
+from planners._track import Ended, Track, track
 from planners.branches import branches
+from planners.hermite import through
 from planners.joint_path import IKRecord, JointPath, apart
 from planners.paths.base import Path
-from planners.redundancy import guides
+from planners.redundancy import REFINED, free_motions
 
 __all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
 
@@ -34,6 +37,9 @@ START_TOLERANCE = 1e-4
 
 SAME_BRANCH = 0.02
 """How far a method's answer may stand from the tracked configuration [rad or m]; farther, it is polished and compared."""
+
+NEARLY_SINGULAR = 1e-2
+"""Below this smallest singular value a method's tolerance of 1e-6 lets the joints drift by 1e-4 and more, far at 0."""
 
 MOST_SAMPLES = 100_000
 """More would only take time."""
@@ -106,16 +112,17 @@ def follow(
     given = path.configurations(robot, grid)
     if given is not None:
         return _given(robot, path, grid, given, q)
-    knots = np.union1d(grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
+    few = lower_rank(robot)
+    if few is not None:
+        return Followed(None, few)
     if robot.n > 6:
-        return _redundant(solver, path, grid, knots, q, branch, tolerance)
-    guide = unguided(robot.n)
-    nodes = nodes_at(path, knots[apart(knots, path.breaks)], guide)
+        return _redundant(solver, path, grid, q, branch, tolerance)
+    course = Course(path, unguided(robot.n))
+    nodes = course.nodes(course.spread(grid, tolerance))
     if branch == "start":
         assert q is not None
-        way = track(robot, path, nodes, q, guide, tolerance)
-        return _finished(solver, path, grid, way, guide, branch, q)
-    return _best(solver, path, grid, nodes, guide, tolerance, q)
+        return _finished(solver, course, grid, track(robot, course, nodes, q, tolerance), branch, q)
+    return _best(solver, course, grid, nodes, tolerance, q)
 
 
 def _checked(
@@ -186,23 +193,23 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
 
 
 def _best(
-    solver: IKSolver, path: Path, grid: Array, nodes: Nodes, guide: Guide, tolerance: Tolerance, near: Array | None
+    solver: IKSolver, course: Course, grid: Array, nodes: Nodes, tolerance: Tolerance, near: Array | None
 ) -> Followed:
     """The best branch that goes all the way; where none does, the one that goes farthest."""
-    robot = solver.robot
+    robot, path = solver.robot, course.path
     ranked = branches(robot, path, near)
     best: Track | None = None
     for candidate in ranked:
         if candidate.ended is not None and best is not None:
             break
-        way = track(robot, path, nodes, candidate.q, guide, tolerance)
+        way = track(robot, course, nodes, candidate.q, tolerance)
         if best is None or way.s[-1] > best.s[-1]:
             best = way
         if way.ended is None:
             break
     if best is None:
         return Followed(None, _no_start(solver, path, near))
-    return _finished(solver, path, grid, best, guide, "best", best.q[0])
+    return _finished(solver, course, grid, best, "best", best.q[0])
 
 
 def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
@@ -225,32 +232,34 @@ def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
 
 
 def _redundant(
-    solver: IKSolver, path: Path, grid: Array, knots: Array, q: Array | None, branch: str, tolerance: Tolerance
+    solver: IKSolver, path: Path, grid: Array, q: Array | None, branch: str, tolerance: Tolerance
 ) -> Followed:
     """Choose the free motion, then track it; the first choice that goes all the way, or the one that goes farthest."""
     robot, best = solver.robot, None
-    for start, guide in guides(robot, path, q, branch):
-        nodes = nodes_at(path, knots[apart(knots, path.breaks)], guide)
-        way = track(robot, path, nodes, start, guide, tolerance)
-        if best is None or way.s[-1] > best[0].s[-1]:
-            best = way, guide
+    for motion in free_motions(robot, path, q, branch):
+        for _ in range(REFINED):
+            course = Course(path, motion.guide())
+            way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
+            if best is None or way.s[-1] > best[0].s[-1]:
+                best = way, course
+            if way.ended is None or not motion.refined(way.ended.s):
+                break
         if way.ended is None:
             break
     if best is None:
         return Followed(None, _no_start(solver, path, q))
-    return _finished(solver, path, grid, *best, branch, best[0].q[0] if branch == "best" or q is None else q)
+    way, course = best
+    return _finished(solver, course, grid, way, branch, way.q[0] if branch == "best" or q is None else q)
 
 
 # ---------------------------------------------------------------- samples, the method's record, the joint path
 
 
-def _finished(
-    solver: IKSolver, path: Path, grid: Array, way: Track, guide: Guide, branch: str, q_start: Array
-) -> Followed:
+def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch: str, q_start: Array) -> Followed:
     """Put the samples among the nodes, let the method solve them, and cut both where either ends."""
-    robot = solver.robot
+    robot, path = solver.robot, course.path
     samples = grid[grid <= way.s[-1]]
-    (knots, q, dq, sigma), node = _with_samples(robot, path, way, samples, guide)
+    (knots, q, dq), node = _with_samples(robot, course, way, samples)
     at = np.searchsorted(knots, samples)
     record, stop = _solve_samples(solver, path, samples, q[at], q_start)
     good = len(record.iterations)
@@ -258,38 +267,38 @@ def _finished(
         stop = why_ended(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
     elif stop is not None:
         last = int(at[good - 1]) + 1 if good else 0
-        knots, q, dq, sigma, node = knots[:last], q[:last], dq[:last], sigma[:last], node[:last]
+        knots, q, dq, node = knots[:last], q[:last], dq[:last], node[:last]
         if last:
             node[-1] = True
     if stop is not None and not stop.advice:
         stop = replace(stop, advice=_advice(solver, path, stop, branch))
     if len(knots) < 2:
         return Followed(None, stop)
-    return Followed(JointPath(robot, path, knots, q, dq, record, node, sigma), stop)
+    return Followed(JointPath(robot, path, knots, q, dq, record, node), stop)
 
 
-def _with_samples(
-    robot: Robot, path: Path, way: Track, samples: Array, guide: Guide
-) -> tuple[tuple[Array, Array, Array, Array], Bools]:
-    """Knots, q, derivatives, singular values, and which are nodes: samples too close to be nodes are solved from these."""
-    more = np.setdiff1d(samples, way.s) if len(way.s) > 1 else samples[:0]
-    tracked = way.s, way.q, way.dq, way.singular
+def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Bools]:
+    """Knots, q, derivatives, and which are nodes: samples that are none are solved from the nodes around them.
+
+    At a singular configuration, which the nodes step over, a sample is where the motion between them is.
+    """
+    more = np.setdiff1d(samples, way.s, assume_unique=True) if len(way.s) > 1 else samples[:0]
+    tracked = way.s, way.q, way.dq
     node = np.arange(len(way.s) + len(more)) < len(way.s)
     if not more.size:
         return tracked, node
-    points, n = nodes_at(path, more, guide), robot.n
-    dq, sigma = np.empty((len(more), 3, n)), np.empty(len(more))
-    i = np.clip(np.searchsorted(way.s, more, side="right") - 1, 0, len(way.s) - 2)
-    h = (more - way.s[i])[:, None]
-    q = way.q[i] + h * (way.dq[i, 0] + 0.5 * h * (way.dq[i, 1] + h * way.dq[i, 2] / 3.0))
-    arm = robot.fixed, robot.prismatic, robot.tool
+    between, nodes = through(way.s, way.q, way.dq[:, 0], way.dq[:, 1]), course.nodes(more)
+    orders = [between(more)] + [between(more, order) for order in (1, 2, 3)]
+    q, dq = orders[0], np.stack(orders[1:], axis=1)
+    arm, x, d = (robot.fixed, robot.prismatic, robot.tool), np.empty(robot.n), np.empty((3, robot.n))
     for k in range(len(more)):
-        kinematics.put_on(*arm, points.poses[k], points.rows[k, 0], points.values[k, 0], 8, q[k])
-        at = points.twists[k], points.rows[k], points.values[k]
-        _, sigma[k] = kinematics.derivatives_at(*arm, q[k], *at, dq[k])
+        at, x[:] = (nodes.twists[k], nodes.rows[k], nodes.values[k]), q[k]
+        kinematics.put_on(*arm, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
+        if kinematics.derivatives_at(*arm, x, *at, d, _march.REGULAR)[1] >= _march.REGULAR:
+            q[k], dq[k] = x, d
     order = np.argsort(np.concatenate([way.s, more]), kind="stable")
-    s, qs, dqs, sigmas = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq, sigma), strict=True))
-    return (s, qs, dqs, sigmas), node[order]
+    s, qs, dqs = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq), strict=True))
+    return (s, qs, dqs), node[order]
 
 
 def _solve_samples(
@@ -297,8 +306,9 @@ def _solve_samples(
 ) -> tuple[IKRecord, Stop | None]:
     """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch.
 
-    For a redundant arm, where answers may drift along their curves of solutions, from the tracked one before; from the
-    tracked one itself where that leads far away, since the free motion is not the method's to choose.
+    Where answers may drift along their curves of solutions, for a redundant arm everywhere and for others at singular
+    configurations, from the tracked one before; from the tracked one itself where that leads far away, since the free
+    motion is not the method's to choose.
     """
     robot, stop = solver.robot, None
     solve, redundant = solver.solve, robot.n > 6
@@ -306,27 +316,32 @@ def _solve_samples(
     q = q_start
     for i, target in enumerate(path.pose(samples)):
         result = solve(target, q)
-        if redundant and result and np.abs(result.q - tracked[i]).max() > _march.LARGEST_STEP:
-            result = solve(target, tracked[i])
-        if not result:
-            stop = no_ik(solver, float(samples[i]), result, q)
-            break
+        away = _march.farthest(result.q, tracked[i])
+        free = redundant
+        if away > SAME_BRANCH or not result:
+            free = redundant or smallest(robot, tracked[i]) < NEARLY_SINGULAR
+            if free and (away > _march.LARGEST_STEP or not result):
+                result = solve(target, tracked[i])
+                away = _march.farthest(result.q, tracked[i])
+            if not result:
+                stop = no_ik(solver, float(samples[i]), result, q)
+            elif (redundant and away > _march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):
+                stop = jumped(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
+            if stop is not None:
+                break
         results.append(result)
-        q = tracked[i] if redundant else result.q
-    good = len(results)
-    found = np.array([result.q for result in results]).reshape(-1, robot.n)
-    away = np.abs(found - tracked[:good]).max(axis=1, initial=0.0)
-    for i in map(int, np.flatnonzero(away > (_march.LARGEST_STEP if redundant else SAME_BRANCH))):
-        x = found[i : i + 1].copy()  # a loose tolerance near a singularity moves the joints far
-        kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, path.pose(samples[i : i + 1]), 10)
-        if redundant or np.abs(x[0] - tracked[i]).max() > 1e-6:
-            stop = jumped(solver, float(samples[i]), found[i] - tracked[i], tracked[max(i - 1, 0)])
-            good = i
-            break
-    position = np.array([result.position_error for result in results[:good]])
-    rotation = np.array([result.rotation_error for result in results[:good]])
-    iterations = np.array([result.iterations for result in results[:good]], np.int64)
-    return IKRecord(position, rotation, iterations, samples[:good]), stop
+        q = tracked[i] if free else result.q
+    position = np.array([result.position_error for result in results])
+    rotation = np.array([result.rotation_error for result in results])
+    iterations = np.array([result.iterations for result in results], np.int64)
+    return IKRecord(position, rotation, iterations, samples[: len(results)]), stop
+
+
+def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
+    """Whether an answer that stands away from the tracked configuration is the same one, met with a loose tolerance."""
+    x = q[None].copy()
+    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, target[None], 10)
+    return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 
 def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:

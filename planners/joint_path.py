@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
 from optik.robot import Robot
-from planners._march import pieces_bound
+from planners import _march
 from planners.curve import Curve
 from planners.hermite import through
 from planners.paths.base import Path
@@ -21,6 +21,13 @@ Ints = NDArray[np.int64]
 APART = 2e-4
 """Least distance of equal samples that are spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3
 in the third derivative."""
+
+
+CLOSE = 1e-6
+"""A proved deviation [m, rad] below this is not looked at more closely: controllers keep 1e-5 at best."""
+
+PARTS = 16
+"""In which other pieces are proved: the remainder is 65,536 times as small there."""
 
 
 class IKRecord(NamedTuple):
@@ -49,9 +56,8 @@ class JointPath(Curve):
     q : (k, n) array
         Configurations at the knots.
     derivatives : (k, 3, n) array
-        Exact q', q'', q''' there; at a break of the path, where q''' jumps, one of its two values.
-    singular_values : (k,) array
-        Smallest singular value of the Jacobian there.
+        Exact q', q'', q''' there, but where the arm is singular, those of the motion between the knots around; at a break of
+        the path, where q''' jumps, one of its two values.
     ik : IKRecord
         What the method left before the polish, at the samples.
     """
@@ -60,13 +66,9 @@ class JointPath(Curve):
 
     def __init__(
         self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord,
-        nodes: NDArray[np.bool_] | None = None, singular_values: Array | None = None,
+        nodes: NDArray[np.bool_] | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
-        if singular_values is None:
-            singular_values = np.empty(len(knots))
-            kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q, singular_values)
-        self.singular_values = singular_values
         self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
         self.nodes = knots[self._chosen]
         self._orders = [through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1))]
@@ -83,6 +85,13 @@ class JointPath(Curve):
         return values
 
     @cached_property
+    def singular_values(self) -> Array:
+        """Smallest singular value (k,) of the Jacobian at the knots."""
+        values, robot = np.empty(len(self.knots)), self.robot
+        kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, self.q, values)
+        return values
+
+    @cached_property
     def deviation(self) -> tuple[float, float]:
         """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
         s = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * (np.arange(1, 8) / 8.0)).ravel()
@@ -92,12 +101,8 @@ class JointPath(Curve):
     @cached_property
     def bound(self) -> tuple[float, float]:
         """Proved bound on distance [m] and angle [rad] to the path at the same s, everywhere, but for rounding."""
-        robot, i = self.robot, self._chosen
-        out = np.empty((len(i) - 1, 2))
-        pieces_bound(
-            robot.fixed, robot.prismatic, robot.tool, self.nodes, self.q[i], self.derivatives[i],
-            fourth_bounds(self.path, self.nodes), out,
-        )  # fmt: skip
+        i = self._chosen
+        out = deviation_bounds(self.robot, self.path, self.nodes, self.q[i], self.derivatives[i])
         return float(out[:, 0].max()), float(out[:, 1].max())
 
 
@@ -117,12 +122,52 @@ def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
     return np.array(chosen)
 
 
-def fourth_bounds(path: Path, s: Array) -> Array:
-    """Bounds (k, 2) on the fourth derivatives of position and rotation from each of the nodes s (k,) to the next."""
-    pieces = getattr(path, "piece_bounds", None)
-    if pieces is None:
-        return np.tile(path.derivative_bounds()[:, 3], (len(s), 1))
-    breaks, bounds = path.breaks, pieces()
-    i = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(bounds) - 1)
-    fourth: Array = np.ascontiguousarray(bounds[i, :, 3])
-    return fourth
+def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pieces: Array | None = None) -> Array:
+    """Proved bounds (k − 1, 2) on distance and angle to the path of the quintics between nodes s (k,), everywhere.
+
+    A piece that does not look close enough is proved in parts, by what it is off between them and less of a remainder.
+    """
+
+    def bounds(s: Array, q: Array, dq: Array) -> Array:
+        out = np.empty((len(s) - 1, 2))
+        _march.pieces_bound(
+            robot.fixed,
+            robot.prismatic,
+            robot.tool,
+            s,
+            q,
+            dq,
+            path.pose(s),
+            path.twist(s),
+            fourth_bounds(path, s, pieces),
+            out,
+        )
+        return out
+
+    out = bounds(s, q, dq)
+    far = np.flatnonzero(out.max(axis=1) > CLOSE)
+    if far.size:
+        at = s[far, None] + np.diff(s)[far, None] * (np.arange(PARTS + 1) / PARTS)
+        at[:, -1] = s[far + 1]
+        curve, flat = through(s, q, dq[:, 0], dq[:, 1]), at.ravel()
+        parts = bounds(flat, curve(flat), np.stack([curve(flat, order) for order in (1, 2, 3)], axis=1))
+        whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PARTS + 1, 2)[
+            :, :PARTS
+        ]  # not from piece to piece
+        out[far] = np.minimum(out[far], whole.max(axis=1))
+    return out
+
+
+def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
+    """Bounds (k, 2) on the fourth derivatives of position and rotation from each of the nodes s (k,) to the next.
+
+    The largest of all pieces of the path that the interval touches: derivatives up to the third have no jumps, so a
+    remainder of fourth order holds across breaks. ``pieces`` are the path's `piece_bounds`, where they are at hand.
+    """
+    breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])
+    first = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(fourth) - 1)
+    last = np.clip(np.searchsorted(breaks, np.append(s[1:], s[-1:]), side="left") - 1, first, len(fourth) - 1)
+    if (first == last).all():
+        return np.ascontiguousarray(fourth[first])
+    padded = np.concatenate([fourth, np.zeros((1, 2))])  # so that an interval may end behind the last piece
+    return np.ascontiguousarray(np.maximum.reduceat(padded, np.stack([first, last + 1], axis=1).ravel())[::2])

@@ -14,7 +14,9 @@ from optik._compile import compiled
 from optik.ik import IKSolver, make_solver
 from optik.ik._chain import draw_configurations
 from optik.robot import Robot
-from planners._track import Guide
+from planners import _smoothing
+from planners._course import Guide
+from planners._smoothing import EDGE, LARGEST_EDGE, REACHED, ROOM
 from planners.branches import MOTION, SINGULAR, START
 from planners.paths.base import Path
 
@@ -27,30 +29,18 @@ STATIONS = 25
 DRAWN = 40
 """Configurations drawn at every station."""
 
-LARGEST_EDGE = 0.7
-"""Largest joint motion from a station to the next [rad or m], before it is made smooth."""
-
-ROOM = 0.3
-"""Weight of the room to the limits, −Σ ln(1 − x²) with x = (q − middle) / half range, beside ½ the squared motion."""
-
-EDGE = 0.98
-"""Beyond this x the logarithm is continued as a parabola."""
-
-ROUNDS = 12
-"""Of making the free motion smooth."""
-
 CHOICES = 3
 """Free motions tried, the best first."""
 
 NEAREST = 1e-3
 """Shortest step [share of the path] towards where the reach ends."""
 
-REACHED = 1e-9
-"""Error that brings a configuration to its station [m, rad]."""
+REFINED = 4
+"""Times that stations are put between, where the free motion that was chosen could not be followed."""
 
 
-def guides(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[tuple[Array, Guide]]:
-    """Starts (n,) and free motions to try, best first.
+def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[FreeMotion]:
+    """Free motions to try, best first.
 
     Configurations q_k at stations along the path are chosen: for ``"start"`` those that the given one is carried to by
     the shortest joint motion; for ``"best"`` by dynamic programming over configurations drawn at every station and those
@@ -72,8 +62,8 @@ def guides(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[t
 
     Yields
     ------
-    tuple
-        Start (n,) and guide.
+    FreeMotion
+        With its start and guide.
     """
     s = np.linspace(0.0, path.end, STATIONS)
     if branch == "start":
@@ -83,38 +73,81 @@ def guides(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[t
     else:
         chosen = _programmed(robot, np.ascontiguousarray(path.pose(s)), q)
     for way in chosen:
-        at, way = _carried(robot, path, s, way)
-        way = _smooth(robot, path, at, way, fixed=branch == "start")
-        yield way[0], _guide(robot, at, way)
+        yield FreeMotion(robot, path, s, way, held=branch == "start")
+
+
+class FreeMotion:
+    """Configurations at stations along a path, made smooth together, and the guide through them."""
+
+    def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
+        self.robot, self.path, self.held = robot, path, held
+        self.arm = robot.fixed, robot.prismatic, robot.tool
+        lower, upper = robot.limits.lower, robot.limits.upper
+        finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
+        self.middle = np.where(finite, 0.5 * (np.where(finite, lower, 0.0) + np.where(finite, upper, 0.0)), 0.0)
+        self.half = np.where(finite, 0.5 * (np.where(finite, upper, 1.0) - np.where(finite, lower, -1.0)), np.inf)
+        self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
+        self.s, self.way = s[: len(way)], way
+        self._carry(s[len(way) :])
+        self._smooth()
+
+    @property
+    def start(self) -> Array:
+        """Where it begins."""
+        start: Array = self.way[0]
+        return start
+
+    def _carry(self, s: Array) -> None:
+        """Carry the last configuration on to stations s, as far as it goes.
+
+        Where one is not reached, one nearer is tried first, so that the last is near where the arm's reach ends.
+        """
+        ahead = list(s)
+        while ahead:
+            at = np.array([self.s[-1], *ahead])
+            way = np.repeat(self.way[-1:], len(at), axis=0)
+            poses, N = np.ascontiguousarray(self.path.pose(at)), self.first.copy()
+            good = _smoothing.carry(*self.arm, self.middle, self.half, poses, at / self.path.end, N, way)
+            self.s, self.way = np.append(self.s, at[1:good]), np.concatenate([self.way, way[1:good]])
+            ahead = ahead[good - 1 :]
+            if ahead:
+                if ahead[0] - self.s[-1] < NEAREST * self.path.end:
+                    return
+                ahead.insert(0, 0.5 * (self.s[-1] + ahead[0]))
+
+    def _smooth(self) -> None:
+        poses, self.N = np.ascontiguousarray(self.path.pose(self.s)), np.empty((*self.way.shape, self.first.shape[1]))
+        shares = self.s / self.path.end
+        self.way = np.ascontiguousarray(self.way)
+        _smoothing.smooth(*self.arm, self.middle, self.half, poses, shares, self.first, self.held, self.way, self.N)
+
+    def refined(self, s: float) -> bool:
+        """Put stations between those around s, carry on where none were, and make it smooth again; whether that may help."""
+        if s >= self.s[-1] and self.s[-1] < self.path.end:
+            return False
+        k = int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2))
+        near = slice(max(k - 2, 0), min(k + 4, len(self.s)))
+        more = 0.5 * (self.s[near][1:] + self.s[near][:-1])
+        between = np.ascontiguousarray(0.5 * (self.way[near][1:] + self.way[near][:-1]))
+        if (
+            np.diff(self.s[near]).min() < NEAREST * self.path.end
+            or not _reach(self.robot, self.path.pose(more), between).all()
+        ):
+            return False
+        order = np.argsort(np.append(self.s, more))
+        self.s, self.way = np.append(self.s, more)[order], np.concatenate([self.way, between])[order]
+        self._smooth()
+        return True
+
+    def guide(self) -> Guide:
+        """The guide through the configurations; beyond the last it stays."""
+        return _guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
 
 
 def _reach(robot: Robot, poses: Array, q: Array) -> NDArray[np.bool_]:
     """Bring configurations (k, n), in place, the shortest way onto poses (k, 4, 4); which of them come there."""
     kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, q, poses, 12)
     return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < REACHED)
-
-
-def _carried(robot: Robot, path: Path, s: Array, way: Array) -> tuple[Array, Array]:
-    """Carry the last of configurations (k, n) on to the other stations s, kept off the limits, as far as it goes.
-
-    Returns the stations and the configurations there; where a station is not reached, one nearer is tried, so that the
-    last is near where the arm's reach ends.
-    """
-    at, found, wanted = list(s[: len(way)]), list(way), list(s[len(way) :])
-    while wanted:
-        pose, x = path.pose(wanted[0])[None], found[-1][None].copy()
-        good = bool(_reach(robot, pose, x)[0]) and np.abs(x[0] - found[-1]).max() <= LARGEST_EDGE
-        if not good:
-            if wanted[0] - at[-1] < NEAREST * path.end:
-                break
-            wanted = [0.5 * (at[-1] + wanted[0])]
-            continue
-        N = _free(robot, x)[0]
-        away = -ROOM * N @ (N.T @ _room(robot, x)[0][0]) * (wanted[0] - at[-1]) / path.end
-        y = x + away * min(1.0, 0.05 / max(float(np.abs(away).max()), 1e-12))
-        found.append(y[0] if _reach(robot, pose, y)[0] else x[0])
-        at.append(wanted.pop(0))
-    return np.array(at), np.array(found)
 
 
 def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
@@ -202,71 +235,10 @@ def _standing(robot: Robot, q: Array) -> Array:
     return np.asarray(-ROOM * np.log(1.0 - x**2).sum(axis=1) - SINGULAR * np.log(np.maximum(sigma, 1e-9)))
 
 
-def _room(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """First and second derivatives (k, n) of −Σ ln(1 − x²), which keeps joints away from their limits."""
-    lower, upper = robot.limits.lower, robot.limits.upper
-    finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
-    half = np.where(finite, 0.5 * (np.where(finite, upper, 1.0) - np.where(finite, lower, -1.0)), 1.0)
-    x = (q - np.where(finite, np.where(finite, lower, 0.0) + half, 0.0)) / half
-    inner = np.clip(x, -EDGE, EDGE)
-    curve = 2.0 * (1.0 + inner**2) / (1.0 - inner**2) ** 2
-    slope = 2.0 * inner / (1.0 - inner**2) + curve * (x - inner)
-    return np.where(finite, slope / half, 0.0), np.where(finite, curve / half**2, 0.0)
-
-
-def _free(robot: Robot, q: Array) -> Array:
-    """Orthonormal directions (k, n, d) of free motion at configurations (k, n), each set turned to be like the one before."""
-    basis = np.swapaxes(np.linalg.svd(robot.jacobian(q))[2][:, 6:], 1, 2).copy()
-    for k in range(1, len(basis)):
-        u, _, vt = np.linalg.svd(basis[k].T @ basis[k - 1])
-        basis[k] = basis[k] @ (u @ vt)
-    return basis
-
-
-def _smooth(robot: Robot, path: Path, s: Array, way: Array, *, fixed: bool) -> Array:
-    """Move configurations (k, n) at stations s along their curves of solutions to the least cost of motion and room.
-
-    Newton steps in the coordinates of free motion: a block tridiagonal system, small enough to be dense.
-    """
-    k, d = len(way), robot.n - 6
-    if k < 2:
-        return way
-    poses, stretch = path.pose(s), np.diff(s) / (s[-1] - s[0])
-    stiff = np.r_[0.0, 1.0 / stretch, 0.0]  # of the spring before each, and after
-    share = ROOM * 0.5 * (np.r_[stretch, 0.0] + np.r_[0.0, stretch])[:, None]
-    for _ in range(ROUNDS):
-        N = _free(robot, way)
-        slope, curve = _room(robot, way)
-        pull = np.zeros_like(way)
-        step = np.diff(way, axis=0) / stretch[:, None]
-        pull[:-1] += step
-        pull[1:] -= step
-        b = np.einsum("kni,kn->ki", N, pull - share * slope)
-        A = np.zeros((k, d, k, d))
-        for i in range(k):
-            A[i, :, i, :] = (stiff[i] + stiff[i + 1]) * np.eye(d) + share[i] * (N[i].T * curve[i]) @ N[i]
-            if i:
-                A[i, :, i - 1, :] = -stiff[i] * N[i].T @ N[i - 1]
-                A[i - 1, :, i, :] = A[i, :, i - 1, :].T
-        if fixed:
-            A[0], b[0] = 0.0, 0.0
-            A[:, :, 0, :] = 0.0
-            A[0, :, 0, :] = np.eye(d)
-        z = np.linalg.solve(A.reshape(k * d, k * d), b.ravel()).reshape(k, d)
-        move = np.einsum("kni,ki->kn", N, z)
-        largest = float(np.abs(move).max())
-        better = way + move * min(1.0, 0.2 / max(largest, 1e-12))
-        good = _reach(robot, poses, better)
-        way = np.where(good[:, None], better, way)
-        if largest < 1e-4:
-            break
-    return way
-
-
-def _guide(robot: Robot, s: Array, way: Array) -> Guide:
-    """The guide through configurations (k, n) at stations s (k,); beyond the last it stays."""
-    k, d, n = len(way), robot.n - 6, robot.n
-    W = np.swapaxes(_free(robot, way), 1, 2).reshape(k, d * n)
+def _guide(s: Array, way: Array, directions: Array) -> Guide:
+    """The guide through configurations (k, n) and directions of free motion (k, d, n) at stations s (k,)."""
+    k, d, n = directions.shape
+    W = directions.reshape(k, d * n)
     both = np.concatenate([W, way], axis=1)
     spline = make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
 
