@@ -128,7 +128,7 @@ class ProgrammeSolver(IKSolver):
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
         """Find a configuration whose tool pose is the target; see `IKSolver.solve`.
 
-        The usual call, whose first attempt meets the pose, goes straight through the buffers: a quarter less time.
+        The usual call, whose first attempt meets the pose, goes straight through the buffers.
         """
         if trace or not self._quick:
             return super().solve(target, q0, trace=trace, closest=closest)
