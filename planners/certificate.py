@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 COVERED = (1e-5, 1e-5)
 """How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given."""
 
+RATES = (1e-6, 1e9)
+"""Of a controller [1/s]: beyond, its samples tell nothing."""
+
 PERIODS = 1_000_000
 """Most periods of a controller that are all looked at."""
 
@@ -429,7 +432,8 @@ def _infinite_at_jumps(
 
 def _sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
     """Largest difference of accelerations over whole periods of a controller, over the period."""
-    check_number(rate, "rate", "samples per second, above 0", above=0.0)
+    if not RATES[0] <= check_number(rate, "rate", "samples per second") <= RATES[1]:
+        raise InvalidInput("rate", f"{rate:.9g}", f"samples per second, in [{RATES[0]:g}, {RATES[1]:g}]")
     periods = max(int(trajectory.end * rate + 1e-9), 1)
     first = np.arange(min(periods, PERIODS))
     if periods > PERIODS:  # a motion of days: those around the knots, where accelerations change fastest, and a sample

@@ -14,7 +14,7 @@ JUMP = 1e-5
 ROUNDING = 1e-14
 """…and by more than rounding can: this share of q, over the shorter piece's duration to the power of the derivative's order."""
 STILL = 1e-9
-"""A joint is at rest where its velocity is below this part of its own greatest one, or below what rounding can make."""
+"""A joint ends at rest where its velocity is below this part of its own greatest one, or below what rounding can make."""
 
 
 def jumps(trajectory: Trajectory) -> NDArray[np.bool_]:
@@ -33,10 +33,14 @@ def _rounding(trajectory: Trajectory) -> Array:
 
 
 def rest(trajectory: Trajectory) -> tuple[bool, bool]:
-    """Whether a motion starts and ends at rest, each joint on its own scale."""
+    """Whether a motion starts and ends at rest, each joint on its own scale.
+
+    A start counts as rest only within rounding: a motion that has just begun, and is planned anew, is slow but moves.
+    """
     first, last = trajectory.ends(1)
-    slow = STILL * trajectory.extrema(1).worst + _rounding(trajectory)[1, [0, -1]]
-    return bool((np.abs(first[0]) <= slow[0]).all()), bool((np.abs(last[-1]) <= slow[1]).all())
+    begin, end = _rounding(trajectory)[1, [0, -1]]
+    end = end + STILL * trajectory.extrema(1).worst
+    return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 
 def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:

@@ -146,6 +146,8 @@ class Plan:
         return out | {
             "duration": motion.duration,
             "slowed": self.slowed,
+            "span": None if self.span is None else list(self.span),
+            "speed": self.speed,
             "joint_names": list(self.robot.joint_names),
             "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
             "coefficients": motion.coefficients.tolist(),

@@ -18,19 +18,28 @@ from optik.errors import InvalidInput
 from planners import (
     Arc,
     JointLine,
+    JointPath,
     Line,
     MotionLimits,
     Path,
     Plan,
     PlanStatus,
     Polyline,
+    Trajectory,
     load_motion,
     make_law,
     plan,
     replan,
 )
+<<<<<<< HEAD
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
+=======
+from planners.timing.base import PathState
+from planners.timing.optimal import Optimal
+from tests.planners import brute, plain
+from tests.planners.plain import START, default_line, paper6r
+>>>>>>> replan
 
 Array = NDArray[np.float64]
 
@@ -210,6 +219,8 @@ def test_on_a_closed_path_the_place_is_that_of_the_running_motion(part: float, a
     again = replan(around, t if as_time else tuple(around.trajectory(t, order) for order in range(3)))
     assert again.certificate.holds
     assert again.trajectory.duration == pytest.approx(around.trajectory.end - t, rel=2e-3)
+    assert again.span is not None
+    assert again.span[0] == pytest.approx({2e-3: 0.0, 0.4: 0.35}.get(part, 1.0) * circle.end, abs=0.1 * circle.end)
 
 
 @pytest.mark.parametrize("stop", [False, True])
@@ -285,6 +296,21 @@ def test_a_faster_law_gains_what_is_left_to_gain() -> None:
     assert again.trajectory.duration < 0.9 * (slow.trajectory.end - 0.1)
     fast = plan(paper6r(), default_line(), START, limits=LIMITS)
     assert again.trajectory.duration > 0.7 * fast.trajectory.end
+
+
+class Unaware(Optimal):
+    """A law that knows nothing of the exact state."""
+
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
+        return super().run_from(joint_path, limits, state._replace(joints=None), stop=stop)
+
+
+def test_a_law_that_starts_on_the_path_is_begun_at_the_state_too(running: Plan) -> None:
+    t = 0.3 * running.trajectory.end
+    again = replan(running, t, limits=LIMITS.scaled(1.3), timing=Unaware())
+    assert again.certificate.holds
+    for order in range(3):
+        np.testing.assert_array_equal(again.trajectory(0.0, order), running.trajectory(t, order))
 
 
 # ---------------------------------------------------------------- files
