@@ -31,15 +31,10 @@ from planners import (
     plan,
     replan,
 )
-<<<<<<< HEAD
-from tests import oracles
-from tests.planners.cases import START, default_line, paper6r
-=======
 from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
-from tests.planners import brute, plain
-from tests.planners.plain import START, default_line, paper6r
->>>>>>> replan
+from tests import oracles
+from tests.planners.cases import START, default_line, paper6r
 
 Array = NDArray[np.float64]
 
