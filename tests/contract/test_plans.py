@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "panda", "irb120", "kr6", "gen3lite", "iiwa14", "irb910sc", "wx200")
 PATHS = ("line", "arc", "polyline", "joint_line")
-SHORT, LONG = 50, 1000
+SHORT, LONG = 40, 1010
 
 
 class Problem(NamedTuple):
