@@ -18,9 +18,9 @@ from optik.ik.closed_form import ClosedForm
 from optik.robot import DHRow, JointLimits, load
 from planners import FollowStatus, JointPath, Line, follow
 from planners._march import first_exit, piece_bound
+from planners._smoothing import ROOM
 from planners.branches import branches
 from planners.joint_path import APART, apart
-from planners._smoothing import ROOM
 from tests.planners import plain
 from tests.planners.plain import START, default_line, paper6r
 
