@@ -1,4 +1,4 @@
-"""The free motion of arms with more than six joints: its kernels against plain linear algebra, and paths that it must follow."""
+"""The free motion of arms with more than six joints: its kernels against dense algebra, and paths that it must follow."""
 
 from __future__ import annotations
 
