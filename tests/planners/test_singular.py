@@ -45,10 +45,10 @@ def check_proved(followed: Followed, tolerance: float = 1e-5) -> JointPath:
 # ---------------------------------------------------------------- through a straight wrist in the arm's plane
 
 
-def planar_end(robot: Robot, line: Line, q: Array) -> Array | None:
-    """Where joints 2, 3 and 5 alone follow the line to, in 150 steps; None where they do not."""
+def planar_end(robot: Robot, line: Line, q: Array, steps: int = 150) -> Array | None:
+    """Where joints 2, 3 and 5 alone follow the line to, in so many steps; None where they do not."""
     x, lower, upper = q.copy(), robot.limits.lower, robot.limits.upper
-    for pose in line.pose(np.linspace(0.0, line.end, 151)[1:]):
+    for pose in line.pose(np.linspace(0.0, line.end, steps + 1)[1:]):
         for _ in range(5):
             step = np.linalg.lstsq(robot.jacobian(x)[:, [1, 2, 4]], robot.errors(x, pose), rcond=None)[0]
             if np.abs(step).max() > 0.5:
@@ -113,7 +113,7 @@ def test_a_passage_is_as_smooth_as_the_joints_alone_would_be() -> None:
     s, h = np.linspace(0.0, line.end, 400), 1e-3 * line.end
 
     def alone(at: float) -> Array:
-        end = planar_end(robot, Line(line.start, line.pose(at)), q) if at > 0 else q
+        end = planar_end(robot, Line(line.start, line.pose(at)), q, 30) if at > 0 else q
         assert end is not None
         return end
 
@@ -231,7 +231,7 @@ def check_beside(name: str, distances: tuple[float, ...], how_many: int) -> int:
 
 
 def test_lines_beside_a_straight_wrist_are_followed_if_own_continuation_does() -> None:
-    assert check_beside("kr6", (1e-1, 1e-4, 1e-6), 3) >= 3
+    assert check_beside("paper6r", (1e-1, 1e-4, 1e-6), 2) >= 3
 
 
 @pytest.mark.soak
