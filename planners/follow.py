@@ -38,8 +38,9 @@ START_TOLERANCE = 1e-4
 SAME_BRANCH = 0.02
 """How far a method's answer may stand from the tracked configuration [rad or m]; farther, it is polished and compared."""
 
-NEARLY_SINGULAR = 1e-2
-"""Below this smallest singular value a method's tolerance of 1e-6 lets the joints drift by 1e-4 and more, far at 0."""
+NEARLY_SINGULAR = 1e-4
+"""Below this smallest singular value a method's tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more; above it
+an answer farther away is another branch."""
 
 MOST_SAMPLES = 100_000
 """More would only take time."""

@@ -49,3 +49,18 @@ def test_a_lost_rank_shows_in_the_last_pivot():
     assert factored(A)[3] == 0.0
     assert factored(np.full((6, 6), np.nan))[3] == 0.0
     assert smallest_singular_value(np.zeros((6, 7))) == 0.0
+
+
+@pytest.mark.parametrize("shape", [(6, 4), (6, 6), (6, 7), (6, 9)])
+def test_above_a_floor_the_answer_is_a_lower_bound_above_it(shape):
+    rng, cheap = np.random.default_rng(3), 0
+    for _ in range(200):
+        J = rng.normal(size=shape) * 10.0 ** rng.uniform(-2, 1, shape[0])[:, None]
+        true, floor = np.linalg.svd(J, compute_uv=False)[-1], 10.0 ** rng.uniform(-5, 0)
+        found = smallest_singular_value(J, floor)
+        if true <= floor:
+            assert found == pytest.approx(true, rel=1e-8)
+        else:
+            assert floor < found <= true * (1.0 + 1e-8)
+            cheap += found < 0.99 * true
+    assert cheap > 20

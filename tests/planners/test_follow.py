@@ -420,25 +420,30 @@ def test_a_start_that_is_met_only_outside_the_limits_is_said_to_be_so() -> None:
 # ---------------------------------------------------------------- singular
 
 
-def test_a_singular_start_is_said_to_be_singular() -> None:
-    q = np.zeros(6)
-    start = ROBOT.fk(q)
-    followed = follow(make_solver(ROBOT, "dls"), Line(start, oracles.moved(start, [0.05, 0.0, 0.02])), q)
-    assert followed.joint_path is None
-    assert followed.stop is not None
-    assert (followed.stop.status, followed.stop.s) == (FollowStatus.SINGULAR, 0.0)
-
-
-def test_a_line_through_a_singular_pose_stops_there() -> None:
+@pytest.mark.parametrize("ik", ["dls", "lm", "closed_form"])
+def test_a_line_through_a_singular_pose_is_followed_where_the_joints_move_smoothly(ik: str) -> None:
     q = np.deg2rad([20.0, -35.0, 40.0, 25.0, 0.0, -30.0])  # axes 4 and 6 in line
     speed = np.array([0.2, 0.1, -0.1, 0.05, 0.5, 0.1])
     middle, twist = oracles.fk(PAPER, q), 0.1 * oracles.jacobian(PAPER, q) @ speed
     line = Line(oracles.moved(middle, -twist[:3], -twist[3:]), oracles.moved(middle, twist[:3], twist[3:]))
     start = oracles.met(PAPER, line.start, q - 0.1 * speed)
-    followed = follow(make_solver(ROBOT, "dls"), line, start)
-    check_ended(followed, FollowStatus.SINGULAR, 0.5 * line.end, line, 5e-3)
-    assert followed.stop is not None
-    assert 1e-4 <= followed.stop.singular_value < 1.1e-4, "it stops where the singular value comes to 1e-4"
+    joint_path = follow(make_solver(ROBOT, ik), line, start).joint_path
+    assert joint_path is not None and joint_path.end == line.end
+    assert max(joint_path.deviation) <= max(joint_path.bound) <= 1e-5
+    assert joint_path.q[0, 4] * joint_path.q[-1, 4] < 0.0
+    assert np.abs(joint_path(0.5 * line.end) - q).max() < 1e-3
+    assert np.abs(joint_path(np.linspace(0.0, line.end, 300), 1)).max() < 3.0 * 0.1 * 0.5 / (0.5 * line.end)
+
+
+def test_a_jump_is_still_caught_beside_a_straight_wrist() -> None:
+    """Just before the wrist is straight its two configurations are near each other in all but joints 4 and 6."""
+    robot = wide(ROBOT)
+    q = np.deg2rad([20.0, -35.0, 40.0, 0.0, 4.0, 0.0])
+    line = Line(robot.fk(q), oracles.moved(robot.fk(q), [0.0, 0.0, -0.02]))
+    solver = flip(robot, line, turned_wrist)
+    assert follow(make_solver(robot, "dls"), line, q)
+    followed = follow(solver, line, q)
+    check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
 
 
 # ---------------------------------------------------------------- branch jumps

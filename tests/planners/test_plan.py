@@ -143,7 +143,7 @@ def test_every_way_to_stop_on_the_path_is_a_way_a_plan_ends(status: FollowStatus
 def test_a_singular_start_is_the_plans_status() -> None:
     q = np.zeros(6)
     start = ROBOT.fk(q)
-    result = plan(ROBOT, Line(start, oracles.moved(start, [0.05, 0.0, 0.02])), q, timing="quintic")
+    result = plan(ROBOT, Line(start, oracles.moved(start, [0.0, 0.05, 0.02])), q, timing="quintic")
     assert result.status is PlanStatus.SINGULAR
     assert result.prefix is None
     with pytest.raises(NoSolution) as info:
