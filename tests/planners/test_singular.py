@@ -179,7 +179,7 @@ def goes_on(robot: Robot, line: Line, q: Array) -> str:
         return bool(np.abs(robot.errors(y, line.pose(at))).max() < 1e-10)
 
     for _ in count():
-        h = min(h, line.end - s)
+        h = min(h, line.end - s, line.end / 400)
         y = x.copy()
         good = onto(y, s + h) and np.abs(y - x).max() < 0.05
         for u in (0.2, 0.4, 0.6, 0.8):
