@@ -197,7 +197,16 @@ def solve_blocks(D: Array, C: Array, b: Array) -> None:
 
 @compiled
 def _assemble(
-    middle: Array, half: Array, shares: Array, held: bool, way: Array, N: Array, D: Array, C: Array, b: Array
+    middle: Array,
+    half: Array,
+    shares: Array,
+    keep_off: float,
+    held: bool,
+    way: Array,
+    N: Array,
+    D: Array,
+    C: Array,
+    b: Array,
 ) -> None:
     """The Newton system of the cost ½ Σ |Δq|² / Δs + Σ room, in the coordinates of free motion, for `solve_blocks`."""
     k, n, d = N.shape
@@ -205,7 +214,7 @@ def _assemble(
     for i in range(k):
         left = shares[i] - shares[i - 1] if i > 0 else 0.0
         right = shares[i + 1] - shares[i] if i + 1 < k else 0.0
-        weight, stiff = 0.5 * ROOM * (left + right), 0.0
+        weight, stiff = 0.5 * keep_off * (left + right), 0.0
         for j in range(n):
             slope, curve = room(middle[j], half[j], way[i, j])
             pull[j], bend[j] = -weight * slope, weight * curve
@@ -235,20 +244,20 @@ def _assemble(
 @compiled
 def smooth(
     fixed: Array, prismatic: Bools, tool: Array, middle: Array, half: Array, poses: Array, shares: Array, first: Array,
-    held: bool, way: Array, N: Array,
+    keep_off: float, held: bool, way: Array, N: Array,
 ) -> float:  # fmt: skip
     """Move configurations (k, n) along their curves of solutions to the least cost of motion and room, in place.
 
     Newton steps in the coordinates of free motion: a block tridiagonal system, so a round takes time that grows with the
-    stations only. The first configuration stays where `held`. first (n, d) are free directions there; N (k, n, d) becomes
-    those at all. Returns how alike those of neighbours are.
+    stations only. `keep_off` is the weight of the room to the limits. The first configuration stays where `held`.
+    first (n, d) are free directions there; N (k, n, d) becomes those at all. Returns how alike those of neighbours are.
     """
     k, n, d = N.shape
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))
     move, J = np.empty((k, n)), np.empty((6, n))
     for _ in range(ROUNDS):
         directions(fixed, prismatic, tool, way, first, N)
-        _assemble(middle, half, shares, held, way, N, D, C, b)
+        _assemble(middle, half, shares, keep_off, held, way, N, D, C, b)
         solve_blocks(D, C, b)
         largest = 1e-12
         for i in range(k):

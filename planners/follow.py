@@ -243,7 +243,7 @@ def _redundant(
             way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
             if best is None or way.s[-1] > best[0].s[-1]:
                 best = way, course
-            if way.ended is None or not motion.refined(way.ended.s):
+            if way.ended is None or not motion.refined(way.ended.s, way.ended.code == _march.LIMIT):
                 break
         if way.ended is None:
             break

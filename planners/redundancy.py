@@ -35,6 +35,9 @@ CHOICES = 3
 NEAREST = 1e-3
 """Shortest step [share of the path] towards where the reach ends."""
 
+FURTHER = 8.0
+"""Factor on the weight of the room to the limits where the free motion came to one."""
+
 REFINED = 4
 """Times that stations are put between, where the free motion that was chosen could not be followed."""
 
@@ -87,7 +90,7 @@ class FreeMotion:
         self.middle = np.where(finite, 0.5 * (np.where(finite, lower, 0.0) + np.where(finite, upper, 0.0)), 0.0)
         self.half = np.where(finite, 0.5 * (np.where(finite, upper, 1.0) - np.where(finite, lower, -1.0)), np.inf)
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
-        self.s, self.way = s[: len(way)], way
+        self.s, self.way, self.keep_off = s[: len(way)], way, ROOM
         self._carry(s[len(way) :])
         self._smooth()
 
@@ -119,23 +122,29 @@ class FreeMotion:
         poses, self.N = np.ascontiguousarray(self.path.pose(self.s)), np.empty((*self.way.shape, self.first.shape[1]))
         shares = self.s / self.path.end
         self.way = np.ascontiguousarray(self.way)
-        _smoothing.smooth(*self.arm, self.middle, self.half, poses, shares, self.first, self.held, self.way, self.N)
+        _smoothing.smooth(
+            *self.arm, self.middle, self.half, poses, shares, self.first, self.keep_off, self.held, self.way, self.N
+        )
 
-    def refined(self, s: float) -> bool:
-        """Put stations between those around s, carry on where none were, and make it smooth again; whether that may help."""
+    def refined(self, s: float, limit: bool) -> bool:
+        """Make it smooth again where it could not be followed at s, with stations between those around; if that may help.
+
+        And further off the limits, where it came to one.
+        """
         if s >= self.s[-1] and self.s[-1] < self.path.end:
             return False
         k = int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2))
-        near = slice(max(k - 2, 0), min(k + 4, len(self.s)))
+        near = slice(max(k - 2, 0), k + 4)
         more = 0.5 * (self.s[near][1:] + self.s[near][:-1])
         between = np.ascontiguousarray(0.5 * (self.way[near][1:] + self.way[near][:-1]))
-        if (
-            np.diff(self.s[near]).min() < NEAREST * self.path.end
-            or not _reach(self.robot, self.path.pose(more), between).all()
-        ):
+        apart = np.diff(self.s[near]).min() >= NEAREST * self.path.end
+        if apart and _reach(self.robot, self.path.pose(more), between).all():
+            order = np.argsort(np.append(self.s, more))
+            self.s, self.way = np.append(self.s, more)[order], np.concatenate([self.way, between])[order]
+        elif not limit:
             return False
-        order = np.argsort(np.append(self.s, more))
-        self.s, self.way = np.append(self.s, more)[order], np.concatenate([self.way, between])[order]
+        if limit:
+            self.keep_off *= FURTHER
         self._smooth()
         return True
 

@@ -167,7 +167,7 @@ def test_a_singular_start_whose_wrist_would_have_to_turn_first_is_refused() -> N
 
 
 def goes_on(robot: Robot, line: Line, q: Array) -> str:
-    """Whether own continuation follows a line: Newton in halved steps, each met at four places between too."""
+    """Whether own continuation follows a line: Newton in halved steps, four places in each on the path or solved near it."""
     s, h, x = 0.0, line.end / 200, q.copy()
 
     def onto(y: Array, at: float) -> bool:
@@ -179,13 +179,13 @@ def goes_on(robot: Robot, line: Line, q: Array) -> str:
         return bool(np.abs(robot.errors(y, line.pose(at))).max() < 1e-10)
 
     for _ in count():
-        h = min(h, line.end - s)
+        h = min(h, line.end - s, line.end / 400)
         y = x.copy()
         good = onto(y, s + h) and np.abs(y - x).max() < 0.05
         for u in (0.2, 0.4, 0.6, 0.8):
             if good:
                 between = straight = x + u * (y - x)
-                if np.abs(robot.errors(straight, line.pose(s + u * h))).max() > 1e-5:
+                if np.abs(robot.errors(straight, line.pose(s + u * h))).max() > 3e-6:
                     between = straight.copy()
                     good = onto(between, s + u * h) and bool(np.abs(between - straight).max() < 0.004)
         if good:
