@@ -50,7 +50,7 @@ class Smooth(TimeLaw):
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:
-    """Shortest T [s] of one quintic in s that keeps the limits at so many instants.
+    """Shortest T [s] of one quintic in s that keeps the limits at so many instants, and wherever the path has a node.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
     bound = {field: np.where(moving, of, np.inf) for field, of in limits.arrays(joint_path.robot.n).items()}
     bounded = MotionLimits(bound["velocity"], None, None, limits.tool_speed, limits.rotation_speed)
-    u = np.linspace(0.0, 1.0, instants)
+    u = np.union1d(np.linspace(0.0, 1.0, instants), _when(joint_path.nodes / joint_path.end))
     s, v, a, j = (joint_path.end * np.polyval(np.polyder(QUINTIC, order), u) for order in range(4))
     s = np.clip(s, 0.0, joint_path.end)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
@@ -78,6 +78,16 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
         names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
         raise NoSolution("nothing limits this motion", s=0.0, advice=f"a finite limit on a joint that moves: {names}")
     return duration
+
+
+def _when(part: Array) -> Array:
+    """Shares u (k,) of the duration after which the quintic has come to parts of the way, and between, in thirds."""
+    low, high = np.zeros(part.size), np.ones(part.size)
+    for _ in range(50):
+        u = 0.5 * (low + high)
+        before = np.polyval(QUINTIC, u) < part
+        low, high = np.where(before, u, low), np.where(before, high, u)
+    return np.concatenate([low[:-1] + np.diff(low) * share for share in (0.0, 1.0 / 3.0, 2.0 / 3.0)])
 
 
 METHOD = Smooth
