@@ -273,6 +273,23 @@ def test_a_path_counts_by_all_pieces_that_the_cubic_may_touch_and_no_other() -> 
             assert (out[:, 1] * ROUNDING >= bounds[inside, :, 0].max(axis=0) * v).all()
 
 
+@pytest.mark.parametrize("inside", [True, False])
+def test_the_places_that_a_cubic_may_come_to_are_those_of_its_bezier_points_to_a_hair(inside: bool) -> None:
+    """A piece of the path counts that its hull reaches by a millionth, and not one that it misses by as much."""
+    h, hair = 0.8, 1e-6
+    for s0, s1, v0, v1 in ((2.0, 2.3, 3.0, 0.1), (2.0, 2.3, 0.1, -3.0), (2.3, 2.0, -3.0, 0.1), (2.0, 1.7, 0.1, 3.0)):
+        hull = np.array([s0, s0 + v0 * h / 3.0, s1 - v1 * h / 3.0, s1])
+        low, high = hull.min() + (hair if inside else -hair), hull.max() + (-hair if inside else hair)
+        above = hull.max() > max(s0, s1) + 0.1  # on which side it goes beyond its ends
+        breaks = np.array([0.0, high, 6.0]) if above else np.array([0.0, low, 6.0])
+        bounds = np.ones((2, 2, 4))
+        bounds[1 if above else 0, :, 0] = 1e3
+        v = rates(PieceBounds(np.array([0.0, 6.0]), np.ones((1, 2, 4))), s0, s1, v0, v1, h)[0, 1]
+        assert rates(PieceBounds(breaks, bounds), s0, s1, v0, v1, h)[0, 1] == pytest.approx(
+            (1e3 if inside else 1.0) * v
+        )
+
+
 # ---------------------------------------------------------------- the rotation between tool and path
 
 

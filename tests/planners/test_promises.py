@@ -97,3 +97,30 @@ def test_the_least_singular_value_is_found_where_it_is(size: float) -> None:
     assert certificate.t_singular_value == pytest.approx(found.x, abs=2e-4)
     at = oracles.smallest(PAPER, trajectory(certificate.t_singular_value))
     assert certificate.singular_value == pytest.approx(float(at), abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3])
+def test_the_speeds_of_a_slow_tool_are_bounded_as_sharply_as_those_of_a_fast_one(size: float) -> None:
+    trajectory = step_of(1, size, 1.0)
+    t = np.linspace(0.0, 1.0, 20_001)
+    twist = np.einsum("kij,kj->ki", oracles.jacobian(PAPER, trajectory(t)), trajectory(t, 1))
+    certificate = certified(trajectory, MotionLimits())
+    for part, said in ((slice(0, 3), certificate.tool_speed.value), (slice(3, 6), certificate.rotation_speed.value)):
+        found = float(np.linalg.norm(twist[:, part], axis=1).max())
+        assert found <= said * (1.0 + 1e-12)
+        assert said <= max(found * (1.0 + 3e-6), 1e-6)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_rest_is_that_of_every_joint(joint: int) -> None:
+    c = np.zeros((6, 1, 6))
+    c[5, 0], c[3, 0, joint] = START, 0.05  # from rest, and still moving at the end
+    other = (joint + 1) % 6
+    c[:, 0, other] += step_of(other, 0.1, 1.0).coefficients[:, 0, other] * np.array([1, 1, 1, 1, 1, 0.0])
+    assert certified(Trajectory(PPoly(c, [0.0, 1.0])), MotionLimits()).rest == (True, False)
+    back = c.copy()
+    for j in range(6):
+        p = np.poly1d(c[:, 0, j])(np.poly1d([-1.0, 1.0]))
+        back[:, 0, j] = 0.0
+        back[6 - len(p.coef) :, 0, j] = p.coef
+    assert certified(Trajectory(PPoly(back, [0.0, 1.0])), MotionLimits()).rest == (False, True)
