@@ -84,7 +84,7 @@ def test_attempts_that_hold_joints_at_their_limits_too():
     rng = np.random.default_rng(211)
     q = np.where(rng.random((150, 7)) < 0.5, arm.lower, arm.upper)
     q[:, 0] = rng.uniform(arm.lower[0], arm.upper[0], 150)
-    targets, starts = oracles.fk_many(arm, q), np.full((150, 7), np.clip(0.1, arm.lower, arm.upper))
+    targets, starts = oracles.fk(arm, q), np.full((150, 7), np.clip(0.1, arm.lower, arm.upper))
     solver = LM(optik.load("panda"))
     batch = solver.solve_batch(targets, starts)
     assert (batch.restarts > 16).sum() > 20  # the first that start on the limits

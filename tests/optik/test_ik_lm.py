@@ -524,13 +524,13 @@ def at_limits(arm, count, seed, share=0.7):
     end = np.where(rng.random(q.shape) < 0.5, arm.lower, arm.upper)
     q = np.where(rng.random(q.shape) < share, end, q)
     warm = np.clip(q + rng.normal(0.0, 0.1, q.shape), arm.lower, arm.upper)
-    return oracles.fk_many(arm, q), warm, np.clip(np.full_like(q, 0.1), arm.lower, arm.upper)
+    return oracles.fk(arm, q), warm, np.clip(np.full_like(q, 0.1), arm.lower, arm.upper)
 
 
 def unsolved(arm, targets, starts):
     """How many are not solved, by the oracle's kinematics and the limits; every claim is the oracle's too."""
     batch = LM(built(arm)).solve_batch(targets, starts)
-    p, r = oracles.off_by(oracles.fk_many(arm, batch.q), targets)
+    p, r = oracles.off_by(oracles.fk(arm, batch.q), targets)
     assert ((batch.q >= arm.lower) & (batch.q <= arm.upper)).all()
     assert (batch.solved == ((p <= 1e-6) & (r <= 1e-6))).all()
     return int((~batch.solved).sum())
