@@ -26,13 +26,18 @@ class _Standard(io.FileIO):
 
 
 def guard_output() -> None:
-    """Have the standard output end quietly where its reader has gone, and by name where it cannot be written."""
+    """Have the standard output end quietly where its reader has gone, and by name where it cannot be written.
+
+    What its encoding does not have (degrees, the lines of tables, in plain ASCII) is printed as a question mark.
+    """
     out = sys.stdout
     if type(out) is not io.TextIOWrapper:
         return  # a program that took it over, as tests do
     out.flush()
+    if isinstance(sys.stderr, io.TextIOWrapper):
+        sys.stderr.reconfigure(errors="replace")
     raw, buffered = _Standard(out.fileno(), "w", closefd=False), isinstance(out.buffer, io.BufferedWriter)
     sys.stdout = io.TextIOWrapper(
-        io.BufferedWriter(raw) if buffered else raw, encoding=out.encoding, errors=out.errors,
+        io.BufferedWriter(raw) if buffered else raw, encoding=out.encoding, errors="replace",
         line_buffering=out.line_buffering, write_through=not buffered,
     )  # fmt: skip

@@ -238,11 +238,10 @@ def _planned_row(
         timed_plan = {"ms_plan": ms}
     else:
         planned, timed_plan = plan_it(), {}
-    failed = {} if planned.stop is None else {"status": str(planned.status), "reason": planned.stop.reason}
-    if planned.status not in (PlanStatus.SOLVED, PlanStatus.NOT_PROVED):
-        return timed_plan | failed
+    if planned.stop is not None and planned.status is not PlanStatus.NOT_PROVED:  # one that is not proved is a motion
+        return timed_plan | {"status": str(planned.status), "reason": planned.stop.reason}
     facts = facts_of(line.robot, line.path, planned.trajectory, planned.certificate, limits)
-    return timed_plan | facts | {"slowed": getattr(planned, "slowed", None)} | failed
+    return timed_plan | facts | {"slowed": getattr(planned, "slowed", None)}
 
 
 def _motion(c: Contestant, joints: JointPath, raw: Any) -> Trajectory | str:

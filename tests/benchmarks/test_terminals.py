@@ -57,6 +57,14 @@ def test_an_error_is_one_line_where_nothing_but_ascii_can_be_written() -> None:
     assert done.stderr.strip()
 
 
+@pytest.mark.parametrize("command", [["robots"], ["fk", "0", "0", "0", "0", "0", "0"]], ids=lambda x: x[0])
+def test_tables_are_written_where_nothing_but_ascii_can_be(command: list[str]) -> None:
+    done = python("-m", "benchmarks.cli", *command, PYTHONIOENCODING="ascii", TERM="dumb")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.decode("ascii").strip()
+    assert not done.stderr
+
+
 # ---------------------------------------------------------------- stopped by a signal
 
 INTERRUPTED = """
