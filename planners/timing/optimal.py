@@ -15,7 +15,8 @@ from planners.fit import fitted
 from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum
-from planners.timing._programme import UNITS, Programme, divided, gentle, programme, within
+from planners.timing._programme import Programme, divided, gentle, programme, within
+from planners.timing._start import start
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -141,8 +142,7 @@ def _problems(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None
 ) -> Iterator[tuple[Programme | None, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
-    for width, weight, more in STARTS:
-        yield programme(joint_path, limits, intervals, width=width, more=more), weight
+    yield start(joint_path, limits, intervals), 1.0
     for weight, more in GENTLE:
         yield gentle(joint_path, limits, intervals, more), weight
 
@@ -166,12 +166,12 @@ def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
-    z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
+    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
     weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
         K, n = problem.ds.size, problem.node.shape[1]
-        if _optimum.solve(problem, z, weight * UNITS / K, GAP * UNITS / (6.0 * n * K), MOST) < 0:
+        if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST) < 0:
             break
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
@@ -179,13 +179,13 @@ def _solved(
         coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
-            z = given.start if given.moving else _inside(given.problem, given.start, 0.9)
+            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
             weight, trajectory = FIRST, None
             continue
         trajectory, again = motion, again + 1
         if not _tighten(joint_path, problem, trajectory, over, limits, close):
             return trajectory
-        if not given.moving:
+        if given.moving is None:
             z = _inside(problem, z, 0.98)
         weight = AGAIN
     return trajectory if close else None
