@@ -22,7 +22,7 @@ BENDS, TWISTS = 0.8, 0.6
 """Shares of the limits on acceleration and jerk that the path's own bends may use up at a steady speed."""
 ROUNDS, CLOSE = 6, 1.1
 """Most sweeps, and by how much the last may be too fast: the rest is slowed as a whole."""
-EVEN, PER_CHANGE = 72, 10
+EVEN, PER_CHANGE = 64, 10
 """Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
 
 
@@ -46,7 +46,6 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     _sweep.sampled(along.s, motion, when, found)
     s, v, a = found
     s[0], s[-1] = 0.0, joint_path.end
-    assert (np.diff(s) > 0).all()
     return numbers(joint_path, limits, s, v, a, np.diff(when), (joint_path.end / UNITS, t[-1] / UNITS), None)
 
 

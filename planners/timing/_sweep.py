@@ -298,15 +298,19 @@ def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> fl
 
 
 @compiled
-def _changes(along: Along, v: Array, a: Array, out: Array) -> None:
-    """How much q̈ has changed up to each place (m,), over its limit, that joint's that changes most."""
+def _changes(along: Along, motion: Array, out: Array) -> None:
+    """How much q̈ has changed up to each place (m,), that joint's that changes most.
+
+    It is counted in its limit, or in what the limit on the jerk makes of it within half the width of the mean.
+    """
+    v, a, half = motion[1], motion[2], motion[3]
     out[0] = 0.0
     for i in range(v.shape[0] - 1):
-        most = 0.0
+        most, h = 0.0, max(half[i], half[i + 1])
         for n in range(along.q1.shape[1]):
             before = along.q1[i, n] * a[i] + along.q2[i, n] * v[i] * v[i]
             after = along.q1[i + 1, n] * a[i + 1] + along.q2[i + 1, n] * v[i + 1] * v[i + 1]
-            most = max(most, abs(after - before) / along.acceleration[n])
+            most = max(most, abs(after - before) / min(along.acceleration[n], h * along.jerk[n]))
         out[i + 1] = out[i] + most
 
 
@@ -316,10 +320,10 @@ def spread(along: Along, motion: Array, even: float, per_change: float, share: A
 
     Neighbours differ little in length.
     """
-    t, v, a, half = motion[0], motion[1], motion[2], motion[3]
+    t, half = motion[0], motion[3]
     m = t.shape[0]
     change, length = np.empty(m), np.empty(m)
-    _changes(along, v, a, change)
+    _changes(along, motion, change)
     for i in range(m):
         w = max(0.2 * half[i], t[min(i + 1, m - 1)] - t[max(i - 1, 0)])
         before, after = max(t[i] - w, 0.0), min(t[i] + w, t[m - 1])
@@ -346,6 +350,8 @@ def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
         u = (when[k] - t[i]) / h
         c2 = 3.0 * (v[i + 1] - v[i]) - h * (2.0 * a[i] + a[i + 1])
         c3 = 2.0 * (v[i] - v[i + 1]) + h * (a[i] + a[i + 1])
-        out[0, k] = s[i] + h * u * (v[i] + u * (h * a[i] / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        whole = v[i] + h * a[i] / 2.0 + c2 / 3.0 + c3 / 4.0
+        area = u * (v[i] + u * (h * a[i] / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        out[0, k] = s[i] + (s[i + 1] - s[i]) * min(max(area / whole, 0.0), 1.0)
         out[1, k] = max(v[i] + u * (h * a[i] + u * (c2 + u * c3)), 0.5 * min(v[i], v[i + 1]))
         out[2, k] = a[i] + u * (2.0 * c2 + 3.0 * u * c3) / h
