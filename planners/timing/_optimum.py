@@ -364,11 +364,16 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
 
 
 @compiled
-def _better(objective: float, off: float, before: float, off_before: float, alpha: float, small: float) -> bool:
-    """Whether a step is taken: it meets the equations better, or the objective is lower, as a filter of one point."""
-    if off <= (1.0 - 1e-4 * alpha) * off_before + 1e-11 or objective < before - 1e-4 * off_before:
+def _better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
+    """Whether a step is taken: against every iterate before at this barrier (2, count), it meets the equations better or
+    has a lower objective (a filter, Nocedal and Wright, ch. 15.4)."""
+    last = passed[0, count - 1]
+    if off < small and objective <= last + 1e-9 * abs(last):
         return True
-    return off < small and objective <= before + 1e-9 * abs(before)
+    for i in range(count):
+        if off > (1.0 - 1e-4) * passed[1, i] + 1e-11 and objective >= passed[0, i] - 1e-4 * passed[1, i]:
+            return False
+    return True
 
 
 @compiled
@@ -435,7 +440,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
     d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
     dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
     models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
-    delta_before = 0.0
+    passed, count, delta_before = np.empty((2, most)), 0, 0.0
     for iteration in range(most):
         delta = 0.0
         while not _back(problem, at, mu, delta, models, law, cost):
@@ -446,8 +451,8 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
         _forth(problem, at, models, law, cost, d, lam)
         _slopes(problem, at.z, d, slope)
         alpha, dual = _lengths(problem, at, mu, d, slope, dslack, ddual, dbound)
-        before, off_before = _merit(problem, mu, at.z, at.g, at.c, at.slack)
-        off = off_before
+        passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
+        count, off = count + 1, 0.0
         for _ in range(12):
             for k in range(K + 1):
                 for i in range(4):
@@ -457,13 +462,13 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
                         trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
             values(problem, trial.z, trial.g, trial.c)
             objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
-            if _better(objective, off, before, off_before, alpha, 1e-6 * K):
+            if _better(passed, count, objective, off, 1e-6 * K):
                 break
             alpha *= 0.5
         _take(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
-            if mu <= least and off < 1e-7 * K:
+            if mu <= least and off < 1e-6 * K:
                 z[:] = at.z
                 return iteration + 1
-            mu = max(least, min(0.2 * mu, mu**1.5))
+            mu, count = max(least, min(0.2 * mu, mu**1.5)), 0
     return -1
