@@ -90,11 +90,20 @@ def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, m
     return numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
-def within(given: Programme, z: Array, u: Array) -> Array:
-    """Places s (m, K) at shares u (m, 1) of the durations of the intervals of a motion z (K + 1, 4)."""
-    v, a, tau, j = z[:-1].T
-    x = u * tau
-    return np.asarray(given.s[:-1] + given.units[0] * (x * (v + x * (a / 2.0 + x * (j / 6.0)))))
+def within(given: Programme, z: Array, u: float) -> Array:
+    """Places, speeds and accelerations (3, K) at a share u of the durations of the intervals of a motion z (K + 1, 4).
+
+    On the quintics through the motion's own states, so that a start tells as much as a solution does.
+    """
+    v0, a0, tau = z[:-1, 0], z[:-1, 1], z[:-1, 2]
+    v1, a1, ds = z[1:, 0], z[1:, 1], given.problem.ds
+    P = ds - tau * (v0 + 0.5 * tau * a0)
+    V, A = tau * (v1 - v0 - tau * a0), tau**2 * (a1 - a0)
+    c3, c4, c5 = 10.0 * P - 4.0 * V + 0.5 * A, -15.0 * P + 7.0 * V - A, 6.0 * P - 3.0 * V + 0.5 * A
+    s = u * tau * (v0 + 0.5 * u * tau * a0) + u**3 * (c3 + u * (c4 + u * c5))
+    v = v0 + u * tau * a0 + u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)) / tau
+    a = a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)) / tau**2
+    return np.stack([given.s[:-1] + given.units[0] * s, v, a])
 
 
 def divided(
@@ -103,12 +112,11 @@ def divided(
     """The programme with some intervals (K,) halved in time; its start is the motion z (K + 1, 4)."""
     length, time = given.units
     i = np.flatnonzero(which)
-    v, a, tau, j = z[i].T
-    x, width = 0.5 * tau, given.s[i + 1] - given.s[i]
-    half = np.clip(within(given, z, np.array([[0.5]]))[0, i], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
-    middle = np.stack([half, np.maximum(v + x * (a + x * j / 2.0), 0.0), a + x * j])  # a start: it need not agree
+    middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
+    middle[0] = np.clip(middle[0], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
+    middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
-    tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, x)
+    tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, 0.5 * z[i, 2])
     return numbers(
         joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
     )

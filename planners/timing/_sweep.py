@@ -299,9 +299,9 @@ def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> fl
 
 @compiled
 def _changes(along: Along, motion: Array, out: Array) -> None:
-    """How much q̈ has changed up to each place (m,), that joint's that changes most.
+    """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
 
-    It is counted in its limit, or in what the limit on the jerk makes of it within half the width of the mean.
+    Both are counted in their limits; q̈ in what the limit on jerk makes of it within half the width of the mean, if less.
     """
     v, a, half = motion[1], motion[2], motion[3]
     out[0] = 0.0
@@ -311,6 +311,9 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
             before = along.q1[i, n] * a[i] + along.q2[i, n] * v[i] * v[i]
             after = along.q1[i + 1, n] * a[i + 1] + along.q2[i + 1, n] * v[i + 1] * v[i + 1]
             most = max(most, abs(after - before) / min(along.acceleration[n], h * along.jerk[n]))
+            before = (3.0 * along.q2[i, n] * a[i] + along.q3[i, n] * v[i] * v[i]) * v[i]
+            after = (3.0 * along.q2[i + 1, n] * a[i + 1] + along.q3[i + 1, n] * v[i + 1] * v[i + 1]) * v[i + 1]
+            most = max(most, abs(after - before) / along.jerk[n])
         out[i + 1] = out[i] + most
 
 

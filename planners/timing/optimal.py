@@ -142,7 +142,7 @@ def _problems(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None
 ) -> Iterator[tuple[Programme | None, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
-    yield start(joint_path, limits, intervals), 1.0
+    yield _finer(joint_path, limits, start(joint_path, limits, intervals)), 1.0
     for weight, more in GENTLE:
         yield gentle(joint_path, limits, intervals, more), weight
 
@@ -176,11 +176,12 @@ def _solved(
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
         over = _over(joint_path, motion, limits)
+        if __import__('os').environ.get('DBG'): print('   K',K,'off',int(coarse.sum()),'over', (over.max(axis=(1,2))), 'n>1.05', int((over.max(axis=(0,2))>COARSE).sum()), 'n>1.0003',int((over.max(axis=(0,2))>1.0003).sum()))
         coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
-            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
-            weight, trajectory = FIRST, None
+            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.98)
+            weight, trajectory = FIRST if given.moving is not None else AGAIN, None
             continue
         trajectory, again = motion, again + 1
         if not _tighten(joint_path, problem, trajectory, over, limits, close):
@@ -191,13 +192,24 @@ def _solved(
     return trajectory if close else None
 
 
+def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
+    """The programme with those intervals halved in which its start would leave the joint path between the places."""
+    for _ in range(HALVINGS):
+        z = given.start
+        coarse = _off(joint_path, given, z, _motion(joint_path, given, z))
+        if not coarse.any():
+            break
+        given = divided(joint_path, limits, given, z, coarse)
+    return given
+
+
 def _off(joint_path: JointPath, given: Programme, z: Array, trajectory: Trajectory) -> NDArray[np.bool_]:
     """Intervals (K,) in which the motion leaves the joint path by more than `OFF` between the places."""
-    u = np.array([0.25, 0.5, 0.75])[:, None]
-    s = np.clip(within(given, z, u).ravel(), 0.0, joint_path.end)
-    t = (trajectory.knots[:-1] + u * np.diff(trajectory.knots)).ravel()
-    off = np.abs(trajectory(t) - joint_path(s)).max(axis=1).reshape(3, -1)
-    return np.asarray(off.max(axis=0) > OFF)
+    h, off = np.diff(trajectory.knots), np.zeros(len(z) - 1)
+    for u in (0.25, 0.5, 0.75):
+        s = np.clip(within(given, z, u)[0], 0.0, joint_path.end)
+        off = np.maximum(off, np.abs(trajectory(trajectory.knots[:-1] + u * h) - joint_path(s)).max(axis=1))
+    return np.asarray(off > OFF)
 
 
 def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
