@@ -298,6 +298,17 @@ def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> fl
 
 
 @compiled
+def _widen(t: Array, half: Array) -> None:
+    """Give the ramps from rest and to rest one width: that of their ends."""
+    i, k = 1, t.shape[0] - 2
+    while i < k and half[i] > 0.5 * t[i]:
+        i += 1
+    while k > i and half[k] > 0.5 * (t[t.shape[0] - 1] - t[k]):
+        k -= 1
+    half[:i], half[k + 1 :] = half[i], half[k]
+
+
+@compiled
 def _changes(along: Along, motion: Array, out: Array) -> None:
     """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
 
@@ -326,6 +337,7 @@ def spread(along: Along, motion: Array, even: float, per_change: float, share: A
     t, half = motion[0], motion[3]
     m = t.shape[0]
     change, length = np.empty(m), np.empty(m)
+    _widen(t, half)
     _changes(along, motion, change)
     for i in range(m):
         w = max(0.2 * half[i], t[min(i + 1, m - 1)] - t[max(i - 1, 0)])

@@ -41,7 +41,7 @@ CLOSE = 3e-4
 """What may be left to the slow-down: a share of the limits."""
 OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
-COARSE, HALVINGS = 1.05, 6
+COARSE, HALVINGS = 1.05, 3
 """So are those in which a limit is passed by more, so many times; the former twice as many."""
 FINEST = 4000
 """Intervals that are not halved any more."""
@@ -243,7 +243,8 @@ def _tighten(
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
     tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
-    if max(over.max(), tool.max()) <= 1.0 + close:
+    slower = max(over[0].max(), over[1].max() ** (1.0 / 2.0), over[2].max() ** (1.0 / 3.0), tool.max())
+    if slower <= 1.0 + close:
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
