@@ -419,6 +419,21 @@ def _take(
 
 
 @compiled
+def _gap(problem: Problem, at: Iterate) -> float:
+    """Sum of all slacks times their multipliers: about what is left to the optimum."""
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    gap = 0.0
+    for k in range(K):
+        for side in range(2):
+            for i in range(_first(k, n), 3 * n):
+                gap += at.slack[k, side, i] * at.dual[k, side, i]
+        if k > 0:
+            gap += at.z[k, 0] * at.bound[k, 0] + (problem.top[k] - at.z[k, 0]) * at.bound[k, 1]
+        gap += (at.z[k, 2] - problem.least[k]) * at.bound[k, 2]
+    return gap
+
+
+@compiled
 def _iterate(K: int, rows: int) -> Iterate:
     return Iterate(
         np.zeros((K + 1, 4)), np.zeros((K, 3)), np.zeros((K + 1, rows)), np.ones((K + 1, 2, rows)), np.ones((K + 1, 2, rows)),
@@ -433,7 +448,8 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
     mu is the first and least the last barrier weight of an interval of mean duration, which bounds what is left to the optimum: by 6 n K · least.
     Returns the iterations taken, or −1 where it got stuck.
     """
-    K, rows = problem.ds.shape[0], 3 * problem.node.shape[1]
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    rows = 3 * n
     at, trial = _iterate(K, rows), _iterate(K, rows)
     at.z[:] = z
     _begin(problem, at, mu)
@@ -467,7 +483,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
             alpha *= 0.5
         _take(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
-            if mu <= least and off < 1e-6 * K:
+            if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (6 * n + 3) * least * problem.tau.sum():
                 z[:] = at.z
                 return iteration + 1
             mu, count = max(least, min(0.2 * mu, mu**1.5)), 0

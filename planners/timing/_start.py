@@ -22,7 +22,7 @@ BENDS, TWISTS = 0.8, 0.6
 """Shares of the limits on acceleration and jerk that the path's own bends may use up at a steady speed."""
 ROUNDS, CLOSE = 6, 1.1
 """Most sweeps, and by how much the last may be too fast: the rest is slowed as a whole."""
-EVEN, PER_CHANGE = 80, 8
+EVEN, PER_CHANGE = 80, 10
 """Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
 
 
