@@ -13,6 +13,7 @@ from planners.timing.base import MotionLimits, speed_bound
 from planners.timing.smooth import NO_MOTION
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 PLACES, PER_PIECE = 300, 12
 """Least places of the sweep, and those between any two breaks."""
@@ -22,8 +23,11 @@ BENDS, TWISTS = 0.8, 0.6
 """Shares of the limits on acceleration and jerk that the path's own bends may use up at a steady speed."""
 ROUNDS, CLOSE = 6, 1.1
 """Most sweeps, and by how much the last may be too fast: the rest is slowed as a whole."""
-EVEN, PER_CHANGE = 80, 10
+EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
+
+JUMP = 0.02
+"""What q''' may jump by within an interval: a share of the limits on jerk."""
 
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
@@ -42,11 +46,37 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     count = intervals or round(_sweep.spread(along, motion, EVEN, PER_CHANGE, share))
     t = motion[0]
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
-    found = np.empty((3, count + 1))
+    when, k, nodes = _with(when, joint_path, along, motion)
+    found = np.empty((3, when.size))
     _sweep.sampled(along.s, motion, when, found)
     s, v, a = found
-    s[0], s[-1] = 0.0, joint_path.end
+    s[0], s[-1], s[k] = 0.0, joint_path.end, nodes
     return numbers(joint_path, limits, s, v, a, np.diff(when), (joint_path.end / UNITS, t[-1] / UNITS), None)
+
+
+def _with(when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array) -> tuple[Array, Indices, Array]:
+    """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
+
+    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell.
+    """
+    nodes = joint_path.nodes[1:-1]
+    beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
+    jump = np.abs(joint_path(nodes + beside, 3) - joint_path(nodes - beside, 3))
+    passed = np.interp(nodes, along.s, motion[0])
+    speed = np.interp(nodes, along.s, motion[1])
+    chosen = (jump / along.jerk).max(axis=1) * speed**3 > JUMP
+    nodes, passed = nodes[chosen], passed[chosen]
+    # what they replace: a time that is nearer than a third of its interval
+    i = np.clip(np.searchsorted(when, passed), 1, when.size - 1)
+    low, high = passed - when[i - 1], when[i] - passed
+    near = np.minimum(low, high) < (low + high) / 3.0
+    away = np.where(low < high, i - 1, i)[near]
+    keep = np.ones(when.size, dtype=bool)
+    keep[away[(away > 0) & (away < when.size - 1)]] = False
+    apart = np.append(True, np.diff(passed) > 1e-3 * np.diff(when).min()) & (passed > 0.0) & (passed < when[-1])
+    nodes, passed = nodes[apart[: nodes.size]], passed[apart[: nodes.size]]
+    when = np.sort(np.concatenate([when[keep], passed]))
+    return when, np.searchsorted(when, passed), nodes
 
 
 def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:

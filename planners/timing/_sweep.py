@@ -329,21 +329,24 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
 
 
 @compiled
-def spread(along: Along, motion: Array, even: float, per_change: float, share: Array) -> float:
+def spread(along: Along, motion: Array, even: float, per_change: tuple[float, float, float], share: Array) -> float:
     """How many intervals lie before each place (m,) of a swept motion: so many in all, and for each change of q̈ by its limit.
 
-    Neighbours differ little in length.
+    These are as many as the first of `per_change` says for motions of few changes, and go down to the second for motions
+    of far more than the third. Neighbours differ little in length.
     """
     t, half = motion[0], motion[3]
     m = t.shape[0]
     change, length = np.empty(m), np.empty(m)
     _widen(t, half)
     _changes(along, motion, change)
+    few, many, some = per_change
+    each = many + (few - many) * min(1.0, some / max(change[m - 1], 1e-300))
     for i in range(m):
         w = max(0.2 * half[i], t[min(i + 1, m - 1)] - t[max(i - 1, 0)])
         before, after = max(t[i] - w, 0.0), min(t[i] + w, t[m - 1])
         length[i] = 1.0 / (
-            even / t[m - 1] + per_change * (_value(t, change, after) - _value(t, change, before)) / (after - before)
+            even / t[m - 1] + each * (_value(t, change, after) - _value(t, change, before)) / (after - before)
         )
     for i in range(1, m):
         length[i] = min(length[i], length[i - 1] + 0.3 * (t[i] - t[i - 1]))
