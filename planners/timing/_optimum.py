@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 TERMINAL = 1e8
 """Weight of the state at the end in the sweep; its multiplier takes up what the weight leaves."""
 
+MET = 1e-5
+"""What the dynamics of an interval may leave at the end, over its length: its jerk would be off by 60 times that."""
+
 
 class Problem(NamedTuple):
     """What is given, in units in which the numbers are near 1; n joints, K intervals.
@@ -420,10 +423,13 @@ def _take(
 
 @compiled
 def _gap(problem: Problem, at: Iterate) -> float:
-    """Sum of all slacks times their multipliers: about what is left to the optimum."""
+    """Sum of all slacks times their multipliers: about what is left to the optimum; infinite where the dynamics are not met."""
     K, n = problem.ds.shape[0], problem.node.shape[1]
     gap = 0.0
     for k in range(K):
+        tau = problem.tau[k]
+        if abs(at.g[k, 0]) + tau * (abs(at.g[k, 1]) + tau * abs(at.g[k, 2])) > MET * problem.ds[k]:
+            return np.inf
         for side in range(2):
             for i in range(_first(k, n), 3 * n):
                 gap += at.slack[k, side, i] * at.dual[k, side, i]

@@ -26,6 +26,10 @@ ROUNDS, CLOSE = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
 
+ROUNDING, DROWNED = 4e-16, 1e-3
+"""Of q [rad or m], and what it may make of a limit on jerk in an interval."""
+FEWEST = 50
+"""Intervals that any motion has, rounding or not."""
 JUMP = 0.02
 """What q''' may jump by within an interval: a share of the limits on jerk."""
 
@@ -43,10 +47,11 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     top, motion, share = np.empty(m), np.empty((4, m)), np.empty(m)
     _sweep.tops(along, BENDS, TWISTS, top)
     _sweep.swept(along, top, ROUNDS, CLOSE, motion)
-    count = intervals or round(_sweep.spread(along, motion, EVEN, PER_CHANGE, share))
     t = motion[0]
+    least = min(briefest(along.jerk), t[-1] / FEWEST)
+    count = intervals or round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
-    when, k, nodes = _with(when, joint_path, along, motion)
+    when, k, nodes = _with(when, joint_path, along, motion, least)
     found = np.empty((3, when.size))
     _sweep.sampled(along.s, motion, when, found)
     s, v, a = found
@@ -54,7 +59,9 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     return numbers(joint_path, limits, s, v, a, np.diff(when), (joint_path.end / UNITS, t[-1] / UNITS), None)
 
 
-def _with(when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array) -> tuple[Array, Indices, Array]:
+def _with(
+    when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float
+) -> tuple[Array, Indices, Array]:
     """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
 
     A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell.
@@ -73,10 +80,24 @@ def _with(when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array
     away = np.where(low < high, i - 1, i)[near]
     keep = np.ones(when.size, dtype=bool)
     keep[away[(away > 0) & (away < when.size - 1)]] = False
-    apart = np.append(True, np.diff(passed) > 1e-3 * np.diff(when).min()) & (passed > 0.0) & (passed < when[-1])
-    nodes, passed = nodes[apart[: nodes.size]], passed[apart[: nodes.size]]
+    kept = spaced(passed, when[-1], least)
+    nodes, passed = nodes[kept], passed[kept]
     when = np.sort(np.concatenate([when[keep], passed]))
     return when, np.searchsorted(when, passed), nodes
+
+
+def briefest(jerk: Array) -> float:
+    """Least duration [s] of an interval whose jerk rounding in q leaves as it is."""
+    return float(np.cbrt(60.0 * ROUNDING / (DROWNED * jerk.min())))
+
+
+def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
+    """Which of some times, increasing, are kept so that they stand apart, and apart from 0 and from the end."""
+    kept, last = np.zeros(times.size, dtype=bool), 0.0
+    for i, t in enumerate(times):
+        if t - last >= least and end - t >= least:
+            kept[i], last = True, t
+    return kept
 
 
 def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:

@@ -329,11 +329,11 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
 
 
 @compiled
-def spread(along: Along, motion: Array, even: float, per_change: tuple[float, float, float], share: Array) -> float:
+def spread(along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array) -> float:
     """How many intervals lie before each place (m,) of a swept motion: so many in all, and for each change of q̈ by its limit.
 
     These are as many as the first of `per_change` says for motions of few changes, and go down to the second for motions
-    of far more than the third. Neighbours differ little in length.
+    of far more than the third. None is briefer than the least; neighbours differ little.
     """
     t, half = motion[0], motion[3]
     m = t.shape[0]
@@ -345,7 +345,7 @@ def spread(along: Along, motion: Array, even: float, per_change: tuple[float, fl
     for i in range(m):
         w = max(0.2 * half[i], t[min(i + 1, m - 1)] - t[max(i - 1, 0)])
         before, after = max(t[i] - w, 0.0), min(t[i] + w, t[m - 1])
-        length[i] = 1.0 / (
+        length[i] = least + 1.0 / (
             even / t[m - 1] + each * (_value(t, change, after) - _value(t, change, before)) / (after - before)
         )
     for i in range(1, m):

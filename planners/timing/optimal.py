@@ -16,7 +16,7 @@ from planners.follow import JointPath
 from planners.hermite import through
 from planners.timing import _optimum
 from planners.timing._programme import Programme, divided, gentle, programme, within
-from planners.timing._start import start
+from planners.timing._start import briefest, start
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -43,7 +43,7 @@ OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
 COARSE, HALVINGS = 1.05, 3
 """So are those in which a limit is passed by more, so many times; the former twice as many."""
-FINEST = 4000
+FINEST = 100_000
 """Intervals that are not halved any more."""
 BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
@@ -167,6 +167,7 @@ def _solved(
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
     z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
+    brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
     weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
@@ -178,6 +179,7 @@ def _solved(
         over = _over(joint_path, motion, limits)
         if __import__('os').environ.get('DBG'): print('   K',K,'off',int(coarse.sum()),'over', (over.max(axis=(1,2))), 'n>1.05', int((over.max(axis=(0,2))>COARSE).sum()), 'n>1.0003',int((over.max(axis=(0,2))>1.0003).sum()))
         coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
+        coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.98)
@@ -197,6 +199,7 @@ def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Pro
     for _ in range(HALVINGS):
         z = given.start
         coarse = _off(joint_path, given, z, _motion(joint_path, given, z))
+        coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(limits.arrays(joint_path.robot.n)["jerk"])
         if not coarse.any():
             break
         given = divided(joint_path, limits, given, z, coarse)
