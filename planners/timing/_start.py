@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _sweep
-from planners.timing._programme import UNITS, Programme, numbers
+from planners.timing._programme import Programme, numbers
 from planners.timing.base import MotionLimits, speed_bound
 from planners.timing.smooth import NO_MOTION
 
@@ -56,7 +56,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     _sweep.sampled(along.s, motion, when, found)
     s, v, a = found
     s[0], s[-1], s[k] = 0.0, joint_path.end, nodes
-    return numbers(joint_path, limits, s, v, a, np.diff(when), (joint_path.end / UNITS, t[-1] / UNITS), None)
+    units = 2.0 * joint_path.end / when.size, 2.0 * float(t[-1]) / when.size  # an interval is about half of either
+    return numbers(joint_path, limits, s, v, a, np.diff(when), units, None)
 
 
 def _with(

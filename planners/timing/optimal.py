@@ -35,6 +35,8 @@ STARTS = (
 """Widths of the start's filter, first barrier weights and numbers of intervals, over the usual ones, tried in turn."""
 GENTLE = ((1.0, 1.0), (100.0, 1.0), (1.0, 2.0), (1.0, 3.0), (10.0, 1.5))
 """First barrier weights and numbers of intervals, over the usual ones, from one quintic in s: where no other start led on."""
+SLOWER = 1.5
+"""By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
 CLOSE = 3e-4
@@ -166,7 +168,7 @@ def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
-    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
+    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
     weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
     while again < (PASSES if close else 2 * PASSES):
@@ -215,8 +217,8 @@ def _off(joint_path: JointPath, given: Programme, z: Array, trajectory: Trajecto
     return np.asarray(off > OFF)
 
 
-def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
-    """The motion z, so much slower that it uses at most a share of every limit."""
+def _inside(problem: _optimum.Problem, z: Array, share: float, most: float = np.inf) -> Array:
+    """The motion z, so much slower that it uses at most a share of every limit, up to a factor."""
     K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
     _optimum.values(problem, z, g, c)
@@ -226,6 +228,7 @@ def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
         np.sqrt(np.abs(c[:, :n]).max() / share),
         np.cbrt(np.abs(c[:, n:]).max() / share),
     )
+    factor = min(factor, most)
     slower: Array = z / np.array([factor, factor**2, 1.0 / factor, factor**3])
     return slower
 
