@@ -26,7 +26,7 @@ GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
-FIRST, AGAIN = 0.01, 5e-4
+FIRST, AGAIN = 0.01, 1e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
 STARTS = (
     (1.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 1.0, 1.4), (0.5, 1.0, 1.0), (1.0, 10.0, 1.0), (4.0, 10.0, 1.2), (1.0, 0.1, 1.7),
@@ -43,7 +43,7 @@ CLOSE = 3e-4
 """What may be left to the slow-down: a share of the limits."""
 OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
-COARSE, HALVINGS = 1.05, 3
+COARSE, WORSE, HALVINGS = 1.05, 1.2, 3
 """So are those in which a limit is passed by more, so many times; the former twice as many."""
 FINEST = 100_000
 """Intervals that are not halved any more."""
@@ -180,7 +180,7 @@ def _solved(
         coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
         over = _over(joint_path, motion, limits)
         if __import__('os').environ.get('DBG'): print('   K',K,'off',int(coarse.sum()),'over', (over.max(axis=(1,2))), 'n>1.05', int((over.max(axis=(0,2))>COARSE).sum()), 'n>1.0003',int((over.max(axis=(0,2))>1.0003).sum()))
-        coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
+        coarse |= (over.max(axis=(0, 2)) > (COARSE if halvings == 0 else WORSE)) & (halvings < HALVINGS)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
@@ -191,7 +191,7 @@ def _solved(
         if not _tighten(joint_path, problem, trajectory, over, limits, close):
             return trajectory
         if given.moving is None:
-            z = _inside(problem, z, 0.98)
+            z = _inside(problem, z, 0.995)
         weight = AGAIN
     return trajectory if close else None
 
