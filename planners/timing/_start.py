@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _sweep
+from planners.timing._places import graded
 from planners.timing._programme import Programme, numbers
 from planners.timing.base import MotionLimits, speed_bound
 from planners.timing.smooth import NO_MOTION
@@ -17,8 +18,6 @@ Indices = NDArray[np.int64]
 
 PLACES, PER_PIECE = 300, 12
 """Least places of the sweep, and those between any two breaks."""
-FIRST = 0.01
-"""Length of the first cell and of the last, over that of others: from rest, places go with the cube of time."""
 BENDS, TWISTS = 0.8, 0.6
 """Shares of the limits on acceleration and jerk that the path's own bends may use up at a steady speed."""
 ROUNDS, CLOSE = 6, 1.1
@@ -102,7 +101,7 @@ def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
 
 
 def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
-    s = _sweep.graded(joint_path.path.breaks * (joint_path.end / joint_path.path.end), max(PLACES, joint_path.knots.size), PER_PIECE, FIRST)
+    s = graded(joint_path.path.breaks, joint_path.end, max(PLACES, joint_path.knots.size), PER_PIECE)
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
     A, J = bound["acceleration"], bound["jerk"]
     q1, q2, q3 = (np.ascontiguousarray(joint_path(s, order)) for order in (1, 2, 3))

@@ -22,9 +22,6 @@ Array = NDArray[np.float64]
 LEFT = 0.1
 """Least share of a limit that is left to s̈ and s⃛, whatever the path's bends use of it."""
 
-GROWTH = 1.25
-"""Times the length of its neighbour, at most, that a cell has."""
-
 
 class Along(NamedTuple):
     """The path at places (m,): q', q'', q''' (m, n) over s, limits on q̈ and q⃛ (n,), the greatest speeds (m,), and the
@@ -38,59 +35,6 @@ class Along(NamedTuple):
     jerk: Array
     top: Array
     most: tuple[float, float]
-
-
-@compiled
-def _cells(length: float, left: float, right: float, most: float, out: Array, begin: int) -> int:
-    """Cells of a piece into out, from index `begin` on, as long as `left` and `right` at its ends and `most` between."""
-    x, y, k, size = 0.0, length, begin, left
-    after = 0
-    while True:  # from both ends in turn, the shorter first, until they meet
-        if size > y - x or right > y - x:
-            break
-        if size <= right:
-            out[k], x, k, size = size, x + size, k + 1, min(size * GROWTH, most)
-        else:
-            after += 1
-            out[out.shape[0] - after], y, right = right, y - right, min(right * GROWTH, most)
-    out[k] = y - x
-    if k > begin and out[k] < 0.5 * out[k - 1]:
-        out[k - 1] = out[k] = 0.5 * (out[k] + out[k - 1])
-    k += 1
-    for i in range(after):
-        out[k] = out[out.shape[0] - after + i]
-        k += 1
-    return k
-
-
-@compiled
-def graded(breaks: Array, count: int, per_piece: int, first: float) -> Array:
-    """Places (m,) with all the breaks among them: cells of at least so many to the path and to each of its pieces.
-
-    They begin and end with a share `first` of that, and neighbours differ little.
-    """
-    pieces = np.diff(breaks)
-    k, most = pieces.shape[0], breaks[-1] / count
-    size = np.empty(k + 1)
-    size[0], size[k] = first * min(most, pieces[0] / per_piece), first * min(most, pieces[k - 1] / per_piece)
-    for i in range(1, k):
-        size[i] = min(most, min(pieces[i - 1], pieces[i]) / per_piece)
-    for i in range(1, k + 1):
-        size[i] = min(size[i], size[i - 1] + (GROWTH - 1.0) * pieces[i - 1])
-    for i in range(k - 1, -1, -1):
-        size[i] = min(size[i], size[i + 1] + (GROWTH - 1.0) * pieces[i])
-    cells = np.empty(2 * (count + k * (per_piece + 200)))
-    m = 0
-    for i in range(k):
-        m = _cells(pieces[i], size[i], size[i + 1], min(most, pieces[i] / per_piece), cells, m)
-    out = np.empty(m + 1)
-    out[0], out[m] = breaks[0], breaks[k]
-    i, x = 0, 0.0
-    for j in range(m):
-        x += cells[j]
-        if j < m - 1:
-            out[j + 1] = breaks[0] + x
-    return out
 
 
 @compiled
