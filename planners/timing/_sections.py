@@ -239,7 +239,7 @@ def _search(
     for k in range(count):
         time[k], power[k] = _power(places, slowness, parts, ramps[k], samples, sharpness, slow)
     best = np.log(time.sum()) + np.log(power.sum() / time.sum()) / order
-    left_time, left_power = np.zeros(count + 2), np.zeros(count + 2)  # sums over the ramps from each on
+    left_time, left_power = np.zeros(count + 3), np.zeros(count + 3)  # sums over the ramps from each on
     step = np.empty((count, 4))
     step[:, 0], step[:, 1], step[:, 2], step[:, 3] = np.minimum(0.02 * ramps[-1, 2], 0.5 * lengths), 0.05, 0.1, 0.1
     kept, kept_time, kept_power = np.empty((2, 6)), np.empty(2), np.empty(2)
@@ -275,8 +275,8 @@ def _search(
                             time[i], power[i] = _power(places, slowness, parts, ramps[i], samples, sharpness, slow)
                             allowed = allowed and min(ramps[i, 4], ramps[i, 5]) * time[i] >= shortest
                     if allowed:
-                        total, mean = done_time + left_time[end], done_power + left_power[end]
-                        for i in range(k, end):
+                        total, mean = done_time + left_time[k + 2], done_power + left_power[k + 2]
+                        for i in range(k, min(k + 2, count)):
                             total, mean = total + time[i], mean + power[i]
                         value = np.log(total) + np.log(mean / total) / order
                         if value < best:
