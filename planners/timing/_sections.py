@@ -279,7 +279,7 @@ def _search(
                         for i in range(k, min(k + 2, count)):
                             total, mean = total + time[i], mean + power[i]
                         value = np.log(total) + np.log(mean / total) / order
-                        if value < best:
+                        if value < best - 1e-12:
                             best, better = value, True
                             step[k, number] = 1.5 * move
                             break

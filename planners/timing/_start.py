@@ -10,7 +10,7 @@ from planners.follow import JointPath
 from planners.timing import _sweep
 from planners.timing._places import graded
 from planners.timing._programme import Programme, numbers
-from planners.timing.base import MotionLimits, speed_bound
+from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
 from planners.timing.smooth import NO_MOTION
 
 Array = NDArray[np.float64]
@@ -25,6 +25,8 @@ ROUNDS, CLOSE = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
 
+FASTEST = 1e3
+"""Speeds and accelerations beyond so many times the mean ones are reached in no time: no start needs more."""
 ROUNDING, DROWNED = 4e-16, 1e-3
 """Of q [rad or m], and what it may make of a limit on jerk in an interval."""
 FEWEST = 50
@@ -48,7 +50,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     _sweep.swept(along, top, ROUNDS, CLOSE, motion)
     t = motion[0]
     least = min(briefest(along.jerk), t[-1] / FEWEST)
-    count = intervals or round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
+    usual = round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
+    count = intervals or usual
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
     when, k, nodes = _with(when, joint_path, along, motion, least)
     found = np.empty((3, when.size))
@@ -103,15 +106,17 @@ def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
 def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
     s = graded(joint_path.path.breaks, joint_path.end, max(PLACES, joint_path.knots.size), PER_PIECE)
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
-    A, J = bound["acceleration"], bound["jerk"]
-    q1, q2, q3 = (np.ascontiguousarray(joint_path(s, order)) for order in (1, 2, 3))
-    size = np.abs(q1)
-    length, a, j = s[-1], float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
-    # no motion takes less time than these by order of magnitude; far higher derivatives need not be told apart
-    least = max(float((np.diff(s) / top[1:]).sum()), np.sqrt(length * a), np.cbrt(length * j))
     moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
-    if not 0.0 < least < np.inf:
+    A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
+    q1, q2, q3 = (np.ascontiguousarray(joint_path(s, order)) for order in (1, 2, 3))
+    size, length = np.abs(q1), float(s[-1])
+    a, j = float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
+    # by order of magnitude no motion takes less time than these; far higher derivatives need not be told apart
+    least = max(float((np.diff(s) / top[1:]).sum()), np.sqrt(length * a), np.cbrt(length * j))
+    free = not np.isfinite([bound[field][moving] for field in DERIVATIVES]).any() and not np.isfinite(limits.tool).any()
+    if free or not 0.0 < least < np.inf:
         names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
         raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
-    top = np.minimum(top, 1e3 * length / least)
-    return _sweep.Along(s, q1, q2, q3, A, J, top, (1e4 * length / least**2, 1e6 * length / least**3))
+    top = np.minimum(top, FASTEST * length / least)
+    most = FASTEST * length / least**2, FASTEST**2 * length / least**3
+    return _sweep.Along(s, q1, q2, q3, A, J, top, most)
