@@ -28,23 +28,20 @@ PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
 FIRST, AGAIN = 0.01, 1e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
-STARTS = (
-    (1.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 1.0, 1.4), (0.5, 1.0, 1.0), (1.0, 10.0, 1.0), (4.0, 10.0, 1.2), (1.0, 0.1, 1.7),
-    (2.0, 10.0, 1.5), (4.0, 1.0, 0.7), (0.25, 10.0, 2.0),
-)  # fmt: skip
-"""Widths of the start's filter, first barrier weights and numbers of intervals, over the usual ones, tried in turn."""
-GENTLE = ((1.0, 1.0), (100.0, 1.0), (1.0, 2.0), (1.0, 3.0), (10.0, 1.5))
+WEIGHTS = (1.0, 100.0, 10.0)
+"""First barrier weights that are tried in turn, over the usual one."""
+GENTLE = ((1.0, 1.0), (100.0, 1.0))
 """First barrier weights and numbers of intervals, over the usual ones, from one quintic in s: where no other start led on."""
 SLOWER = 1.5
 """By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
-CLOSE = 3e-4
-"""What may be left to the slow-down: a share of the limits."""
+CLOSE = 1e-4
+"""What may be left to the slow-down: a share of the duration."""
 OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
-COARSE, WORSE, HALVINGS = 1.05, 1.2, 3
-"""So are those in which a limit is passed by more, so many times; the former twice as many."""
+COARSE, WORSE, HALVINGS = 1.05, 1.2, 2
+"""So are those in which a limit is passed by more, first and later, so many times; the former four times as many."""
 FINEST = 100_000
 """Intervals that are not halved any more."""
 BETWEEN = 1.00005
@@ -56,10 +53,11 @@ WIDER = (1.0, 1.001, 1.003, 1.01)
 class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
 
-    Start is the velocity–acceleration optimum, box-filtered in time so that its jerk is finite; the programme is solved
-    by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where its
-    exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
-    where it stands. The last 3e-4 is a uniform slow-down, so every limit is kept exactly.
+    Start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._start`); the programme is
+    solved by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where
+    its exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
+    where it stands. The last 1e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
+    what the path is long.
 
     Parameters
     ----------
@@ -144,7 +142,9 @@ def _problems(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None
 ) -> Iterator[tuple[Programme | None, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
-    yield _finer(joint_path, limits, start(joint_path, limits, intervals)), 1.0
+    given = _finer(joint_path, limits, start(joint_path, limits, intervals))
+    for weight in WEIGHTS:
+        yield given, weight
     for weight, more in GENTLE:
         yield gentle(joint_path, limits, intervals, more), weight
 
@@ -177,10 +177,10 @@ def _solved(
         if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST) < 0:
             break
         motion = _motion(joint_path, given, z)
-        coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
+        coarse = _off(joint_path, given, z, motion) & (halvings < 4 * HALVINGS)
         over = _over(joint_path, motion, limits)
-        if __import__('os').environ.get('DBG'): print('   K',K,'off',int(coarse.sum()),'over', (over.max(axis=(1,2))), 'n>1.05', int((over.max(axis=(0,2))>COARSE).sum()), 'n>1.0003',int((over.max(axis=(0,2))>1.0003).sum()))
-        coarse |= (over.max(axis=(0, 2)) > (COARSE if halvings == 0 else WORSE)) & (halvings < HALVINGS)
+        often = 2 * HALVINGS if given.moving is not None else HALVINGS  # where nothing is slowed afterwards
+        coarse |= (over.max(axis=(0, 2)) > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
