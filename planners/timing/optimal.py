@@ -26,7 +26,7 @@ GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
 PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
-FIRST, AGAIN = 0.01, 1e-4
+FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
 WEIGHTS = (1.0, 100.0, 10.0)
 """First barrier weights that are tried in turn, over the usual one."""
@@ -36,7 +36,7 @@ SLOWER = 1.5
 """By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
-CLOSE = 1e-4
+CLOSE = 2e-4
 """What may be left to the slow-down: a share of the duration."""
 OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
@@ -56,7 +56,7 @@ class Optimal(TimeLaw):
     Start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._start`); the programme is
     solved by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where
     its exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
-    where it stands. The last 1e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
+    where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
     what the path is long.
 
     Parameters
