@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik._compile import compiled
+from planners.timing import _sweep
 from planners.timing._ramps import LEAST_FLAT, SHORTEST, Ramp, Table, profile, ramp_ratio
 
 Array = NDArray[np.float64]
@@ -21,6 +22,8 @@ REACH = 24
 """Most intervals that one section spans."""
 BRIEF = 4.0
 """Least time at full speed between two ends of sections that are given, over the shortest phase of a ramp."""
+REACHED = 4
+"""Trial from which on candidate speeds are at most half above those of a motion swept along the path."""
 SEARCH = ((4, 15), (6, 15))
 """Sharpness (a power of two) and rounds of the local search, in turn."""
 
@@ -49,7 +52,11 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     speeds[[0, -1]] = -1.0
     speeds[[0, -1], 0] = 0.0
     most = 1.0 + 1e-9  # candidates that stand exactly on a limit are in, however they round
+    tried = 0
     while True:
+        tried += 1
+        if tried == REACHED:  # beside a slow corner few of these speeds can be reached at all
+            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * LEVELS
         found = _programme(what.s, what.slowness, what.parts, what.s[nodes], open_since, speeds, SHAPES, most, shortest)
         if found.shape[0] or most > 1e6:
             break
@@ -59,6 +66,24 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
         slow = max(_ratio(what, ramp) for ramp in found)
         _search(what.s, what.slowness, what.parts, found, fixed, rounds, sharpness, slow, shortest / slow)
     return [Ramp(*map(float, row)) for row in found]
+
+
+def _reached(what: Table) -> Array:
+    """Speeds at the places of a motion that nearly keeps all limits; with each joint's acceleration counted in its limit."""
+    parts = what.parts
+    size = np.abs(parts).max(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        jerk = np.where(size[2] > 0.0, size[0] / size[2], np.inf)
+        q3 = np.where(np.isfinite(jerk), parts[:, 4] * jerk, 0.0)
+    most = 1e3 / np.abs(parts[:, 0]).max(axis=1).mean(), 1e3 / np.abs(parts[:, 2]).max(axis=1).mean()
+    along = _sweep.Along(
+        what.s, parts[:, 0].copy(), parts[:, 1].copy(), q3, np.ones(jerk.size), jerk,
+        np.minimum(1.0 / np.maximum(what.slowness, 1e-12), 1e12), (float(most[0]), float(most[1])),
+    )  # fmt: skip
+    top, motion = np.empty(what.s.size), np.empty((4, what.s.size))
+    _sweep.tops(along, 0.8, 0.6, top)
+    _sweep.swept(along, top, 6, 1.1, motion)
+    return motion[1]
 
 
 def _ratio(what: Table, ramp: Array) -> float:
