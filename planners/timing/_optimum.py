@@ -88,7 +88,15 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
 
 @compiled
 def limited(
-    q1: Array, q2: Array, q3: Array, acceleration: Array, jerk: Array, length: float, time: float, node: Array, edge: Array
+    q1: Array,
+    q2: Array,
+    q3: Array,
+    acceleration: Array,
+    jerk: Array,
+    length: float,
+    time: float,
+    node: Array,
+    edge: Array,
 ) -> None:
     """Fill a problem's `node` and `edge` from q', q'' (K + 1, n), q''' (2 K, n: at the starts, then the ends) and limits."""
     K = edge.shape[0]
@@ -369,7 +377,8 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
 @compiled
 def _better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
     """Whether a step is taken: against every iterate before at this barrier (2, count), it meets the equations better or
-    has a lower objective (a filter, Nocedal and Wright, ch. 15.4)."""
+    has a lower objective (a filter, Nocedal and Wright, ch. 15.4).
+    """
     last = passed[0, count - 1]
     if off < small and objective <= last + 1e-9 * abs(last):
         return True

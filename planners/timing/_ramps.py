@@ -104,7 +104,7 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
 @compiled
 def nearest(places: Array, s: float) -> int:
     """Index of the place that is nearest to s."""
-    k = min(max(np.searchsorted(places, s), 1), places.size - 1)
+    k = min(max(int(np.searchsorted(places, s)), 1), places.size - 1)
     return k - 1 if s - places[k - 1] < places[k] - s else k
 
 

@@ -83,7 +83,7 @@ def _reached(what: Table) -> Array:
     top, motion = np.empty(what.s.size), np.empty((4, what.s.size))
     _sweep.tops(along, 0.8, 0.6, top)
     _sweep.swept(along, top, 6, 1.1, motion)
-    return motion[1]
+    return np.asarray(motion[1])
 
 
 def _ratio(what: Table, ramp: Array) -> float:

@@ -25,7 +25,8 @@ LEFT = 0.1
 
 class Along(NamedTuple):
     """The path at places (m,): q', q'', q''' (m, n) over s, limits on q̈ and q⃛ (n,), the greatest speeds (m,), and the
-    greatest s̈ and s⃛ that count at all."""
+    greatest s̈ and s⃛ that count at all.
+    """
 
     s: Array
     q1: Array
@@ -78,7 +79,7 @@ def _time(d: float, v: float, a: float, j: float) -> float:
         t -= step
         if step <= 1e-9 * t:
             break
-    return t
+    return float(t)
 
 
 @compiled
@@ -273,7 +274,9 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
 
 
 @compiled
-def spread(along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array) -> float:
+def spread(
+    along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array
+) -> float:
     """How many intervals lie before each place (m,) of a swept motion: so many in all, and for each change of q̈ by its limit.
 
     These are as many as the first of `per_change` says for motions of few changes, and go down to the second for motions
