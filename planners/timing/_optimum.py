@@ -25,16 +25,23 @@ Array = NDArray[np.float64]
 TERMINAL = 1e8
 """Weight of the state at the end in the sweep; its multiplier takes up what the weight leaves."""
 
+MET = 1e-5
+"""What the dynamics of an interval may leave at the end, over its length: its jerk would be off by 60 times that."""
+
 
 class Problem(NamedTuple):
     """What is given, in units in which the numbers are near 1; n joints, K intervals.
 
-    ds (K,) lengths of the intervals, least (K,) their least durations (above 0, so that time does not run backwards on the
-    way to the solution), top (K + 1,) greatest speeds, node (K + 1, n, 2) q'/A and q''/A, edge (K, 2, n, 3)
-    q'/J, 3 q''/J and q'''/J at both ends of each interval, goal (2,) v and a at the end.
+    ds (K,) lengths of the intervals, tau (K,) about their durations, 1 in the mean, least (K,) their least ones (above 0, so
+    that time does not run backwards on the way to the solution), top (K + 1,) greatest speeds, node (K + 1, n, 2) q'/A and
+    q''/A, edge (K, 2, n, 3) q'/J, 3 q''/J and q'''/J at both ends of each interval, goal (2,) v and a at the end.
+
+    A sharp corner has intervals a thousandth as long as others: what is added to a stage, what is judged small, and the
+    weight of its barrier, are counted in the interval's own ds and tau.
     """
 
     ds: Array
+    tau: Array
     least: Array
     top: Array
     node: Array
@@ -80,6 +87,32 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
 
 
 @compiled
+def limited(
+    q1: Array,
+    q2: Array,
+    q3: Array,
+    acceleration: Array,
+    jerk: Array,
+    length: float,
+    time: float,
+    node: Array,
+    edge: Array,
+) -> None:
+    """Fill a problem's `node` and `edge` from q', q'' (K + 1, n), q''' (2 K, n: at the starts, then the ends) and limits."""
+    K = edge.shape[0]
+    v1, v2, v3 = length / time, (length / time) ** 2, (length / time) ** 3
+    for i in range(q1.shape[1]):
+        A, J = 1.0 / acceleration[i], 1.0 / jerk[i]
+        for k in range(K + 1):
+            node[k, i, 0], node[k, i, 1] = q1[k, i] * v1 / time * A, q2[k, i] * v2 * A
+        for k in range(K):
+            for side in range(2):
+                edge[k, side, i, 0] = q1[k + side, i] * v1 / time**2 * J
+                edge[k, side, i, 1] = 3.0 * q2[k + side, i] * v2 / time * J
+                edge[k, side, i, 2] = q3[k + side * K, i] * v3 * J
+
+
+@compiled
 def _first(k: int, n: int) -> int:
     """First limit of a place: the state at the start is given, so its acceleration is no limit."""
     return n if k == 0 else 0
@@ -110,8 +143,13 @@ def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Ar
         m[r] = 0.0
         for q in range(6):
             M[r, q] = 0.0
-    for r in range(4):
-        M[r, r] += delta
+    size = problem.ds[k] / problem.tau[k]
+    mu *= problem.tau[k]
+    delta *= problem.tau[k]
+    M[0, 0] += delta / size**2
+    M[1, 1] += delta * (problem.tau[k] / size) ** 2
+    M[2, 2] += delta / problem.tau[k] ** 2
+    M[3, 3] += delta * (problem.tau[k] ** 2 / size) ** 2
     m[2] = 1.0 - mu / (tau - problem.least[k])
     M[2, 2] += at.bound[k, 2] / (tau - problem.least[k]) + lam[k, 0] * (a + j * tau) + lam[k, 1] * j
     M[0, 2] += lam[k, 0]
@@ -216,7 +254,8 @@ def _back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array,
             for j in range(3):
                 h = free if j == 2 else j
                 R[i, j] = Q[o, h] + N[i] * Q[pivot, h] + N[j] * (Q[o, pivot] + N[i] * Q[pivot, pivot])
-        if not R[2, 2] > 1e-10:
+        unit = problem.tau[k] if free == 2 else problem.ds[k] / problem.tau[k] ** 3
+        if not R[2, 2] * unit**2 > 1e-10 * problem.tau[k]:
             return False
         law[k, 0], law[k, 1], law[k, 2] = -R[2, 0] / R[2, 2], -R[2, 1] / R[2, 2], -r[2] / R[2, 2]
         cost[k, 0], cost[k, 1] = R[0, 0] + R[0, 2] * law[k, 0], R[0, 1] + R[0, 2] * law[k, 1]
@@ -291,22 +330,23 @@ def _lengths(
     K, n = problem.ds.shape[0], problem.node.shape[1]
     primal, dual, keep = 1.0, 1.0, max(0.99, 1.0 - mu)
     for k in range(K):
+        weight = mu * problem.tau[k]
         for side in range(2):
             sign = 1.0 - 2.0 * side
             for i in range(_first(k, n), 3 * n):
                 t, y = at.slack[k, side, i], at.dual[k, side, i]
                 dt = 1.0 - sign * (at.c[k, i] + slope[k, i]) - t
-                dy = (mu - y * dt) / t - y
+                dy = (weight - y * dt) / t - y
                 dslack[k, side, i], ddual[k, side, i] = dt, dy
                 primal, dual = _cut(primal, t, dt, keep), _cut(dual, y, dy, keep)
         if k > 0:
             v, room = at.z[k, 0], problem.top[k] - at.z[k, 0]
-            dbound[k, 0] = (mu - at.bound[k, 0] * d[k, 0]) / v - at.bound[k, 0]
-            dbound[k, 1] = (mu + at.bound[k, 1] * d[k, 0]) / room - at.bound[k, 1]
+            dbound[k, 0] = (weight - at.bound[k, 0] * d[k, 0]) / v - at.bound[k, 0]
+            dbound[k, 1] = (weight + at.bound[k, 1] * d[k, 0]) / room - at.bound[k, 1]
             primal = _cut(_cut(primal, v, d[k, 0], keep), room, -d[k, 0], keep)
             dual = _cut(_cut(dual, at.bound[k, 0], dbound[k, 0], keep), at.bound[k, 1], dbound[k, 1], keep)
         spare = at.z[k, 2] - problem.least[k]
-        dbound[k, 2] = (mu - at.bound[k, 2] * d[k, 2]) / spare - at.bound[k, 2]
+        dbound[k, 2] = (weight - at.bound[k, 2] * d[k, 2]) / spare - at.bound[k, 2]
         primal, dual = _cut(primal, spare, d[k, 2], keep), _cut(dual, at.bound[k, 2], dbound[k, 2], keep)
     return primal, dual
 
@@ -317,28 +357,35 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
     K, n = g.shape[0], problem.node.shape[1]
     objective, off = 0.0, abs(z[K, 0] - problem.goal[0]) + abs(z[K, 1] - problem.goal[1])
     for k in range(K):
-        objective += z[k, 2] - mu * log(z[k, 2] - problem.least[k])
-        off += abs(g[k, 0]) + abs(g[k, 1]) + abs(g[k, 2])
+        tau, weight = problem.tau[k], mu * problem.tau[k]
+        objective += z[k, 2] - weight * log(z[k, 2] - problem.least[k])
+        off += (abs(g[k, 0]) + tau * (abs(g[k, 1]) + tau * abs(g[k, 2]))) / problem.ds[k]
         if k > 0:
-            objective -= mu * log(z[k, 0] * (problem.top[k] - z[k, 0]))
+            objective -= weight * log(z[k, 0] * (problem.top[k] - z[k, 0]))
         product = 1.0  # one logarithm for several slacks
         for i in range(_first(k, n), 3 * n):
             above, below = slack[k, 0, i], slack[k, 1, i]
             product *= above * below
             if product < 1e-150 or product > 1e150:
-                objective -= mu * log(product)
+                objective -= weight * log(product)
                 product = 1.0
             off += abs(c[k, i] + above - 1.0) + abs(below - c[k, i] - 1.0)
-        objective -= mu * log(product)
+        objective -= weight * log(product)
     return objective, off
 
 
 @compiled
-def _better(objective: float, off: float, before: float, off_before: float, alpha: float, small: float) -> bool:
-    """Whether a step is taken: it meets the equations better, or the objective is lower, as a filter of one point."""
-    if off <= (1.0 - 1e-4 * alpha) * off_before + 1e-11 or objective < before - 1e-4 * off_before:
+def _better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
+    """Whether a step is taken: against every iterate before at this barrier (2, count), it meets the equations better or
+    has a lower objective (a filter, Nocedal and Wright, ch. 15.4).
+    """
+    last = passed[0, count - 1]
+    if off < small and objective <= last + 1e-9 * abs(last):
         return True
-    return off < small and objective <= before + 1e-9 * abs(before)
+    for i in range(count):
+        if off > (1.0 - 1e-4) * passed[1, i] + 1e-11 and objective >= passed[0, i] - 1e-4 * passed[1, i]:
+            return False
+    return True
 
 
 @compiled
@@ -346,19 +393,20 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
     """Put the start inside its bounds, and slacks and multipliers on the central path."""
     K, n = problem.ds.shape[0], problem.node.shape[1]
     for k in range(K):
+        weight = mu * problem.tau[k]
         if k > 0:
             top = problem.top[k]
-            at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * min(top, 1.0)), 0.999 * top)
-            at.bound[k, 0], at.bound[k, 1] = mu / at.z[k, 0], mu / (top - at.z[k, 0])
+            at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * min(top, problem.ds[k] / problem.tau[k])), 0.999 * top)
+            at.bound[k, 0], at.bound[k, 1] = weight / at.z[k, 0], weight / (top - at.z[k, 0])
         at.z[k, 2] = max(at.z[k, 2], 2.0 * problem.least[k])
-        at.bound[k, 2] = mu / (at.z[k, 2] - problem.least[k])
+        at.bound[k, 2] = weight / (at.z[k, 2] - problem.least[k])
     values(problem, at.z, at.g, at.c)
     for k in range(K):
         for side in range(2):
             sign = 1.0 - 2.0 * side
             for i in range(3 * n):
                 at.slack[k, side, i] = max(1.0 - sign * at.c[k, i], 1e-2)
-                at.dual[k, side, i] = mu / at.slack[k, side, i]
+                at.dual[k, side, i] = mu * problem.tau[k] / at.slack[k, side, i]
 
 
 @compiled
@@ -383,6 +431,24 @@ def _take(
 
 
 @compiled
+def _gap(problem: Problem, at: Iterate) -> float:
+    """Sum of all slacks times their multipliers: about what is left to the optimum; infinite where the dynamics are not met."""
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    gap = 0.0
+    for k in range(K):
+        tau = problem.tau[k]
+        if abs(at.g[k, 0]) + tau * (abs(at.g[k, 1]) + tau * abs(at.g[k, 2])) > MET * problem.ds[k]:
+            return np.inf
+        for side in range(2):
+            for i in range(_first(k, n), 3 * n):
+                gap += at.slack[k, side, i] * at.dual[k, side, i]
+        if k > 0:
+            gap += at.z[k, 0] * at.bound[k, 0] + (problem.top[k] - at.z[k, 0]) * at.bound[k, 1]
+        gap += (at.z[k, 2] - problem.least[k]) * at.bound[k, 2]
+    return gap
+
+
+@compiled
 def _iterate(K: int, rows: int) -> Iterate:
     return Iterate(
         np.zeros((K + 1, 4)), np.zeros((K, 3)), np.zeros((K + 1, rows)), np.ones((K + 1, 2, rows)), np.ones((K + 1, 2, rows)),
@@ -394,17 +460,18 @@ def _iterate(K: int, rows: int) -> Iterate:
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
     """Optimise z (K + 1, 4) = v, a, τ, j in place; its first state and the problem's goal are kept.
 
-    mu is the first and least the last barrier weight, which bounds what is left to the optimum: by 6 n K · least.
+    mu is the first and least the last barrier weight of an interval of mean duration, which bounds what is left to the optimum: by 6 n K · least.
     Returns the iterations taken, or −1 where it got stuck.
     """
-    K, rows = problem.ds.shape[0], 3 * problem.node.shape[1]
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    rows = 3 * n
     at, trial = _iterate(K, rows), _iterate(K, rows)
     at.z[:] = z
     _begin(problem, at, mu)
     d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
     dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
     models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
-    delta_before = 0.0
+    passed, count, delta_before = np.empty((2, most)), 0, 0.0
     for iteration in range(most):
         delta = 0.0
         while not _back(problem, at, mu, delta, models, law, cost):
@@ -415,8 +482,8 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
         _forth(problem, at, models, law, cost, d, lam)
         _slopes(problem, at.z, d, slope)
         alpha, dual = _lengths(problem, at, mu, d, slope, dslack, ddual, dbound)
-        before, off_before = _merit(problem, mu, at.z, at.g, at.c, at.slack)
-        off = off_before
+        passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
+        count, off = count + 1, 0.0
         for _ in range(12):
             for k in range(K + 1):
                 for i in range(4):
@@ -426,13 +493,13 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
                         trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
             values(problem, trial.z, trial.g, trial.c)
             objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
-            if _better(objective, off, before, off_before, alpha, 1e-6 * K):
+            if _better(passed, count, objective, off, 1e-6 * K):
                 break
             alpha *= 0.5
         _take(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
-            if mu <= least and off < 1e-8 * K:
+            if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (6 * n + 3) * least * problem.tau.sum():
                 z[:] = at.z
                 return iteration + 1
-            mu = max(least, min(0.2 * mu, mu**1.5))
+            mu, count = max(least, min(0.2 * mu, mu**1.5)), 0
     return -1

@@ -77,7 +77,7 @@ def programme(
     v[-1] = a[-1] = 0.0
     v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
-    return _numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
+    return numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
 
 
 def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float) -> Programme:
@@ -89,14 +89,23 @@ def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, m
     motion[:, 0], motion[:, -1] = 0.0, (joint_path.end, 0.0, 0.0)
     s, v, a = motion
     units = joint_path.end / UNITS, duration / UNITS
-    return _numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
+    return numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
-def within(given: Programme, z: Array, u: Array) -> Array:
-    """Places s (m, K) at shares u (m, 1) of the durations of the intervals of a motion z (K + 1, 4)."""
-    v, a, tau, j = z[:-1].T
-    x = u * tau
-    return np.asarray(given.s[:-1] + given.units[0] * (x * (v + x * (a / 2.0 + x * (j / 6.0)))))
+def within(given: Programme, z: Array, u: float) -> Array:
+    """Places, speeds and accelerations (3, K) at a share u of the durations of the intervals of a motion z (K + 1, 4).
+
+    On the quintics through the motion's own states, so that a start tells as much as a solution does.
+    """
+    v0, a0, tau = z[:-1, 0], z[:-1, 1], z[:-1, 2]
+    v1, a1, ds = z[1:, 0], z[1:, 1], given.problem.ds
+    P = ds - tau * (v0 + 0.5 * tau * a0)
+    V, A = tau * (v1 - v0 - tau * a0), tau**2 * (a1 - a0)
+    c3, c4, c5 = 10.0 * P - 4.0 * V + 0.5 * A, -15.0 * P + 7.0 * V - A, 6.0 * P - 3.0 * V + 0.5 * A
+    s = u * tau * (v0 + 0.5 * u * tau * a0) + u**3 * (c3 + u * (c4 + u * c5))
+    v = v0 + u * tau * a0 + u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)) / tau
+    a = a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)) / tau**2
+    return np.stack([given.s[:-1] + given.units[0] * s, v, a])
 
 
 def divided(
@@ -105,13 +114,12 @@ def divided(
     """The programme with some intervals (K,) halved in time; its start is the motion z (K + 1, 4)."""
     length, time = given.units
     i = np.flatnonzero(which)
-    v, a, tau, j = z[i].T
-    x, width = 0.5 * tau, given.s[i + 1] - given.s[i]
-    half = np.clip(within(given, z, np.array([[0.5]]))[0, i], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
-    middle = np.stack([half, np.maximum(v + x * (a + x * j / 2.0), 0.0), a + x * j])  # a start: it need not agree
+    middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
+    middle[0] = np.clip(middle[0], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
+    middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
-    tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, x)
-    return _numbers(
+    tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, 0.5 * z[i, 2])
+    return numbers(
         joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
     )
 
@@ -168,25 +176,26 @@ def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     return high
 
 
-def _numbers(
+def numbers(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
+    """The programme at places s (K + 1,) whose start is a motion: ṡ and s̈ (K + 1,), and durations (K,)."""
     bound = limits.arrays(joint_path.robot.n)
-    A, J = bound["acceleration"], bound["jerk"]
     length, time = units
+    K = len(tau)
+    beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
     q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    beside = 1e-9 * (s[-1] - s[0])  # q''' may jump at a node of the path: each interval has its own
-    q3 = np.stack([joint_path(s[:-1] + beside, 3), joint_path(s[1:] - beside, 3)], axis=1)
-    ends1, ends2 = np.stack([q1[:-1], q1[1:]], axis=1), np.stack([q2[:-1], q2[1:]], axis=1)
-    v1, v2, v3 = length / time, length**2 / time**2, length**3 / time**3
-    node = np.stack([q1 * (v1 / time / A), q2 * (v2 / A)], axis=-1)
-    edge = np.stack([ends1 * (v1 / time**2 / J), ends2 * (3.0 * v2 / time / J), q3 * (v3 / J)], axis=-1)
-    start = np.zeros((s.size, 4))
+    q3 = joint_path(np.concatenate([s[:-1] + beside, s[1:] - beside]), 3)
+    node, edge = np.empty((K + 1, joint_path.robot.n, 2)), np.empty((K, 2, joint_path.robot.n, 3))
+    _optimum.limited(q1, q2, q3, bound["acceleration"], bound["jerk"], length, time, node, edge)
+    v1 = length / time
+    start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
         limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
-    problem = _optimum.Problem(np.diff(s) / length, SHORTEST * tau / time, top, node, edge, np.zeros(2))
+    tau = start[:-1, 2].copy()
+    problem = _optimum.Problem(np.diff(s) / length, tau, SHORTEST * tau, top, node, edge, np.zeros(2))
     return Programme(problem, s, start, units, moving)

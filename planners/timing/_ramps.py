@@ -11,6 +11,7 @@ from scipy.interpolate import PPoly
 from optik._compile import compiled
 from planners.follow import JointPath
 from planners.paths.base import Path
+from planners.timing._places import graded
 from planners.timing.base import MotionLimits, speed_bound
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class Ramp(NamedTuple):
 
 
 class Table(NamedTuple):
-    """What a motion along s asks of the arm, over its limits, on a uniform grid of places.
+    """What a motion along s asks of the arm, over its limits, at places.
 
     Attributes
     ----------
@@ -58,8 +59,17 @@ class Table(NamedTuple):
 
 
 def table(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once."""
-    s = np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1)
+    """Evaluate the path once, at equally spaced places."""
+    return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
+
+
+def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
+    """Evaluate the path once, at places that lie close where its pieces are short; every break is one."""
+    breaks = joint_path.path.breaks
+    return _table(joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, INTERVALS[0], PER_PIECE))
+
+
+def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
     return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(joint_path, limits, q1, q2, q3))
 
@@ -92,10 +102,17 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
 
 
 @compiled
+def nearest(places: Array, s: float) -> int:
+    """Index of the place that is nearest to s."""
+    k = min(max(int(np.searchsorted(places, s)), 1), places.size - 1)
+    return k - 1 if s - places[k - 1] < places[k] - s else k
+
+
+@compiled
 def ramp_ratio(
+    places: Array,
     slowness: Array,
     parts: Array,
-    scale: float,
     s: float,
     v: float,
     ramp: tuple[float, float, float, float],
@@ -104,8 +121,8 @@ def ramp_ratio(
 ) -> float:
     """Factor by which a ramp (duration, acceleration, rise, fall) must be slowed to keep the limits, at its samples.
 
-    It looks at `count` + 1 instants of each of the three phases, at the nearest place of the table, and gives up once
-    the factor is above `most`. `scale` is the number of the table's places per unit of s.
+    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and gives up once
+    the factor is above `most`.
     """
     duration, peak, rise, fall = ramp
     worst_v, worst_a, worst_j = 0.0, 0.0, 0.0
@@ -122,7 +139,7 @@ def ramp_ratio(
             at = s + t * (v + t * (0.5 * a + t * j / 6.0))
             speed = v + t * (a + 0.5 * t * j)
             acceleration = a + j * t
-            k = min(max(int(at * scale + 0.5), 0), slowness.size - 1)
+            k = nearest(places, at)
             worst_v = max(worst_v, slowness[k] * speed)
             square, product, cube = speed * speed, speed * acceleration, speed * speed * speed
             p = parts[k]
@@ -141,9 +158,8 @@ def ramp_ratio(
 def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:
     """Factor by which a ramp must be slowed to keep the limits."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
-    scale = (what.s.size - 1) / what.s[-1]
     shape = (duration, peak, ramp.rise, ramp.fall)
-    return float(ramp_ratio(what.slowness, what.parts, scale, ramp.s0, ramp.v0, shape, count, np.inf))
+    return float(ramp_ratio(what.s, what.slowness, what.parts, ramp.s0, ramp.v0, shape, count, np.inf))
 
 
 def phases_of(ramp: Ramp) -> Array:

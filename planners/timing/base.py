@@ -232,7 +232,8 @@ def _first_knots(joint_path: JointPath, law: Any) -> Array:
         lo, hi = np.where(below, t, lo), np.where(below, hi, t)
     passed = t[1:-1]
     apart = 2e-3 if switches[-1] > 0.1 else 2e-2 * switches[-1]
-    near = np.abs(passed[:, None] - switches[None, :]).min(axis=1)
+    after = np.clip(np.searchsorted(switches, passed), 1, switches.size - 1)
+    near = np.minimum(np.abs(passed - switches[after - 1]), np.abs(passed - switches[after]))
     passed = passed[near > apart]
     keep = np.r_[True, np.diff(passed) > apart][: passed.size]
     return np.sort(np.concatenate([switches, passed[keep]]))

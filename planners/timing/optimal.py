@@ -15,8 +15,9 @@ from planners.follow import JointPath
 from planners.hermite import through
 from planners.splice import begun
 from planners.timing import _optimum
-from planners.timing._programme import UNITS, Programme, divided, gentle, programme, within
+from planners.timing._programme import Programme, divided, gentle, programme, within
 from planners.timing._restart import ROUNDING, stopping_places, straight_stop
+from planners.timing._start import briefest, start
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -28,36 +29,34 @@ PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
 FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
-STARTS = (
-    (1.0, 1.0, 1.0), (2.0, 1.0, 1.0), (1.0, 1.0, 1.4), (0.5, 1.0, 1.0), (1.0, 10.0, 1.0), (4.0, 10.0, 1.2), (1.0, 0.1, 1.7),
-    (2.0, 10.0, 1.5), (4.0, 1.0, 0.7), (0.25, 10.0, 2.0),
-)  # fmt: skip
-"""Widths of the start's filter, first barrier weights and numbers of intervals, over the usual ones, tried in turn."""
-GENTLE = ((1.0, 1.0), (100.0, 1.0), (1.0, 2.0), (1.0, 3.0), (10.0, 1.5))
+WEIGHTS = (1.0, 100.0, 10.0)
+"""First barrier weights that are tried in turn, over the usual one."""
+GENTLE = ((1.0, 1.0), (100.0, 1.0))
 """First barrier weights and numbers of intervals, over the usual ones, from one quintic in s: where no other start led on."""
+SLOWER = 1.5
+"""By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
 MOST = 100
 """Iterations; 12 to 22 are usual."""
-CLOSE = 3e-4
-"""What may be left to the slow-down: a share of the limits."""
+CLOSE = 2e-4
+"""What may be left to the slow-down: a share of the duration."""
 OFF = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
-COARSE, HALVINGS = 1.05, 6
-"""So are those in which a limit is passed by more, so many times; the former twice as many."""
-FINEST = 4000
+COARSE, WORSE, HALVINGS = 1.05, 1.2, 2
+"""So are those in which a limit is passed by more, first and later, so many times; the former four times as many."""
+FINEST = 100_000
 """Intervals that are not halved any more."""
 BETWEEN = 1.00005
 """What tool speeds between four instants of a piece may be above them."""
-MOVING = STARTS[:1]
-"""Those that are tried from a moving state."""
 
 
 class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
 
-    Start is the velocity–acceleration optimum, box-filtered in time so that its jerk is finite; the programme is solved
-    by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where its
-    exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
-    where it stands. The last 3e-4 is a uniform slow-down, so every limit is kept exactly.
+    Start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._start`); the programme is
+    solved by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where
+    its exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
+    where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
+    what the path is long.
 
     Parameters
     ----------
@@ -125,11 +124,10 @@ class Optimal(TimeLaw):
         known = straight_stop(joint_path, limits, state) if stop else None
         ends = stopping_places(joint_path, limits, state, known) if stop else [joint_path.end]
         for end in ends:
-            for width, weight, more in MOVING:
-                problem = programme(joint_path, limits, self.intervals, state, end, width=width, more=more)
-                trajectory = None if problem is None else _solved(joint_path, problem, limits, 0.0, weight)
-                if trajectory is not None:
-                    return trajectory if known is None or trajectory.duration <= known.duration else known
+            problem = programme(joint_path, limits, self.intervals, state, end)
+            trajectory = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+            if trajectory is not None:
+                return trajectory if known is None or trajectory.duration <= known.duration else known
         if known is not None:
             return known
         raise NoSolution(
@@ -143,8 +141,9 @@ def _problems(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None
 ) -> Iterator[tuple[Programme | None, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
-    for width, weight, more in STARTS:
-        yield programme(joint_path, limits, intervals, width=width, more=more), weight
+    given = _finer(joint_path, limits, start(joint_path, limits, intervals))
+    for weight in WEIGHTS:
+        yield given, weight
     for weight, more in GENTLE:
         yield gentle(joint_path, limits, intervals, more), weight
 
@@ -153,44 +152,59 @@ def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
 ) -> Trajectory | None:
     """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
-    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
+    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9, SLOWER)
+    brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
     weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
         K, n = problem.ds.size, problem.node.shape[1]
-        if _optimum.solve(problem, z, weight * UNITS / K, GAP * UNITS / (6.0 * n * K), MOST) < 0:
+        if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST) < 0:
             break
         motion = _motion(joint_path, given, z)
-        coarse = _off(joint_path, given, z, motion) & (halvings < 2 * HALVINGS)
+        coarse = _off(joint_path, given, z, motion) & (halvings < 4 * HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
             motion = begun(motion, given.moving.joints, limits)
         over = _over(joint_path, motion, limits)
-        coarse |= (over.max(axis=(0, 2)) > COARSE) & (halvings < HALVINGS)
+        often = 2 * HALVINGS if given.moving is not None else HALVINGS  # where nothing is slowed afterwards
+        coarse |= (over.max(axis=(0, 2)) > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
+        coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
-            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9)
-            weight, trajectory = FIRST, None
+            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.98)
+            weight, trajectory = FIRST if given.moving is not None else AGAIN, None
             continue
         trajectory, again = motion, again + 1
         if not _tighten(joint_path, problem, trajectory, over, limits, close):
             return trajectory
         if given.moving is None:
-            z = _inside(problem, z, 0.98)
+            z = _inside(problem, z, 0.995)
         weight = AGAIN
     return trajectory if close else None
 
 
+def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
+    """The programme with those intervals halved in which its start would leave the joint path between the places."""
+    for _ in range(HALVINGS):
+        z = given.start
+        coarse = _off(joint_path, given, z, _motion(joint_path, given, z))
+        coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(limits.arrays(joint_path.robot.n)["jerk"])
+        if not coarse.any():
+            break
+        given = divided(joint_path, limits, given, z, coarse)
+    return given
+
+
 def _off(joint_path: JointPath, given: Programme, z: Array, trajectory: Trajectory) -> NDArray[np.bool_]:
     """Intervals (K,) in which the motion leaves the joint path by more than `OFF` between the places."""
-    u = np.array([0.25, 0.5, 0.75])[:, None]
-    s = np.clip(within(given, z, u).ravel(), 0.0, joint_path.end)
-    t = (trajectory.knots[:-1] + u * np.diff(trajectory.knots)).ravel()
-    off = np.abs(trajectory(t) - joint_path(s)).max(axis=1).reshape(3, -1)
-    return np.asarray(off.max(axis=0) > OFF)
+    h, off = np.diff(trajectory.knots), np.zeros(len(z) - 1)
+    for u in (0.25, 0.5, 0.75):
+        s = np.clip(within(given, z, u)[0], 0.0, joint_path.end)
+        off = np.maximum(off, np.abs(trajectory(trajectory.knots[:-1] + u * h) - joint_path(s)).max(axis=1))
+    return np.asarray(off > OFF)
 
 
-def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
-    """The motion z, so much slower that it uses at most a share of every limit."""
+def _inside(problem: _optimum.Problem, z: Array, share: float, most: float = np.inf) -> Array:
+    """The motion z, so much slower that it uses at most a share of every limit, up to a factor."""
     K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
     _optimum.values(problem, z, g, c)
@@ -200,6 +214,7 @@ def _inside(problem: _optimum.Problem, z: Array, share: float) -> Array:
         np.sqrt(np.abs(c[:, :n]).max() / share),
         np.cbrt(np.abs(c[:, n:]).max() / share),
     )
+    factor = min(factor, most)
     slower: Array = z / np.array([factor, factor**2, 1.0 / factor, factor**3])
     return slower
 
@@ -220,7 +235,8 @@ def _tighten(
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
     tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
-    if max(over.max(), tool.max()) <= 1.0 + max(close, ROUNDING):
+    slower = max(over[0].max(), over[1].max() ** (1.0 / 2.0), over[2].max() ** (1.0 / 3.0), tool.max())
+    if slower <= 1.0 + max(close, ROUNDING):
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)

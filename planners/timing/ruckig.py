@@ -12,7 +12,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from planners.fit import fitted
 from planners.follow import JointPath
-from planners.timing._ramps import Ramp, law_of, phases_of, profile, table
+from planners.timing._ramps import Ramp, adapted, law_of, phases_of, profile
 from planners.timing._ruckig import velocity_control
 from planners.timing._sections import sections
 from planners.timing._stop import stop_from
@@ -51,7 +51,7 @@ class RuckigLaw(TimeLaw):
         """
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
-        ramps = sections(table(joint_path, limits), joint_path.path.breaks, duration)
+        ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
         law = law_of(ramps, [_solved(ramp) for ramp in ramps])
         return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.keeps)
 

@@ -1,0 +1,322 @@
+"""A motion along a path that keeps limits of jerk where they are, nearly: two sweeps and a filter as wide as the place allows.
+
+On places s_i the greatest speeds are known. A sweep from either end lets the speed rise under what is left of the limits on
+acceleration and jerk; where it meets a bound, it goes on from there with no acceleration. The lower of both is a motion whose
+acceleration jumps only where it is fastest. A mean over as much time as it would take to come to rest at that jerk rounds
+these tops: near a sharp corner that is short, on a long straight piece it is long. What is still too fast is slowed there,
+and only there.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik._compile import compiled
+
+Array = NDArray[np.float64]
+
+LEFT = 0.1
+"""Least share of a limit that is left to s̈ and s⃛, whatever the path's bends use of it."""
+
+
+class Along(NamedTuple):
+    """The path at places (m,): q', q'', q''' (m, n) over s, limits on q̈ and q⃛ (n,), the greatest speeds (m,), and the
+    greatest s̈ and s⃛ that count at all.
+    """
+
+    s: Array
+    q1: Array
+    q2: Array
+    q3: Array
+    acceleration: Array
+    jerk: Array
+    top: Array
+    most: tuple[float, float]
+
+
+@compiled
+def tops(along: Along, bends: float, twists: float, out: Array) -> None:
+    """Greatest speeds (m,) at which the bends of the path use a share of the limits on q̈ and on q⃛."""
+    for i in range(along.s.shape[0]):
+        v = along.top[i]
+        for n in range(along.q1.shape[1]):
+            p, q = abs(along.q2[i, n]), abs(along.q3[i, n])
+            if p * v * v > bends * along.acceleration[n]:
+                v = sqrt(bends * along.acceleration[n] / p)
+            if q * v * v * v > twists * along.jerk[n]:
+                v = (twists * along.jerk[n] / q) ** (1.0 / 3.0)
+        out[i] = v
+
+
+@compiled
+def _room(along: Along, i: int, v: float, a: float, slow: float) -> tuple[float, float]:
+    """s̈ and s⃛ that are left at a place, at a speed and an acceleration."""
+    most_a, most_j = along.most[0] * slow**2, along.most[1] * slow**3
+    for n in range(along.q1.shape[1]):
+        p, q, A, J = abs(along.q1[i, n]), abs(along.q2[i, n]), along.acceleration[n] * slow**2, along.jerk[n] * slow**3
+        if p * most_a > LEFT * A:
+            most_a = min(most_a, max(A - q * v * v, LEFT * A) / p)
+        if p * most_j > LEFT * J:
+            most_j = min(most_j, max(J - 3.0 * q * v * abs(a) - abs(along.q3[i, n]) * v * v * v, LEFT * J) / p)
+    return most_a, most_j
+
+
+@compiled
+def _time(d: float, v: float, a: float, j: float) -> float:
+    """The time in which v t + a t²/2 + j t³/6 = d, all at least 0 and one of them above: Newton's steps from above."""
+    t = (6.0 * d / j) ** (1.0 / 3.0)
+    if v > 0.0:
+        t = min(t, d / v)
+    if a > 0.0:
+        t = min(t, sqrt(2.0 * d / a))
+    for _ in range(20):
+        off = t * (v + t * (0.5 * a + t * j / 6.0)) - d
+        step = off / (v + t * (a + 0.5 * t * j))
+        t -= step
+        if step <= 1e-9 * t:
+            break
+    return float(t)
+
+
+@compiled
+def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
+    """Lower x (m,) to the greatest speeds that can be reached from rest at one end, going by `step`."""
+    m = along.s.shape[0]
+    i, v, a = (0 if step > 0 else m - 1), 0.0, 0.0
+    x[i] = 0.0
+    for _ in range(m - 1):
+        k = i + step
+        d = abs(along.s[k] - along.s[i])
+        most_a, most_j = _room(along, i, v, a, min(slow[i], slow[k]))
+        a = min(a, most_a)
+        t = _time(d, v, a, most_j)
+        reached = a + most_j * t
+        if reached <= most_a:
+            w = v + t * (a + 0.5 * t * most_j)
+        else:
+            reached = most_a
+            w = sqrt(v * v + (a + reached) * d)
+        if w > top[k] * slow[k]:
+            w = top[k] * slow[k]
+            reached = max(0.0, min(reached, 0.5 * (w * w - v * v) / d))
+        i, v, a = k, w, reached
+        x[i] = min(x[i], v)
+
+
+@compiled
+def passed(s: Array, v: Array, t: Array) -> None:
+    """Times (m,) at which places are passed: speeds linear in time between, but for the first and the last: s̈ from 0."""
+    m = s.shape[0]
+    t[0] = 0.0
+    for i in range(m - 1):
+        factor = 3.0 if v[i] == 0.0 or v[i + 1] == 0.0 else 2.0
+        t[i + 1] = t[i] + factor * (s[i + 1] - s[i]) / (v[i] + v[i + 1])
+
+
+@compiled
+def _widths(along: Along, v: Array, slow: Array, t: Array, half: Array) -> None:
+    """Half the width (m,) of the mean: the time to rest, or to no acceleration; changing slowly from place to place."""
+    m = v.shape[0]
+    for i in range(m):
+        a, j = _room(along, i, v[i], 0.0, slow[i])
+        half[i] = min(min(a / j, 0.9 * sqrt(2.0 * v[i] / j)), min(t[i], t[m - 1] - t[i]))
+    for i in range(1, m):
+        half[i] = min(half[i], half[i - 1] + 0.5 * (t[i] - t[i - 1]))
+    for i in range(m - 2, -1, -1):
+        half[i] = min(half[i], half[i + 1] + 0.5 * (t[i + 1] - t[i]))
+
+
+@compiled
+def _value(t: Array, y: Array, x: float) -> float:
+    i = min(max(np.searchsorted(t, x, side="right") - 1, 0), t.shape[0] - 2)
+    return float(y[i] + (y[i + 1] - y[i]) * (x - t[i]) / (t[i + 1] - t[i]))
+
+
+@compiled
+def _place(s: Array, t: Array, v: Array, x: float) -> float:
+    """The place at a time: speeds linear between two places, but where one is at rest: there s goes as a cube."""
+    i = min(max(np.searchsorted(t, x, side="right") - 1, 0), t.shape[0] - 2)
+    u, d = (x - t[i]) / (t[i + 1] - t[i]), s[i + 1] - s[i]
+    if v[i] == 0.0:
+        return float(s[i] + d * u**3)
+    if v[i + 1] == 0.0:
+        return float(s[i + 1] - d * (1.0 - u) ** 3)
+    return float(s[i] + d * u * (2.0 * v[i] + u * (v[i + 1] - v[i])) / (v[i] + v[i + 1]))
+
+
+@compiled
+def _rounded(along: Along, v: Array, slow: Array, t: Array, half: Array, out: Array) -> None:
+    """Mean speeds (m,) over the time around each place."""
+    m = v.shape[0]
+    passed(along.s, v, t)
+    _widths(along, v, slow, t, half)
+    out[0], out[m - 1] = 0.0, 0.0
+    for i in range(1, m - 1):
+        h = half[i]
+        if h < 1e-3 * (t[i + 1] - t[i - 1]):
+            out[i] = v[i]
+        else:
+            out[i] = (_place(along.s, t, v, t[i] + h) - _place(along.s, t, v, t[i] - h)) / (2.0 * h)
+
+
+@compiled
+def _accelerations(s: Array, v: Array, t: Array, a: Array) -> None:
+    """s̈ (m,) from speeds, parabolas in time through three places; and times t (m,) that agree with both."""
+    m = s.shape[0]
+    a[0], a[m - 1] = 0.0, 0.0
+    for i in range(1, m - 1):
+        before, after = t[i] - t[i - 1], t[i + 1] - t[i]
+        a[i] = ((v[i] - v[i - 1]) / before * after + (v[i + 1] - v[i]) / after * before) / (before + after)
+    begin = t[0]
+    for i in range(m - 1):
+        h, mean = t[i + 1] - begin, 0.5 * (v[i] + v[i + 1])
+        begin = t[i + 1]
+        mean = max(mean - h * (a[i + 1] - a[i]) / 12.0, 0.5 * mean)
+        t[i + 1] = t[i] + (s[i + 1] - s[i]) / mean
+
+
+@compiled
+def _ratios(along: Along, v: Array, a: Array, t: Array, half: Array, out: Array) -> float:
+    """By how much the motion is too fast at each place (m,); the largest."""
+    m, worst = v.shape[0], 0.0
+    for i in range(m):
+        low, high = max(i - 1, 0), min(i + 1, m - 1)
+        before = max(t[i] - max(0.25 * half[i], t[i] - t[low]), 0.0)
+        after = min(t[i] + max(0.25 * half[i], t[high] - t[i]), t[m - 1])
+        j = (_value(t, a, after) - _value(t, a, before)) / (after - before)
+        ratio = v[i] / along.top[i]
+        asked_a, asked_j = 0.0, 0.0
+        for n in range(along.q1.shape[1]):
+            p, q, r = along.q1[i, n], along.q2[i, n], along.q3[i, n]
+            asked_a = max(asked_a, abs(p * a[i] + q * v[i] * v[i]) / along.acceleration[n])
+            asked_j = max(asked_j, abs(p * j + 3.0 * q * v[i] * a[i] + r * v[i] * v[i] * v[i]) / along.jerk[n])
+        out[i] = max(ratio, max(sqrt(asked_a), asked_j ** (1.0 / 3.0)))
+        worst = max(worst, out[i])
+    return worst
+
+
+@compiled
+def _slower(t: Array, half: Array, ratio: Array, slow: Array) -> None:
+    """Slow the motion by what it is too fast within the width of the mean."""
+    m = t.shape[0]
+    peak, hold = 1.0, 0.0
+    for i in range(m):  # the largest ratio goes on for half a width, then fades
+        if i > 0 and t[i] > hold:
+            peak = 1.0
+        if ratio[i] >= peak:
+            peak, hold = ratio[i], t[i] + half[i]
+        slow[i] /= max(peak, 1.0)
+    peak, hold = 1.0, t[m - 1]
+    for i in range(m - 1, -1, -1):
+        if t[i] < hold:
+            peak = 1.0
+        if ratio[i] >= peak:
+            peak, hold = ratio[i], t[i] - half[i]
+        if peak > ratio[i]:
+            slow[i] /= peak
+
+
+@compiled
+def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
+    """A motion (4, m), into out: t, ṡ, s̈, and half the width of the mean; by how much it is too fast somewhere."""
+    m = along.s.shape[0]
+    slow, v, ratio = np.ones(m), np.empty(m), np.empty(m)
+    t, mean, a, half = out[0], out[1], out[2], out[3]
+    worst = 0.0
+    for k in range(rounds):
+        for i in range(m):
+            v[i] = top[i] * slow[i]
+        _rise(along, top, slow, 1, v)
+        _rise(along, top, slow, -1, v)
+        _rounded(along, v, slow, t, half, mean)
+        passed(along.s, mean, t)
+        _accelerations(along.s, mean, t, a)
+        worst = _ratios(along, mean, a, t, half, ratio)
+        if worst <= close or k == rounds - 1:
+            break
+        _slower(t, half, ratio, slow)
+    return worst
+
+
+@compiled
+def _widen(t: Array, half: Array) -> None:
+    """Give the ramps from rest and to rest one width: that of their ends."""
+    i, k = 1, t.shape[0] - 2
+    while i < k and half[i] > 0.5 * t[i]:
+        i += 1
+    while k > i and half[k] > 0.5 * (t[t.shape[0] - 1] - t[k]):
+        k -= 1
+    half[:i], half[k + 1 :] = half[i], half[k]
+
+
+@compiled
+def _changes(along: Along, motion: Array, out: Array) -> None:
+    """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
+
+    Both are counted in their limits; q̈ in what the limit on jerk makes of it within half the width of the mean, if less.
+    """
+    v, a, half = motion[1], motion[2], motion[3]
+    out[0] = 0.0
+    for i in range(v.shape[0] - 1):
+        most, h = 0.0, max(half[i], half[i + 1])
+        for n in range(along.q1.shape[1]):
+            before = along.q1[i, n] * a[i] + along.q2[i, n] * v[i] * v[i]
+            after = along.q1[i + 1, n] * a[i + 1] + along.q2[i + 1, n] * v[i + 1] * v[i + 1]
+            most = max(most, abs(after - before) / min(along.acceleration[n], h * along.jerk[n]))
+            before = (3.0 * along.q2[i, n] * a[i] + along.q3[i, n] * v[i] * v[i]) * v[i]
+            after = (3.0 * along.q2[i + 1, n] * a[i + 1] + along.q3[i + 1, n] * v[i + 1] * v[i + 1]) * v[i + 1]
+            most = max(most, abs(after - before) / along.jerk[n])
+        out[i + 1] = out[i] + most
+
+
+@compiled
+def spread(
+    along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array
+) -> float:
+    """How many intervals lie before each place (m,) of a swept motion: so many in all, and for each change of q̈ by its limit.
+
+    These are as many as the first of `per_change` says for motions of few changes, and go down to the second for motions
+    of far more than the third. None is briefer than the least; neighbours differ little.
+    """
+    t, half = motion[0], motion[3]
+    m = t.shape[0]
+    change, length = np.empty(m), np.empty(m)
+    _widen(t, half)
+    _changes(along, motion, change)
+    few, many, some = per_change
+    each = many + (few - many) * min(1.0, some / max(change[m - 1], 1e-300))
+    for i in range(m):
+        w = max(0.2 * half[i], t[min(i + 1, m - 1)] - t[max(i - 1, 0)])
+        before, after = max(t[i] - w, 0.0), min(t[i] + w, t[m - 1])
+        length[i] = least + 1.0 / (
+            even / t[m - 1] + each * (_value(t, change, after) - _value(t, change, before)) / (after - before)
+        )
+    for i in range(1, m):
+        length[i] = min(length[i], length[i - 1] + 0.3 * (t[i] - t[i - 1]))
+    for i in range(m - 2, -1, -1):
+        length[i] = min(length[i], length[i + 1] + 0.3 * (t[i + 1] - t[i]))
+    share[0] = 0.0
+    for i in range(m - 1):
+        share[i + 1] = share[i] + 0.5 * (t[i + 1] - t[i]) * (1.0 / length[i] + 1.0 / length[i + 1])
+    return float(share[m - 1])
+
+
+@compiled
+def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
+    """s, ṡ and s̈ (3, k) of a swept motion at times, into out: ṡ a cubic between two places, from ṡ and s̈ there."""
+    t, v, a = motion[0], motion[1], motion[2]
+    for k in range(when.shape[0]):
+        i = min(max(np.searchsorted(t, when[k], side="right") - 1, 0), t.shape[0] - 2)
+        h = t[i + 1] - t[i]
+        u = (when[k] - t[i]) / h
+        c2 = 3.0 * (v[i + 1] - v[i]) - h * (2.0 * a[i] + a[i + 1])
+        c3 = 2.0 * (v[i] - v[i + 1]) + h * (a[i] + a[i + 1])
+        whole = v[i] + h * a[i] / 2.0 + c2 / 3.0 + c3 / 4.0
+        area = u * (v[i] + u * (h * a[i] / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        out[0, k] = s[i] + (s[i + 1] - s[i]) * min(max(area / whole, 0.0), 1.0)
+        out[1, k] = max(v[i] + u * (h * a[i] + u * (c2 + u * c3)), 0.5 * min(v[i], v[i + 1]))
+        out[2, k] = a[i] + u * (2.0 * c2 + 3.0 * u * c3) / h
