@@ -376,8 +376,9 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
 
 @compiled
 def _better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
-    """Whether a step is taken: against every iterate before at this barrier (2, count), it meets the equations better or
-    has a lower objective (a filter, Nocedal and Wright, ch. 15.4).
+    """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
+
+    Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
     """
     last = passed[0, count - 1]
     if off < small and objective <= last + 1e-9 * abs(last):
@@ -460,7 +461,8 @@ def _iterate(K: int, rows: int) -> Iterate:
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
     """Optimise z (K + 1, 4) = v, a, τ, j in place; its first state and the problem's goal are kept.
 
-    mu is the first and least the last barrier weight of an interval of mean duration, which bounds what is left to the optimum: by 6 n K · least.
+            closed = 3.0 * (6 * n + 3) * least * problem.tau.sum()
+            if mu <= least and off < 1e-6 * K and _gap(problem, at) < closed:
     Returns the iterations taken, or −1 where it got stuck.
     """
     K, n = problem.ds.shape[0], problem.node.shape[1]

@@ -111,7 +111,8 @@ def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
 def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
     """Indices (k,) of the places, and for each that of the last break before it.
 
-    Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread half by s and half by time; each piece between two breaks has its ends and its quarters besides.
+    Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
+    half by s and half by time; each piece between two breaks has its ends and its quarters besides.
     """
     s, last = what.s, what.s.size - 1
     slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())

@@ -24,8 +24,9 @@ LEFT = 0.1
 
 
 class Along(NamedTuple):
-    """The path at places (m,): q', q'', q''' (m, n) over s, limits on q̈ and q⃛ (n,), the greatest speeds (m,), and the
-    greatest s̈ and s⃛ that count at all.
+    """The path at places (m,).
+
+    q', q'', q''' (m, n) over s, limits on q̈ and q⃛ (n,), the greatest speeds (m,), and the greatest s̈ and s⃛ that count.
     """
 
     s: Array

@@ -178,7 +178,7 @@ def _solved(
             return trajectory
         if given.moving is None:
             z = _inside(problem, z, 0.995)
-        weight = AGAIN
+        weight = AGAIN if given.moving is None else 4.0 * AGAIN  # which is not moved inside the limits
     return trajectory if close else None
 
 
