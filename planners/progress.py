@@ -33,6 +33,8 @@ NEAR = 3e-14
 CUSP, AROUND, AT_ONCE = 0.5, 65, 1024
 """Share of the path's greatest rate below which a place may be at a cusp, how many places are looked at around it, and for how
 many instants at a time."""
+WHILE = 1e-2
+"""Time [s] for which a tool that goes back along the path at a place counts as that far away from it."""
 STEPS = 20
 """Most steps to the nearest place; one or two are usual."""
 EXACT = 1e-9
@@ -216,37 +218,48 @@ def _touched(
 class Nearest:
     """Nearest places of a path to a tool: Gauss and Newton's steps, quartered where they lead away.
 
-    Any place gives a true bound, and the nearest the least. Around a cusp, where the path all but stands still, several places
-    are nearest by position; the one where the rotation agrees as well is looked for among places around the guess.
+    Any place gives a true bound, and the nearest the least. Around a cusp, where the path all but stands still and turns back,
+    several places are equally near; the one is looked for, among places around the guess, where position and rotation agree and
+    the tool moves forwards along the path.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        bounds = path.derivative_bounds()
-        self._still = float(STILL * np.hypot(bounds[0, 0], LITTLE * bounds[1, 0])) ** 2  # at a cusp nothing tells
-        self._slow = CUSP * float(np.hypot(bounds[0, 0], TURN * bounds[1, 0]))
-        second = float(np.hypot(bounds[0, 1], TURN * bounds[1, 1]))
-        self._around = np.sqrt(8.0 * BEND / second) * np.linspace(-1.0, 1.0, AROUND) if second > 0.0 else np.zeros(1)
+        self._path, self._breaks = path, path.breaks
+        bounds = path.piece_bounds()
+        rate = bounds[:, :, 0].max(axis=0)
+        self._still = float(STILL * np.hypot(rate[0], LITTLE * rate[1])) ** 2  # at a cusp nothing tells
+        self._slow = CUSP * float(np.hypot(rate[0], TURN * rate[1]))
+        bend = np.hypot(bounds[:, 0, 1], TURN * (bounds[:, 1, 1] - bounds[:, 1, 0] ** 2))  # ‖R''‖ ≤ |ω'| + |ω|²
+        bend = np.where(
+            bend > 1e-6 * self._slow, bend, np.inf
+        )  # around a straight piece it is a corner beside it that counts
+        least = np.minimum(bend, np.minimum(np.append(bend[1:], np.inf), np.append(np.inf, bend[:-1])))
+        self._width = np.minimum(np.sqrt(8.0 * BEND / least), path.end)
 
     def places(self, instants: Instants, guess: Array) -> Places:
         """Places near a guess (k,)."""
         guess = np.clip(guess, 0.0, self._path.end)
         found, cost = self._descend(instants.poses, instants.motion, guess)
         rate = np.hypot(np.linalg.norm(found.twist[:, :3], axis=1), TURN * np.linalg.norm(found.twist[:, 3:], axis=1))
-        at = np.flatnonzero((rate < self._slow) & (cost > EXACT**2))
+        at = np.flatnonzero(((rate < self._slow) & (cost > EXACT**2)) | (found.speed < 0.0))
         for part in (at[i : i + AT_ONCE] for i in range(0, at.size, AT_ONCE)):
             tool, motion = instants.poses[part], instants.motion[part]
-            better, its_cost = self._descend(tool, motion, self._likeliest(tool, guess[part]))
-            nearer = _gap(tool, better.poses) < _gap(tool, found.poses[part])
-            for old, x in zip((*found, cost), (*better, its_cost), strict=True):
+            better, _ = self._descend(tool, motion, self._likeliest(tool, motion, guess[part]))
+            before = _misfit(tool, motion, found.poses[part], found.twist[part])
+            nearer = _misfit(tool, motion, better.poses, better.twist) < before
+            for old, x in zip(found, better, strict=True):
                 old[part[nearer]] = x[nearer]
         return found
 
-    def _likeliest(self, tool: Array, guess: Array) -> Array:
-        """Of places around a guess (k,), those that are nearest by position and rotation together."""
-        s = np.clip(guess[:, None] + self._around, 0.0, self._path.end)
-        gap = _gap(np.repeat(tool, AROUND, axis=0), self._path(s.ravel())).reshape(s.shape)
-        return np.asarray(s[np.arange(guess.size), gap.argmin(axis=1)])
+    def _likeliest(self, tool: Array, motion: Array, guess: Array) -> Array:
+        """Of places around a guess (k,), those that fit best."""
+        piece = np.clip(np.searchsorted(self._breaks, guess, side="right") - 1, 0, self._width.size - 1)
+        around = self._width[piece][:, None] * np.linspace(-1.0, 1.0, AROUND)
+        s = np.clip(guess[:, None] + around, 0.0, self._path.end)
+        poses, twist = self._path.frames(s.ravel())
+        tool, motion = np.repeat(tool, AROUND, axis=0), np.repeat(motion, AROUND, axis=0)
+        misfit = _misfit(tool, motion, poses, twist).reshape(s.shape)
+        return np.asarray(s[np.arange(guess.size), misfit.argmin(axis=1)])
 
     def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[Places, Array]:
         """Places from a guess (k,), and their squared distances."""
@@ -273,9 +286,13 @@ class Nearest:
         return Places(s, speed, poses, twist), cost
 
 
-def _gap(tool: Array, poses: Array) -> Array:
-    """Squared distances (k,) by position and rotation together, where a turn of 1 rad counts as `TURN`."""
-    return np.asarray(((embedded(tool, TURN) - embedded(poses, TURN)) ** 2).sum(axis=1))
+def _misfit(tool: Array, motion: Array, poses: Array, twist: Array) -> Array:
+    """Squared distances (k,) by position and rotation together, and how far the tool goes back along the path in `WHILE`."""
+    weight = np.array([1.0, 1.0, 1.0, TURN, TURN, TURN])
+    along = np.einsum("ki,ki->k", twist * weight, motion[:, 0] * weight)
+    size = np.linalg.norm(twist * weight, axis=1)
+    back = np.minimum(along / np.maximum(size, 1e-300), 0.0) * WHILE
+    return np.asarray(((embedded(tool, TURN) - embedded(poses, TURN)) ** 2).sum(axis=1) + back**2)
 
 
 @compiled
