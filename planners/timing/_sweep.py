@@ -1,4 +1,4 @@
-"""A motion along a path that keeps limits of jerk where they are, nearly: two sweeps and a filter as wide as the place allows.
+"""A motion along a path that nearly keeps its limits of jerk: two sweeps, and a filter as wide as each place allows.
 
 On places s_i the greatest speeds are known. A sweep from either end lets the speed rise under what is left of the limits on
 acceleration and jerk; where it meets a bound, it goes on from there with no acceleration. The lower of both is a motion whose
