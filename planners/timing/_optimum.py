@@ -26,7 +26,9 @@ TERMINAL = 1e8
 """Weight of the state at the end in the sweep; its multiplier takes up what the weight leaves."""
 
 MET = 1e-5
-"""What the dynamics of an interval may leave at the end, over its length: its jerk would be off by 60 times that."""
+"""What the dynamics of an interval may leave at the end, over its length."""
+TRUE = 1e-4
+"""What that may change in the jerk of any joint, over its limit: in brief intervals far more than in s."""
 
 
 class Problem(NamedTuple):
@@ -437,8 +439,13 @@ def _gap(problem: Problem, at: Iterate) -> float:
     K, n = problem.ds.shape[0], problem.node.shape[1]
     gap = 0.0
     for k in range(K):
-        tau = problem.tau[k]
-        if abs(at.g[k, 0]) + tau * (abs(at.g[k, 1]) + tau * abs(at.g[k, 2])) > MET * problem.ds[k]:
+        tau, most = at.z[k, 2], 0.0
+        left = (abs(at.g[k, 0]), tau * abs(at.g[k, 1]), tau * tau * abs(at.g[k, 2]))
+        for side in range(2):
+            for i in range(n):
+                most = max(most, abs(problem.edge[k, side, i, 0]))
+        jerk = (60.0 * left[0] + 36.0 * left[1] + 9.0 * left[2]) / tau**3  # of the quintic that leaves nothing
+        if left[0] + left[1] + left[2] > MET * problem.ds[k] or jerk * most > TRUE:
             return np.inf
         for side in range(2):
             for i in range(_first(k, n), 3 * n):
@@ -461,8 +468,6 @@ def _iterate(K: int, rows: int) -> Iterate:
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
     """Optimise z (K + 1, 4) = v, a, τ, j in place; its first state and the problem's goal are kept.
 
-            closed = 3.0 * (6 * n + 3) * least * problem.tau.sum()
-            if mu <= least and off < 1e-6 * K and _gap(problem, at) < closed:
     Returns the iterations taken, or −1 where it got stuck.
     """
     K, n = problem.ds.shape[0], problem.node.shape[1]

@@ -28,6 +28,8 @@ SMOOTHEST = 0.02
 """Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
 SHORTEST = 0.02
 """No interval lasts less than this share of its first guess."""
+STILL = 1e-9
+"""Share of the way below which what a motion covers within the filter's width is none: rounding in s would make the rest."""
 SPARE = 0.9999
 """Share of the tool's limits that a motion uses which starts in motion."""
 
@@ -67,7 +69,7 @@ def programme(
     _reach.in_time(s, x, t)
     width *= max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
-    if first > 0.0:  # the filter looks back on a motion that came in at its speed
+    if first * width > STILL * (end - begin):  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
     when = _spread(t, s, v, width, since, round(more * _count(joint_path, intervals)))

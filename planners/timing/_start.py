@@ -25,7 +25,7 @@ ROUNDS, CLOSE = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
 
-FASTEST = 1e3
+FASTEST = 1e4
 """Speeds and accelerations beyond so many times the mean ones are reached in no time: no start needs more."""
 ROUNDING, DROWNED = 4e-16, 1e-3
 """Of q [rad or m], and what it may make of a limit on jerk in an interval."""

@@ -259,11 +259,13 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
     """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
 
     Both are counted in their limits; q̈ in what the limit on jerk makes of it within half the width of the mean, if less.
+    So is s̈ in the greatest one that counts: where speeds alone bind, ramps are changes too.
     """
     v, a, half = motion[1], motion[2], motion[3]
     out[0] = 0.0
     for i in range(v.shape[0] - 1):
-        most, h = 0.0, max(half[i], half[i + 1])
+        h = max(half[i], half[i + 1])
+        most = abs(a[i + 1] - a[i]) / min(along.most[0], h * along.most[1])
         for n in range(along.q1.shape[1]):
             before = along.q1[i, n] * a[i] + along.q2[i, n] * v[i] * v[i]
             after = along.q1[i + 1, n] * a[i + 1] + along.q2[i + 1, n] * v[i + 1] * v[i + 1]
