@@ -91,10 +91,11 @@ def _with(
 
 
 def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
-    """Which places (k,) go on from the one before: the fixed ones do, others only between those around them."""
+    """Which places (k,) lie behind all before them: the fixed ones do, and others only between those around them."""
     i = np.arange(s.size)
-    before, after = fixed[np.searchsorted(fixed, i, side="right") - 1], fixed[np.searchsorted(fixed, i)]
-    kept = (s > s[before]) & (s < s[after]) & np.append(True, np.diff(s) > 0.0)
+    before, after = s[fixed[np.searchsorted(fixed, i, side="right") - 1]], s[fixed[np.searchsorted(fixed, i)]]
+    farthest = np.maximum.accumulate(np.where((s > before) & (s < after), s, before))
+    kept = np.append(True, farthest[1:] > farthest[:-1])
     kept[fixed] = True
     return np.asarray(kept)
 
