@@ -312,18 +312,20 @@ def spread(
 def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
     """s, ṡ and s̈ (3, k) of a swept motion at times, into out: ṡ a cubic between two places, from ṡ and s̈ there.
 
-    Both s̈ are cut so that the cubic's Bézier points are above 0, and s goes on.
+    For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s goes on.
     """
     t, v, a = motion[0], motion[1], motion[2]
     for k in range(when.shape[0]):
         i = min(max(np.searchsorted(t, when[k], side="right") - 1, 0), t.shape[0] - 2)
         h = t[i + 1] - t[i]
         u = (when[k] - t[i]) / h
-        first, last = max(h * a[i], -2.9 * v[i]), min(h * a[i + 1], 2.9 * v[i + 1])
+        first, last = max(h * a[i], -3.0 * v[i]), min(h * a[i + 1], 3.0 * v[i + 1])
         c2 = 3.0 * (v[i + 1] - v[i]) - (2.0 * first + last)
         c3 = 2.0 * (v[i] - v[i + 1]) + (first + last)
         whole = v[i] + first / 2.0 + c2 / 3.0 + c3 / 4.0
         area = u * (v[i] + u * (first / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
         out[0, k] = s[i] + (s[i + 1] - s[i]) * min(max(area / whole, 0.0), 1.0)
-        out[1, k] = max(v[i] + u * (first + u * (c2 + u * c3)), 0.5 * min(v[i], v[i + 1]))
-        out[2, k] = (first + u * (2.0 * c2 + 3.0 * u * c3)) / h
+        c2 = 3.0 * (v[i + 1] - v[i]) - h * (2.0 * a[i] + a[i + 1])
+        c3 = 2.0 * (v[i] - v[i + 1]) + h * (a[i] + a[i + 1])
+        out[1, k] = max(v[i] + u * (h * a[i] + u * (c2 + u * c3)), 0.5 * min(v[i], v[i + 1]))
+        out[2, k] = a[i] + u * (2.0 * c2 + 3.0 * u * c3) / h
