@@ -22,8 +22,13 @@ from optik._compile import compiled
 
 Array = NDArray[np.float64]
 
-TERMINAL = 1e8
-"""Weight of the state at the end in the sweep; its multiplier takes up what the weight leaves."""
+TERMINAL = 1e4
+"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier takes up what it leaves.
+
+All that the sweep carries back is rounded to this: weights far above what it compares with drown the pivots."""
+
+PIVOT = 1e-8
+"""Curvature of the model in a stage's free number, in the stage's units, below which it is rounding."""
 
 MET = 1e-5
 """What the dynamics of an interval may leave at the end, over its length."""
@@ -231,9 +236,10 @@ def _back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array,
     z, K = at.z, problem.ds.shape[0]
     M, m, row = np.empty((6, 6)), np.empty(6), np.empty(4)
     Q, q, R, r, N = np.empty((4, 4)), np.empty(4), np.empty((3, 3)), np.empty(3), np.empty(3)
-    cost[K, 0], cost[K, 1], cost[K, 2] = TERMINAL, 0.0, TERMINAL
+    tau, ds = problem.tau[K - 1], problem.ds[K - 1]
+    cost[K, 0], cost[K, 1], cost[K, 2] = TERMINAL * tau * (tau / ds) ** 2, 0.0, TERMINAL * tau * (tau**2 / ds) ** 2
     for i in range(2):
-        cost[K, 3 + i] = TERMINAL * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
+        cost[K, 3 + i] = cost[K, 2 * i] * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
     for k in range(K - 1, -1, -1):
         _stage(k, problem, at, mu, delta, M, m)
         M[4, 4] += cost[k + 1, 0]
@@ -257,7 +263,7 @@ def _back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array,
                 h = free if j == 2 else j
                 R[i, j] = Q[o, h] + N[i] * Q[pivot, h] + N[j] * (Q[o, pivot] + N[i] * Q[pivot, pivot])
         unit = problem.tau[k] if free == 2 else problem.ds[k] / problem.tau[k] ** 3
-        if not R[2, 2] * unit**2 > 1e-10 * problem.tau[k]:
+        if not R[2, 2] * unit**2 > PIVOT * problem.tau[k]:
             return False
         law[k, 0], law[k, 1], law[k, 2] = -R[2, 0] / R[2, 2], -R[2, 1] / R[2, 2], -r[2] / R[2, 2]
         cost[k, 0], cost[k, 1] = R[0, 0] + R[0, 2] * law[k, 0], R[0, 1] + R[0, 2] * law[k, 1]
@@ -401,7 +407,7 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
             top = problem.top[k]
             at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * min(top, problem.ds[k] / problem.tau[k])), 0.999 * top)
             at.bound[k, 0], at.bound[k, 1] = weight / at.z[k, 0], weight / (top - at.z[k, 0])
-        at.z[k, 2] = max(at.z[k, 2], 2.0 * problem.least[k])
+        at.z[k, 2] = max(at.z[k, 2], 1.02 * problem.least[k])
         at.bound[k, 2] = weight / (at.z[k, 2] - problem.least[k])
     values(problem, at.z, at.g, at.c)
     for k in range(K):
