@@ -38,9 +38,9 @@ START_TOLERANCE = 1e-4
 SAME_BRANCH = 0.02
 """How far a method's answer may stand from the tracked configuration [rad or m]; farther, it is polished and compared."""
 
-NEARLY_SINGULAR = 1e-4
-"""Below this smallest singular value a method's tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more; above it
-an answer farther away is another branch."""
+NEARLY_SINGULAR, LOOSE = 1e-2, 1e-4
+"""Below the first smallest singular value a method that went over to another branch is asked again, from the tracked
+configuration; below the second, its tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more."""
 
 MOST_SAMPLES = 100_000
 """More would only take time."""
@@ -320,8 +320,9 @@ def _solve_samples(
         away = _march.farthest(result.q, tracked[i])
         free = redundant
         if away > SAME_BRANCH or not result:
-            free = redundant or smallest(robot, tracked[i]) < NEARLY_SINGULAR
-            if free and (away > _march.LARGEST_STEP or not result):
+            sigma = 0.0 if redundant else smallest(robot, tracked[i])
+            free = sigma < LOOSE
+            if sigma < NEARLY_SINGULAR and (away > _march.LARGEST_STEP or not result):
                 result = solve(target, tracked[i])
                 away = _march.farthest(result.q, tracked[i])
             if not result:

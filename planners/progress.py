@@ -19,6 +19,8 @@ TURN = 0.1
 """Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
 BEND = 1e-5
 """How far the path may bend away from its chords, and the tool between two instants from its own [m]."""
+CELLS = 12
+"""Chords at least of a piece that bends: one that is shorter than what chords may be off has to be seen all the same."""
 ROOM, WIDER = 1e-4, 8.0
 """How far the tool may be from the chords of its path [m], and how many times as far where it leaves them by more."""
 MOST = 20_000_000
@@ -72,7 +74,7 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     (k,) array
         Places in [0, end], exact but for the path's bend; where the tool is nowhere near, those that are nearest.
     """
-    edges, off = chords(path, TURN, BEND)
+    edges, off = chords(path, TURN, BEND, CELLS)
     z, y = (np.ascontiguousarray(embedded(T, TURN)) for T in (path.pose(edges), poses))
     cell, room = np.empty(len(poses), np.int64), ROOM + 2.0 * (bend + float(off.max()))
     size = float(np.ptp(np.concatenate([z, y]), axis=0).sum())
@@ -241,7 +243,8 @@ class Nearest:
         guess = np.clip(guess, 0.0, self._path.end)
         found, cost = self._descend(instants.poses, instants.motion, guess)
         rate = np.hypot(np.linalg.norm(found.twist[:, :3], axis=1), TURN * np.linalg.norm(found.twist[:, 3:], axis=1))
-        at = np.flatnonzero(((rate < self._slow) & (cost > EXACT**2)) | (found.speed < 0.0))
+        back = found.speed < -STILL * np.abs(found.speed).max()
+        at = np.flatnonzero(((rate < self._slow) & (cost > EXACT**2)) | back)
         for part in (at[i : i + AT_ONCE] for i in range(0, at.size, AT_ONCE)):
             tool, motion = instants.poses[part], instants.motion[part]
             better, _ = self._descend(tool, motion, self._likeliest(tool, motion, guess[part]))

@@ -80,6 +80,8 @@ class ProgrammeSolver(IKSolver):
         self._judge_of = partial(judge, robot.fixed, robot.prismatic, robot.tool, lower, upper, flags, LIMIT_TOLERANCE)
         self._position, self._rotation = self.tolerance.position, self.tolerance.rotation
         self._prefix = f"{self.name.upper()}: "
+        free = not self.prefer or self.chooses
+        self._suffix = "" if free else f"; {nothing_free(self.task, self.free_joints)}"
         self._first: Answer | None = None
         self._lock = threading.RLock()
         self._objective: ca.Function | None = None
@@ -137,7 +139,7 @@ class ProgrammeSolver(IKSolver):
             if answer is not None:
                 position, rotation, inside = self._judge_of(answer.q, target)  # type: ignore[arg-type]
                 if position <= self._position and rotation <= self._rotation and inside:
-                    message = self._prefix + answer.code
+                    message = self._prefix + answer.code + self._suffix
                     return _new(IKResult, (answer.q, _SOLVED, answer.iterations, 0, position, rotation, None, message))
             self._first = answer
             return super().solve(target, q0, closest=closest)
@@ -165,8 +167,8 @@ class ProgrammeSolver(IKSolver):
                 q = better.q
             else:  # the pose is what counts, and nothing is made worse
                 message += " (not kept)"
-        elif self.prefer and not self.chooses:
-            message += f"; {nothing_free(self.task, self.free_joints)}"
+        else:
+            message += self._suffix
         errors = self.robot.errors(np.array(visited), target) if trace else None
         return Attempt(q, status, count, errors, message)
 

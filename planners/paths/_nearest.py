@@ -36,16 +36,17 @@ def nearest_places(path: Path, poses: Array) -> Array:
     return np.concatenate([_search(path, edges, bend, poses[i : i + rows]) for i in range(0, len(poses), rows)])
 
 
-def chords(path: Path, turn: float, most: float) -> tuple[Array, Array]:
+def chords(path: Path, turn: float, most: float, least: int = 1) -> tuple[Array, Array]:
     """Edges (m + 1,) of cells in s, and how far the path bends away from the chord of each (m,), by |z''| h²/8.
 
     Distances are those of `embedded` points, where a turn of 1 rad counts `turn` metres. Cells are so short that the bend
-    is at most `most`, but no more than `MOST_CELLS` between two breaks.
+    is at most `most`, but no more than `MOST_CELLS` between two breaks, and at least so many where the path bends.
     """
     breaks, bounds = path.breaks, path.piece_bounds()[:, :, 1]
     second = np.hypot(bounds[:, 0], turn * np.sqrt(1.5) * bounds[:, 1])  # a 3×3 matrix: Frobenius ≤ √3 spectral
     length = np.diff(breaks)
-    cells = np.clip(np.ceil(length * np.sqrt(second / (8.0 * most))), 1, MOST_CELLS).astype(int)
+    fewest = np.where(second > 0.0, least, 1)
+    cells = np.clip(np.ceil(length * np.sqrt(second / (8.0 * most))), fewest, MOST_CELLS).astype(int)
     which = np.repeat(np.arange(cells.size), cells)
     within = np.arange(which.size) - np.repeat(np.cumsum(cells) - cells, cells)
     edges = breaks[which] + (length / cells)[which] * within

@@ -56,8 +56,9 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     when, k, nodes = _with(when, joint_path, along, motion, least)
     found = np.empty((3, when.size))
     _sweep.sampled(along.s, motion, when, found)
-    s, v, a = found
-    s[0], s[-1], s[k] = 0.0, joint_path.end, nodes
+    found[0, 0], found[0, -1], found[0, k] = 0.0, joint_path.end, nodes
+    kept = _onward(found[0], np.concatenate([[0], k, [when.size - 1]]))
+    when, (s, v, a) = when[kept], found[:, kept]
     units = 2.0 * joint_path.end / when.size, 2.0 * float(t[-1]) / when.size  # an interval is about half of either
     return numbers(joint_path, limits, s, v, a, np.diff(when), units, None)
 
@@ -87,6 +88,16 @@ def _with(
     nodes, passed = nodes[kept], passed[kept]
     when = np.sort(np.concatenate([when[keep], passed]))
     return when, np.searchsorted(when, passed), nodes
+
+
+def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
+    """Which places (k,) lie behind all before them: the fixed ones do, and others only between those around them."""
+    i = np.arange(s.size)
+    before, after = s[fixed[np.searchsorted(fixed, i, side="right") - 1]], s[fixed[np.searchsorted(fixed, i)]]
+    farthest = np.maximum.accumulate(np.where((s > before) & (s < after), s, before))
+    kept = np.append(True, farthest[1:] > farthest[:-1])
+    kept[fixed] = True
+    return np.asarray(kept)
 
 
 def briefest(jerk: Array) -> float:

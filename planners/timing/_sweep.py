@@ -1,4 +1,4 @@
-"""A motion along a path that keeps limits of jerk where they are, nearly: two sweeps and a filter as wide as the place allows.
+"""A motion along a path that nearly keeps its limits of jerk: two sweeps, and a filter as wide as each place allows.
 
 On places s_i the greatest speeds are known. A sweep from either end lets the speed rise under what is left of the limits on
 acceleration and jerk; where it meets a bound, it goes on from there with no acceleration. The lower of both is a motion whose
@@ -310,16 +310,20 @@ def spread(
 
 @compiled
 def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
-    """s, ṡ and s̈ (3, k) of a swept motion at times, into out: ṡ a cubic between two places, from ṡ and s̈ there."""
+    """s, ṡ and s̈ (3, k) of a swept motion at times, into out: ṡ a cubic between two places, from ṡ and s̈ there.
+
+    Both s̈ are cut so that the cubic's Bézier points are above 0, and s goes on.
+    """
     t, v, a = motion[0], motion[1], motion[2]
     for k in range(when.shape[0]):
         i = min(max(np.searchsorted(t, when[k], side="right") - 1, 0), t.shape[0] - 2)
         h = t[i + 1] - t[i]
         u = (when[k] - t[i]) / h
-        c2 = 3.0 * (v[i + 1] - v[i]) - h * (2.0 * a[i] + a[i + 1])
-        c3 = 2.0 * (v[i] - v[i + 1]) + h * (a[i] + a[i + 1])
-        whole = v[i] + h * a[i] / 2.0 + c2 / 3.0 + c3 / 4.0
-        area = u * (v[i] + u * (h * a[i] / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        first, last = max(h * a[i], -2.9 * v[i]), min(h * a[i + 1], 2.9 * v[i + 1])
+        c2 = 3.0 * (v[i + 1] - v[i]) - (2.0 * first + last)
+        c3 = 2.0 * (v[i] - v[i + 1]) + (first + last)
+        whole = v[i] + first / 2.0 + c2 / 3.0 + c3 / 4.0
+        area = u * (v[i] + u * (first / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
         out[0, k] = s[i] + (s[i + 1] - s[i]) * min(max(area / whole, 0.0), 1.0)
-        out[1, k] = max(v[i] + u * (h * a[i] + u * (c2 + u * c3)), 0.5 * min(v[i], v[i + 1]))
-        out[2, k] = a[i] + u * (2.0 * c2 + 3.0 * u * c3) / h
+        out[1, k] = max(v[i] + u * (first + u * (c2 + u * c3)), 0.5 * min(v[i], v[i + 1]))
+        out[2, k] = (first + u * (2.0 * c2 + 3.0 * u * c3)) / h

@@ -519,6 +519,8 @@ def test_a_curve_of_solutions_that_leaves_between_two_lost_directions_is_free(el
     for first, shoulder, hand in ((0.3, -0.8, 0.2), (-1.1, -1.9, 1.4), (1.7, 0.6, -0.9)):
         q = np.array([first, shoulder, 0.0, last, wrist, hand])
         found = solver.branches(oracles.fk(arm, q), q)
-        near = np.abs(found.q - q).max(axis=1) < 1e-6
+        near = (
+            np.abs(found.q - q).max(axis=1) < 1e-5
+        )  # two solutions in one: rounding of 1e-11 in the pose is 4e-6 in q
         assert near.any()
         assert (found.free[near] == (elbow != "stands")).all()
