@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _optimum, _reach
+from planners.timing._derivatives import derivatives
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
 from planners.timing.smooth import QUINTIC, least_duration
 
@@ -190,8 +191,8 @@ def numbers(
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
-    q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    q3 = joint_path(np.concatenate([s[:-1] + beside, s[1:] - beside]), 3)
+    _, q1, q2, _ = derivatives(joint_path, s)
+    q3 = np.concatenate([derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]])
     node, edge = np.empty((K + 1, joint_path.robot.n, 2)), np.empty((K, 2, joint_path.robot.n, 3))
     _optimum.limited(q1, q2, q3, bound["acceleration"], bound["jerk"], length, time, node, edge)
     v1 = length / time
