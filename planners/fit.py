@@ -35,7 +35,7 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     bound, factor = limits.arrays(robot.n), 0.0
     for order, field in enumerate(DERIVATIVES, start=1):
         if field in keeps:
-            ratio = float((trajectory.extrema(order).worst / bound[field]).max())
+            ratio = float((trajectory.piece_worst(order) / bound[field]).max())
             # a root may round down to 1 what is above it
             factor = max(factor, ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0)
     if any(np.isfinite(limit) and field in keeps for field, limit in zip(TOOL_SPEEDS, limits.tool, strict=True)):

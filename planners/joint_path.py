@@ -78,6 +78,13 @@ class JointPath(Curve):
         """Last s: the path's own end, or where the good part of it ends."""
         return float(self.knots[-1])
 
+    @property
+    def coefficients(self) -> Array:
+        """Coefficients (6, m − 1, n) of q between the nodes, highest power first, in s from each piece's first node on."""
+        view: Array = self._orders[0].c.view()
+        view.setflags(write=False)
+        return view
+
     def _evaluate(self, x: Array, order: int) -> Array:
         while len(self._orders) <= order:
             self._orders.append(self._orders[-1].derivative())

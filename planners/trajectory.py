@@ -58,7 +58,7 @@ class Trajectory(Curve):
             raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
-        self._orders = [polynomial, *(polynomial.derivative(order) for order in (1, 2, 3, 4))]
+        self._orders = [polynomial]
         self._extrema: dict[int, Extrema] = {}
 
     @property
@@ -95,6 +95,8 @@ class Trajectory(Curve):
         return int(self._orders[0].c.shape[2])
 
     def _evaluate(self, x: Array, order: int) -> Array:
+        while len(self._orders) <= order:
+            self._orders.append(self._orders[-1].derivative())
         values: Array = self._orders[order](x)
         return values
 

@@ -18,12 +18,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik._compile import compiled
+from optik._compile import compiled, inlined
 
 Array = NDArray[np.float64]
 
-TERMINAL = 1e8
-"""Weight of the state at the end in the sweep; its multiplier takes up what the weight leaves."""
+TERMINAL = 1e4
+"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier takes up what it leaves.
+
+All that the sweep carries back is rounded to this: weights far above what it compares with drown the pivots."""
+
+PIVOT = 1e-8
+"""Curvature of the model in a stage's free number, in the stage's units, below which it is rounding."""
 
 MET = 1e-5
 """What the dynamics of an interval may leave at the end, over its length."""
@@ -114,105 +119,93 @@ def limited(
                 edge[k, side, i, 2] = q3[k + side * K, i] * v3 * J
 
 
-@compiled
+@inlined
 def _first(k: int, n: int) -> int:
     """First limit of a place: the state at the start is given, so its acceleration is no limit."""
     return n if k == 0 else 0
 
 
-@compiled
-def _add(M: Array, m: Array, i: int, x: float, j: int, y: float, k: int, w: float, weight: float, pull: float) -> None:
-    """Add weight · ∇c ∇cᵀ and pull · ∇c of a limit with gradient x, y, w at places i < j < k of the stage."""
-    m[i] += pull * x
-    m[j] += pull * y
-    m[k] += pull * w
-    M[i, i] += weight * x * x
-    M[i, j] += weight * x * y
-    M[i, k] += weight * x * w
-    M[j, j] += weight * y * y
-    M[j, k] += weight * y * w
-    M[k, k] += weight * w * w
+@inlined
+def _pull(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
+    """Of a limit's two sides: weight of ∇c ∇cᵀ and pull along ∇c in the model, and the multiplier of c."""
+    above, below = 1.0 / at.slack[k, 0, i], 1.0 / at.slack[k, 1, i]
+    up, down, c = at.dual[k, 0, i], at.dual[k, 1, i], at.c[k, i]
+    higher = (mu + up * (c - 1.0)) * above + up
+    lower = (mu - down * (c + 1.0)) * below + down
+    return up * above + down * below, higher - lower, up - down
 
 
-@compiled
+@inlined
 def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Array, m: Array) -> None:
     """Quadratic model of the barrier problem on interval k, over (v, a, τ, j, v⁺, a⁺): upper half of M (6, 6), and m (6,)."""
     z, lam, node, edge = at.z, at.lam, problem.node, problem.edge
     n = node.shape[1]
     v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
     w, b = z[k + 1, 0], z[k + 1, 1]
-    for r in range(6):
-        m[r] = 0.0
-        for q in range(6):
-            M[r, q] = 0.0
     size = problem.ds[k] / problem.tau[k]
     mu *= problem.tau[k]
     delta *= problem.tau[k]
-    M[0, 0] += delta / size**2
-    M[1, 1] += delta * (problem.tau[k] / size) ** 2
-    M[2, 2] += delta / problem.tau[k] ** 2
-    M[3, 3] += delta * (problem.tau[k] ** 2 / size) ** 2
-    m[2] = 1.0 - mu / (tau - problem.least[k])
-    M[2, 2] += at.bound[k, 2] / (tau - problem.least[k]) + lam[k, 0] * (a + j * tau) + lam[k, 1] * j
-    M[0, 2] += lam[k, 0]
-    M[1, 2] += lam[k, 0] * tau + lam[k, 1]
-    M[2, 3] += lam[k, 0] * 0.5 * tau * tau + lam[k, 1] * tau + lam[k, 2]
+    spare = 1.0 / (tau - problem.least[k])
+    m0, m1, m3, m4, m5 = 0.0, 0.0, 0.0, 0.0, 0.0
+    M00, M01, M11 = delta / size**2, 0.0, delta * (problem.tau[k] / size) ** 2
+    M03, M13, M33 = 0.0, 0.0, delta * (problem.tau[k] ** 2 / size) ** 2
+    M34, M35, M44, M45, M55 = 0.0, 0.0, 0.0, 0.0, 0.0
     if k > 0:
-        room = problem.top[k] - v
-        m[0] += mu / room - mu / v
-        M[0, 0] += at.bound[k, 0] / v + at.bound[k, 1] / room
-    for i in range(_first(k, n), 3 * n):
-        above, below = at.slack[k, 0, i], at.slack[k, 1, i]
-        up, down = at.dual[k, 0, i], at.dual[k, 1, i]
-        weight, y = up / above + down / below, up - down
-        pull = (mu + up * (at.c[k, i] + above - 1.0)) / above - (mu + down * (below - at.c[k, i] - 1.0)) / below
-        if i < n:
+        low, room = 1.0 / v, 1.0 / (problem.top[k] - v)
+        m0 += mu * (room - low)
+        M00 += at.bound[k, 0] * low + at.bound[k, 1] * room
+        for i in range(n):
+            weight, pull, y = _pull(at, k, i, mu)
             p, q = node[k, i, 0], node[k, i, 1]
-            _add(M, m, 0, 2.0 * q * v, 1, p, 2, 0.0, weight, pull)
-            M[0, 0] += 2.0 * q * y
-        elif i < 2 * n:
-            p, q, u = edge[k, 0, i - n, 0], edge[k, 0, i - n, 1], edge[k, 0, i - n, 2]
-            _add(M, m, 0, q * a + 3.0 * u * v * v, 1, q * v, 3, p, weight, pull)
-            M[0, 0] += 6.0 * u * v * y
-            M[0, 1] += q * y
-        else:
-            p, q, u = edge[k, 1, i - 2 * n, 0], edge[k, 1, i - 2 * n, 1], edge[k, 1, i - 2 * n, 2]
-            _add(M, m, 3, p, 4, q * b + 3.0 * u * w * w, 5, q * w, weight, pull)
-            M[4, 4] += 6.0 * u * w * y
-            M[4, 5] += q * y
+            x = 2.0 * q * v
+            m0, m1 = m0 + pull * x, m1 + pull * p
+            M00, M01, M11 = M00 + weight * x * x + 2.0 * q * y, M01 + weight * x * p, M11 + weight * p * p
+    for i in range(n):
+        weight, pull, y = _pull(at, k, n + i, mu)
+        p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], edge[k, 0, i, 2]
+        x, r = q * a + 3.0 * u * v * v, q * v
+        m0, m1, m3 = m0 + pull * x, m1 + pull * r, m3 + pull * p
+        M00, M01, M11 = M00 + weight * x * x + 6.0 * u * v * y, M01 + weight * x * r + q * y, M11 + weight * r * r
+        M03, M13, M33 = M03 + weight * x * p, M13 + weight * r * p, M33 + weight * p * p
+        weight, pull, y = _pull(at, k, 2 * n + i, mu)
+        p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], edge[k, 1, i, 2]
+        x, r = q * b + 3.0 * u * w * w, q * w
+        m3, m4, m5 = m3 + pull * p, m4 + pull * x, m5 + pull * r
+        M33, M34, M35 = M33 + weight * p * p, M34 + weight * p * x, M35 + weight * p * r
+        M44, M45, M55 = M44 + weight * x * x + 6.0 * u * w * y, M45 + weight * x * r + q * y, M55 + weight * r * r
+    m[0], m[1], m[2], m[3], m[4], m[5] = m0, m1, 1.0 - mu * spare, m3, m4, m5
+    M[0, 0], M[0, 1], M[0, 3], M[1, 1], M[1, 3], M[3, 3] = M00, M01, M03, M11, M13, M33
+    M[3, 4], M[3, 5], M[4, 4], M[4, 5], M[5, 5] = M34, M35, M44, M45, M55
+    M[0, 2] = lam[k, 0]
+    M[1, 2] = lam[k, 0] * tau + lam[k, 1]
+    M[2, 2] = delta / problem.tau[k] ** 2 + at.bound[k, 2] * spare + lam[k, 0] * (a + j * tau) + lam[k, 1] * j
+    M[2, 3] = lam[k, 0] * 0.5 * tau * tau + lam[k, 1] * tau + lam[k, 2]
 
 
-@compiled
-def _next(i: int, a: float, tau: float, j: float) -> tuple[float, float]:
-    """Derivatives of v⁺ and a⁺ with respect to one of v, a, τ, j."""
-    if i == 0:
-        return 1.0, 0.0
-    if i == 1:
-        return tau, 1.0
-    return (a + j * tau, j) if i == 2 else (0.5 * tau * tau, tau)
-
-
-@compiled
+@inlined
 def _fold(z: Array, g: Array, M: Array, m: Array, Q: Array, q: Array) -> None:
-    """Put the dynamics of v⁺ and a⁺ into a stage's model: M (6, 6), upper half, and m become Q (4, 4) and q (4,)."""
+    """Put the dynamics of v⁺ and a⁺ into a stage's model: M (6, 6), upper half, and m become Q (4, 4) and q (4,).
+
+    Of v, a, τ and j it is the jerk only that a limit has together with v⁺ and a⁺.
+    """
     a, tau, j = z[1], z[2], z[3]
-    for r in range(6):
-        for i in range(r):
-            M[r, i] = M[i, r]
-    for r in range(6):
-        m[r] += M[r, 4] * g[1] + M[r, 5] * g[2]
+    first, second = (1.0, tau, a + j * tau, 0.5 * tau * tau), (0.0, 1.0, j, tau)  # derivatives of v⁺ and of a⁺
+    velocity = m[4] + M[4, 4] * g[1] + M[4, 5] * g[2]
+    acceleration = m[5] + M[4, 5] * g[1] + M[5, 5] * g[2]
+    m[3] += M[3, 4] * g[1] + M[3, 5] * g[2]
     for r in range(4):
-        first, second = _next(r, a, tau, j)
-        q[r] = m[r] + first * m[4] + second * m[5]
-        for i in range(4):
-            x, y = _next(i, a, tau, j)
-            left = M[r, i] + M[r, 4] * x + M[r, 5] * y
-            velocity = M[4, i] + M[4, 4] * x + M[4, 5] * y
-            acceleration = M[5, i] + M[5, 4] * x + M[5, 5] * y
-            Q[r, i] = left + first * velocity + second * acceleration
+        q[r] = m[r] + first[r] * velocity + second[r] * acceleration
+        x, y = M[4, 4] * first[r] + M[4, 5] * second[r], M[4, 5] * first[r] + M[5, 5] * second[r]
+        for i in range(r, 4):
+            Q[r, i] = M[r, i] + x * first[i] + y * second[i]
+        Q[r, 3] += M[3, 4] * first[r] + M[3, 5] * second[r]
+    Q[3, 3] += M[3, 4] * first[3] + M[3, 5] * second[3]
+    for r in range(1, 4):
+        for i in range(r):
+            Q[r, i] = Q[i, r]
 
 
-@compiled
+@inlined
 def _place_row(z: Array, row: Array) -> int:
     """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it shall determine."""
     v, a, tau, j = z[0], z[1], z[2], z[3]
@@ -231,9 +224,10 @@ def _back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array,
     z, K = at.z, problem.ds.shape[0]
     M, m, row = np.empty((6, 6)), np.empty(6), np.empty(4)
     Q, q, R, r, N = np.empty((4, 4)), np.empty(4), np.empty((3, 3)), np.empty(3), np.empty(3)
-    cost[K, 0], cost[K, 1], cost[K, 2] = TERMINAL, 0.0, TERMINAL
+    tau, ds = problem.tau[K - 1], problem.ds[K - 1]
+    cost[K, 0], cost[K, 1], cost[K, 2] = TERMINAL * tau * (tau / ds) ** 2, 0.0, TERMINAL * tau * (tau**2 / ds) ** 2
     for i in range(2):
-        cost[K, 3 + i] = TERMINAL * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
+        cost[K, 3 + i] = cost[K, 2 * i] * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
     for k in range(K - 1, -1, -1):
         _stage(k, problem, at, mu, delta, M, m)
         M[4, 4] += cost[k + 1, 0]
@@ -257,7 +251,7 @@ def _back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array,
                 h = free if j == 2 else j
                 R[i, j] = Q[o, h] + N[i] * Q[pivot, h] + N[j] * (Q[o, pivot] + N[i] * Q[pivot, pivot])
         unit = problem.tau[k] if free == 2 else problem.ds[k] / problem.tau[k] ** 3
-        if not R[2, 2] * unit**2 > 1e-10 * problem.tau[k]:
+        if not R[2, 2] * unit**2 > PIVOT * problem.tau[k]:
             return False
         law[k, 0], law[k, 1], law[k, 2] = -R[2, 0] / R[2, 2], -R[2, 1] / R[2, 2], -r[2] / R[2, 2]
         cost[k, 0], cost[k, 1] = R[0, 0] + R[0, 2] * law[k, 0], R[0, 1] + R[0, 2] * law[k, 1]
@@ -311,7 +305,7 @@ def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
             out[k, 2 * n + i] = p * d[k, 3] + q * (w * d[k + 1, 1] + b * d[k + 1, 0]) + 3.0 * u * w * w * d[k + 1, 0]
 
 
-@compiled
+@inlined
 def _cut(length: float, x: float, dx: float, keep: float) -> float:
     """The step's length, cut so that x + length · dx keeps a share of x > 0."""
     return -keep * x / dx if dx * length < -keep * x else length
@@ -401,7 +395,7 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
             top = problem.top[k]
             at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * min(top, problem.ds[k] / problem.tau[k])), 0.999 * top)
             at.bound[k, 0], at.bound[k, 1] = weight / at.z[k, 0], weight / (top - at.z[k, 0])
-        at.z[k, 2] = max(at.z[k, 2], 2.0 * problem.least[k])
+        at.z[k, 2] = max(at.z[k, 2], 1.02 * problem.least[k])
         at.bound[k, 2] = weight / (at.z[k, 2] - problem.least[k])
     values(problem, at.z, at.g, at.c)
     for k in range(K):

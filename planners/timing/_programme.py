@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _optimum, _reach
+from planners.timing._derivatives import derivatives
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
 from planners.timing.smooth import QUINTIC, least_duration
 
@@ -28,6 +29,9 @@ SMOOTHEST = 0.02
 """Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
 SHORTEST = 0.02
 """No interval lasts less than this share of its first guess."""
+BRIEFEST = 0.95
+"""Nor less than this share of what it takes at the greater of the speeds that its ends allow, or speeds would be kept there
+and nowhere between: where they alone bind, that would be the optimum, and the iteration would not find it."""
 STILL = 1e-9
 """Share of the way below which what a motion covers within the filter's width is none: rounding in s would make the rest."""
 SPARE = 0.9999
@@ -187,8 +191,8 @@ def numbers(
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
-    q1, q2 = joint_path(s, 1), joint_path(s, 2)
-    q3 = joint_path(np.concatenate([s[:-1] + beside, s[1:] - beside]), 3)
+    _, q1, q2, _ = derivatives(joint_path, s)
+    q3 = np.concatenate([derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]])
     node, edge = np.empty((K + 1, joint_path.robot.n, 2)), np.empty((K, 2, joint_path.robot.n, 3))
     _optimum.limited(q1, q2, q3, bound["acceleration"], bound["jerk"], length, time, node, edge)
     v1 = length / time
@@ -198,6 +202,7 @@ def numbers(
     if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
         limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
-    tau = start[:-1, 2].copy()
-    problem = _optimum.Problem(np.diff(s) / length, tau, SHORTEST * tau, top, node, edge, np.zeros(2))
+    tau, ds = start[:-1, 2].copy(), np.diff(s) / length
+    least = np.maximum(SHORTEST * tau, BRIEFEST * ds / np.maximum(top[:-1], top[1:]))
+    problem = _optimum.Problem(ds, tau, least, top, node, edge, np.zeros(2))
     return Programme(problem, s, start, units, moving)

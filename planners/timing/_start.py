@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _sweep
+from planners.timing._derivatives import derivatives
 from planners.timing._places import graded
 from planners.timing._programme import Programme, numbers
 from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
@@ -72,7 +73,7 @@ def _with(
     """
     nodes = joint_path.nodes[1:-1]
     beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
-    jump = np.abs(joint_path(nodes + beside, 3) - joint_path(nodes - beside, 3))
+    jump = np.abs(derivatives(joint_path, nodes + beside)[3] - derivatives(joint_path, nodes - beside)[3])
     passed = np.interp(nodes, along.s, motion[0])
     speed = np.interp(nodes, along.s, motion[1])
     chosen = (jump / along.jerk).max(axis=1) * speed**3 > JUMP
@@ -119,7 +120,7 @@ def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
     moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
     A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
-    q1, q2, q3 = (np.ascontiguousarray(joint_path(s, order)) for order in (1, 2, 3))
+    _, q1, q2, q3 = derivatives(joint_path, s)
     size, length = np.abs(q1), float(s[-1])
     a, j = float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
     # by order of magnitude no motion takes less time than these; far higher derivatives need not be told apart

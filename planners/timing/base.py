@@ -77,15 +77,19 @@ class MotionLimits:
         return MotionLimits(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
 
     def arrays(self, n: int) -> dict[str, Array]:
-        """Return each as (n,), infinity where free.
+        """Return each as (n,), infinity where free; read-only.
 
         Raises
         ------
         InvalidInput
             A length other than n.
         """
-        free = np.full(n, np.inf)
-        return {f: free if (v := getattr(self, f)) is None else positive(v, n, f) for f in DERIVATIVES}
+        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_arrays", {})  # asked for many times by a law
+        if n not in kept:
+            free = np.full(n, np.inf)
+            free.setflags(write=False)
+            kept[n] = {f: free if (v := getattr(self, f)) is None else positive(v, n, f) for f in DERIVATIVES}
+        return dict(kept[n])
 
     def scaled(self, share: float) -> MotionLimits:
         """Return the same limits, so many times as wide."""

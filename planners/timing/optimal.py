@@ -15,7 +15,8 @@ from planners.follow import JointPath
 from planners.hermite import through
 from planners.splice import begun
 from planners.timing import _optimum
-from planners.timing._programme import Programme, divided, gentle, programme, within
+from planners.timing._derivatives import derivatives, distances
+from planners.timing._programme import Programme, divided, gentle, programme
 from planners.timing._restart import ROUNDING, stopping_places, straight_stop
 from planners.timing._start import briefest, start
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
@@ -161,7 +162,7 @@ def _solved(
         if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST) < 0:
             break
         motion = _motion(joint_path, given, z)
-        coarse = _off(joint_path, given, z, motion) & (halvings < 4 * HALVINGS)
+        coarse = _off(joint_path, given, z) & (halvings < 4 * HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
             motion = begun(motion, given.moving.joints, limits)
         over = _over(joint_path, motion, limits)
@@ -186,7 +187,7 @@ def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Pro
     """The programme with those intervals halved in which its start would leave the joint path between the places."""
     for _ in range(HALVINGS):
         z = given.start
-        coarse = _off(joint_path, given, z, _motion(joint_path, given, z))
+        coarse = _off(joint_path, given, z)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(limits.arrays(joint_path.robot.n)["jerk"])
         if not coarse.any():
             break
@@ -194,13 +195,10 @@ def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Pro
     return given
 
 
-def _off(joint_path: JointPath, given: Programme, z: Array, trajectory: Trajectory) -> NDArray[np.bool_]:
+def _off(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]:
     """Intervals (K,) in which the motion leaves the joint path by more than `OFF` between the places."""
-    h, off = np.diff(trajectory.knots), np.zeros(len(z) - 1)
-    for u in (0.25, 0.5, 0.75):
-        s = np.clip(within(given, z, u)[0], 0.0, joint_path.end)
-        off = np.maximum(off, np.abs(trajectory(trajectory.knots[:-1] + u * h) - joint_path(s)).max(axis=1))
-    return np.asarray(off > OFF)
+    state, tau = _states(given, z)
+    return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF
 
 
 def _inside(problem: _optimum.Problem, z: Array, share: float, most: float = np.inf) -> Array:
@@ -219,13 +217,19 @@ def _inside(problem: _optimum.Problem, z: Array, share: float, most: float = np.
     return slower
 
 
-def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
-    """Quintic Hermite in time through exact q, q̇, q̈ at the places."""
+def _states(given: Programme, z: Array) -> tuple[Array, Array]:
+    """ṡ and s̈ at the places (K + 1, 2), and the durations (K,) between."""
     length, time = given.units
     state = np.vstack([z[:-1, :2], given.problem.goal])  # which the optimum meets to its own tolerance only
-    s, v, a = given.s, state[:, :1] * (length / time), state[:, 1:] * (length / time**2)
-    t = np.concatenate([[0.0], np.cumsum(z[:-1, 2] * time)])
-    q, q1, q2 = (joint_path(s, order) for order in (0, 1, 2))
+    return state * np.array([length / time, length / time**2]), z[:-1, 2] * time
+
+
+def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
+    """Quintic Hermite in time through exact q, q̇, q̈ at the places."""
+    state, tau = _states(given, z)
+    v, a = state[:, :1], state[:, 1:]
+    t = np.concatenate([[0.0], np.cumsum(tau)])
+    q, q1, q2, _ = derivatives(joint_path, given.s)
     return Trajectory(through(t, q, q1 * v, q1 * a + q2 * v * v))
 
 
