@@ -541,3 +541,11 @@ def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> N
     with pytest.raises(InvalidInput) as info:
         certified(paper_motion(), keeps=("velocty",))
     assert info.value.argument == "keeps"
+
+
+def test_a_rate_that_tells_nothing_is_refused() -> None:
+    for rate in (1e-6, 1e9):
+        assert certified(paper_motion(), rate=rate).rate == rate
+    for rate in (0.9e-6, 1.1e9, 1e300, 5e-324, float("nan")):
+        with pytest.raises(InvalidInput, match="rate"):
+            certified(paper_motion(), rate=rate)

@@ -165,6 +165,19 @@ def test_rounding_in_short_pieces_is_no_jump(size: float) -> None:
     assert proof.continuous == 2, "the jerk begins and ends with a step, and nothing else jumps"
 
 
+def test_rounding_of_a_joint_that_stands_is_no_jump() -> None:
+    """As splines of other programs have it: where pieces are short, the last bit of q is a velocity."""
+    t = np.array([0.0, 0.5, 0.501, 1.0])
+    u = np.poly1d([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
+    orders = [np.multiply.outer((u.deriv(k) if k else u)(t), 0.1 * np.arange(6.0)) for k in range(3)]
+    orders[0] += START
+    c = through(t, *orders).c
+    c[4, :, 0] = [2e-16, -1e-13, 2e-16]  # joint 1 stands
+    assert certify(ROBOT, LINE, Trajectory(PPoly(c, t)), LIMITS).continuous == 2
+    c[4, :, 0] = [2e-16, -1e-9, 2e-16]
+    assert certify(ROBOT, LINE, Trajectory(PPoly(c, t)), LIMITS).continuous == 0, "so much is no rounding"
+
+
 # ---------------------------------------------------------------- what a plan says of it
 
 

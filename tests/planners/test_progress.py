@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from optik import se3
 from optik.errors import InvalidInput
 from planners import Arc, Line, Polyline
+from planners.motion_bounds import Instants
 from planners.paths.base import Path
-from planners.progress import places_along
+from planners.progress import Nearest, places_along
 
 Array = NDArray[np.float64]
 quick = settings(
@@ -111,6 +112,19 @@ def test_a_closed_path_begins_at_its_beginning_and_ends_at_its_end() -> None:
 def test_a_motion_backwards_goes_back(path: Path) -> None:
     s = path.places(300, 4)[::-1]
     np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_nearest_place_around_is_found_to_rounding(axis: int) -> None:
+    turn = np.zeros(3)
+    turn[axis] = 0.8
+    for path in (Line(np.eye(4), se3.pose(se3.exp_so3(turn), np.zeros(3))), Line(np.eye(4), se3.pose(np.eye(3), turn))):
+        s = np.linspace(0.1, 0.7, 7) * path.end / 0.8
+        instants = Instants(s, np.zeros((7, 6, 6)), path.pose(s), np.zeros((7, 3, 6)))
+        instants.motion[:, 0] = 0.5 * path.twist(s)
+        found = Nearest(path).places(instants, s + 0.02 * path.end)
+        np.testing.assert_allclose(found.s, s, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(found.speed, 0.5, rtol=1e-6)
 
 
 def test_a_motion_nowhere_near_its_path_gets_the_nearest_places() -> None:
