@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, MotionLimits, Trajectory, laws, make_law
-from planners.timing import _optimum, optimal
+from planners.timing import _newton, _optimum, optimal
 from planners.timing.base import DERIVATIVES, PathState
 from planners.timing.optimal import Optimal
 from tests.planners.cases import default_joint_path, random_joint_paths
@@ -250,7 +250,7 @@ def test_the_barrier_of_many_tiny_slacks_is_the_sum_of_their_logarithms() -> Non
     node, edge = np.zeros((K + 1, n, 2)), np.zeros((K, 2, n, 3))
     one = {"ds": np.ones(K), "tau": np.ones(K), "least": np.full(K, 0.1), "top": np.full(K + 1, 3.0)}
     given = one | {"node": node, "edge": edge, "goal": np.zeros(2)}
-    problem = _optimum.Problem(**{name: given[name] for name in _optimum.Problem._fields})
+    problem = _newton.Problem(**{name: given[name] for name in _newton.Problem._fields})
     z = np.abs(rng.normal(size=(K + 1, 4))) + 0.2
     slack = 10.0 ** rng.uniform(-40.0, -20.0, (K + 1, 2, 3 * n))
     slack[1] = 10.0 ** rng.uniform(20.0, 40.0, (2, 3 * n))
@@ -271,3 +271,14 @@ def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -
         trajectory = make_law("optimal").run(joint_path, limits)
         np.testing.assert_allclose(trajectory(trajectory.end), joint_path.q[-1], rtol=0.0, atol=1e-9)
         assert np.abs(trajectory(trajectory.end, 1)).max() < 1e-9
+
+
+def test_where_no_motion_is_found_the_reason_names_the_place_and_the_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_optimum, "solve", lambda *_: -1)
+    with pytest.raises(NoSolution) as info:
+        make_law("optimal").run(default_joint_path(), LIMITS)
+    assert info.value.joint in default_joint_path().robot.joint_names
+    assert info.value.joint in info.value.reason
+    assert info.value.s is not None
+    assert 0.0 <= info.value.s <= default_joint_path().end
+    assert "times the jerk limit" in info.value.reason or "times the acceleration limit" in info.value.reason
