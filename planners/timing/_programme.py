@@ -68,7 +68,7 @@ def programme(
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
-    if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x):
+    if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, x):
         return None
     _reach.in_time(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))
@@ -86,9 +86,9 @@ def programme(
     return numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
 
 
-def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float) -> Programme:
+def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
     """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
-    duration, count = least_duration(joint_path, limits), round(more * _count(joint_path, intervals))
+    duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
     for order in range(3):
         motion[order] = joint_path.end / duration**order * np.polyval(np.polyder(QUINTIC, order), u)

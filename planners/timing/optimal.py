@@ -33,8 +33,8 @@ FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
 WEIGHTS = (1.0, 100.0, 10.0)
 """First barrier weights that are tried in turn, over the usual one."""
-GENTLE = ((1.0, 1.0), (100.0, 1.0))
-"""First barrier weights and numbers of intervals, over the usual ones, from one quintic in s: where no other start led on."""
+GENTLE = (1.0, 100.0)
+"""First barrier weights, over the usual one, from one quintic in s: where no other start led on."""
 SLOWER = 1.5
 """By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
 MOST = 100
@@ -142,8 +142,8 @@ def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None
     given = _finer(joint_path, limits, start(joint_path, limits, intervals))
     for weight in WEIGHTS:
         yield given, weight
-    for weight, more in GENTLE:
-        yield gentle(joint_path, limits, intervals, more), weight
+    for weight in GENTLE:
+        yield gentle(joint_path, limits, intervals), weight
 
 
 def _none(joint_path: JointPath, given: Programme) -> NoSolution:
