@@ -165,7 +165,8 @@ class Trajectory(Curve):
 
     def piece_worst(self, order: int) -> Array:
         """Largest absolute value (m, n) of a derivative (0 to 3) on every piece, exact."""
-        worst: Array = np.abs(self._pieces[0][order]).max(axis=-1)
+        value = self._pieces[0][order]
+        worst: Array = np.maximum(np.abs(value[..., 0]), np.abs(value[..., 1]))
         return worst
 
     def slowed(self, factor: float) -> Trajectory:

@@ -12,6 +12,7 @@ from optik.errors import NoSolution
 from planners.follow import JointPath
 from planners.timing import _optimum, _reach
 from planners.timing._derivatives import derivatives
+from planners.timing._newton import Problem
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
 from planners.timing.smooth import QUINTIC, least_duration
 
@@ -44,7 +45,7 @@ class Programme(NamedTuple):
     ``moving`` is the state that it starts from, None from rest.
     """
 
-    problem: _optimum.Problem
+    problem: Problem
     s: Array
     start: Array
     units: tuple[float, float]
@@ -52,43 +53,42 @@ class Programme(NamedTuple):
 
 
 def programme(
-    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState | None = None, end: float = 0.0,
-    *, width: float = 1.0, more: float = 1.0,
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
-    """The programme from rest to rest, or from a moving state to rest at `end`; None where that is too fast to stop."""
+    """The programme from a moving state to rest at `end`; None where that is too fast to stop."""
     bound = limits.arrays(joint_path.robot.n)
-    begin, first, end = (0.0, 0.0, joint_path.end) if state is None else (state.s, state.speed, end)
+    begin, first = state.s, state.speed
     s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
     if s.size <= PER_PIECE:  # a stop within one cell of the path
         s = np.linspace(begin, end, PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
-    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
+    _, q1, q2, q3 = derivatives(joint_path, s)
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
-    if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, 0.0, x):
+    if not _reach.fastest(s, q1, q2, speed, acceleration, first * first, x):
         return None
     _reach.in_time(s, x, t)
-    width *= max(ramp, SMOOTHEST * float(t[-1]))
+    width = max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
     if first * width > STILL * (end - begin):  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
-    when = _spread(t, s, v, width, since, round(more * _count(joint_path, intervals)))
+    when = _spread(t, s, v, width, since, _count(joint_path, intervals))
     at, v, a = _filtered(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
     v[-1] = a[-1] = 0.0
-    v[0], a[0] = (0.0, 0.0) if state is None else (state.speed, state.acceleration)
+    v[0], a[0] = state.speed, state.acceleration
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
     return numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
 
 
-def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float) -> Programme:
+def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
     """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
-    duration, count = least_duration(joint_path, limits), round(more * _count(joint_path, intervals))
+    duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
     for order in range(3):
         motion[order] = joint_path.end / duration**order * np.polyval(np.polyder(QUINTIC, order), u)
@@ -204,5 +204,5 @@ def numbers(
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
     least = np.maximum(SHORTEST * tau, BRIEFEST * ds / np.maximum(top[:-1], top[1:]))
-    problem = _optimum.Problem(ds, tau, least, top, node, edge, np.zeros(2))
+    problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
     return Programme(problem, s, start, units, moving)

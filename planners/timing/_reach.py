@@ -33,13 +33,13 @@ def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
 
 
 @compiled
-def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, last: float, x: Array) -> bool:
-    """Greatest x = ṡ² (k,) at places s (k,) from ṡ² = first to last, under bounds on q̈ (n,) and on ṡ (k,).
+def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
+    """Greatest x = ṡ² (k,) at places s (k,) from ṡ² = first to rest, under bounds on q̈ (n,) and on ṡ (k,).
 
     Returns False where the first speed is too high to be kept within the limits.
     """
     k = s.shape[0]
-    x[k - 1] = last
+    x[k - 1] = 0.0
     for i in range(k - 2, -1, -1):  # the greatest x from which x[i + 1] or less can be reached
         d = 2.0 * (s[i + 1] - s[i])
         top = min(speed[i] * speed[i], 1e300)

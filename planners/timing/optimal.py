@@ -16,6 +16,7 @@ from planners.hermite import through
 from planners.splice import begun
 from planners.timing import _optimum
 from planners.timing._derivatives import derivatives, distances
+from planners.timing._newton import Problem
 from planners.timing._programme import Programme, divided, gentle, programme
 from planners.timing._restart import ROUNDING, stopping_places, straight_stop
 from planners.timing._start import briefest, start
@@ -32,8 +33,8 @@ FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
 WEIGHTS = (1.0, 100.0, 10.0)
 """First barrier weights that are tried in turn, over the usual one."""
-GENTLE = ((1.0, 1.0), (100.0, 1.0))
-"""First barrier weights and numbers of intervals, over the usual ones, from one quintic in s: where no other start led on."""
+GENTLE = (1.0, 100.0)
+"""First barrier weights, over the usual one, from one quintic in s: where no other start led on."""
 SLOWER = 1.5
 """By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
 MOST = 100
@@ -90,12 +91,10 @@ class Optimal(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         for problem, weight in _problems(joint_path, limits, self.intervals):
-            trajectory = None if problem is None else _solved(joint_path, problem, limits, CLOSE, weight)
+            trajectory = _solved(joint_path, problem, limits, CLOSE, weight)
             if trajectory is not None:
                 return fitted(joint_path.robot, trajectory, limits, self.keeps)
-        raise NoSolution(
-            "the interior-point iteration found no motion", advice="another number of intervals, or another law"
-        )
+        raise _none(joint_path, start(joint_path, limits, self.intervals))
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
         """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
@@ -138,15 +137,28 @@ class Optimal(TimeLaw):
         )
 
 
-def _problems(
-    joint_path: JointPath, limits: MotionLimits, intervals: int | None
-) -> Iterator[tuple[Programme | None, float]]:
+def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
     given = _finer(joint_path, limits, start(joint_path, limits, intervals))
     for weight in WEIGHTS:
         yield given, weight
-    for weight, more in GENTLE:
-        yield gentle(joint_path, limits, intervals, more), weight
+    for weight in GENTLE:
+        yield gentle(joint_path, limits, intervals), weight
+
+
+def _none(joint_path: JointPath, given: Programme) -> NoSolution:
+    """That the iteration found no motion, and what its start asks most of: the likeliest reason."""
+    K, n = given.problem.ds.size, joint_path.robot.n
+    g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
+    _optimum.values(given.problem, given.start, g, c)
+    k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
+    limit, joint = ("acceleration", "jerk", "jerk")[i // n], joint_path.robot.joint_names[i % n]
+    place, ratio = float(given.s[k + i // (2 * n)]), float(np.abs(c[k, i]))  # the last third is at the interval's end
+    return NoSolution(
+        f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
+        f"s = {place:.6g}",
+        s=place, joint=joint, advice="another number of intervals, or another law",
+    )  # fmt: skip
 
 
 def _solved(
@@ -201,7 +213,7 @@ def _off(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]
     return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF
 
 
-def _inside(problem: _optimum.Problem, z: Array, share: float, most: float = np.inf) -> Array:
+def _inside(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
     """The motion z, so much slower that it uses at most a share of every limit, up to a factor."""
     K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
@@ -234,7 +246,7 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
 
 
 def _tighten(
-    joint_path: JointPath, problem: _optimum.Problem, trajectory: Trajectory, over: Array, limits: MotionLimits,
+    joint_path: JointPath, problem: Problem, trajectory: Trajectory, over: Array, limits: MotionLimits,
     close: float,
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""

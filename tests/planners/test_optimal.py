@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.interpolate import BPoly
 
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, MotionLimits, Trajectory, laws, make_law
-from planners.timing import _optimum, optimal
+from planners.timing import _newton, _optimum, optimal
+from planners.timing._derivatives import derivatives, distances
 from planners.timing.base import DERIVATIVES, PathState
 from planners.timing.optimal import Optimal
 from tests.planners.cases import default_joint_path, random_joint_paths
@@ -250,7 +252,7 @@ def test_the_barrier_of_many_tiny_slacks_is_the_sum_of_their_logarithms() -> Non
     node, edge = np.zeros((K + 1, n, 2)), np.zeros((K, 2, n, 3))
     one = {"ds": np.ones(K), "tau": np.ones(K), "least": np.full(K, 0.1), "top": np.full(K + 1, 3.0)}
     given = one | {"node": node, "edge": edge, "goal": np.zeros(2)}
-    problem = _optimum.Problem(**{name: given[name] for name in _optimum.Problem._fields})
+    problem = _newton.Problem(**{name: given[name] for name in _newton.Problem._fields})
     z = np.abs(rng.normal(size=(K + 1, 4))) + 0.2
     slack = 10.0 ** rng.uniform(-40.0, -20.0, (K + 1, 2, 3 * n))
     slack[1] = 10.0 ** rng.uniform(20.0, 40.0, (2, 3 * n))
@@ -271,3 +273,58 @@ def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -
         trajectory = make_law("optimal").run(joint_path, limits)
         np.testing.assert_allclose(trajectory(trajectory.end), joint_path.q[-1], rtol=0.0, atol=1e-9)
         assert np.abs(trajectory(trajectory.end, 1)).max() < 1e-9
+
+
+def test_where_no_motion_is_found_the_reason_names_the_place_and_the_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_optimum, "solve", lambda *_: -1)
+    with pytest.raises(NoSolution) as info:
+        make_law("optimal").run(default_joint_path(), LIMITS)
+    assert info.value.joint in default_joint_path().robot.joint_names
+    assert info.value.joint in info.value.reason
+    assert info.value.s is not None
+    assert 0.0 <= info.value.s <= default_joint_path().end
+    assert "times the jerk limit" in info.value.reason or "times the acceleration limit" in info.value.reason
+
+
+@pytest.mark.parametrize("tool_speed", [1e-3, 1e-2])
+@pytest.mark.parametrize("line", range(4))
+def test_where_speeds_alone_bind_there_is_a_motion_as_long_as_they_ask(line: int, tool_speed: float) -> None:
+    joint_path = random_joint_paths(4)[line]
+    trajectory = Optimal().run(joint_path, MotionLimits(2.0, 2e3, 2e5, tool_speed=tool_speed))
+    s = np.linspace(0.0, joint_path.end, 4001)
+    least = np.trapezoid(np.linalg.norm(joint_path.path.twist(s)[:, :3], axis=1), s) / tool_speed
+    assert least <= trajectory.duration <= 1.002 * least
+
+
+def test_a_state_that_hardly_moves_starts_as_one_at_rest() -> None:
+    joint_path = default_joint_path()
+    still = Optimal().run_from(joint_path, LIMITS, PathState(0.05, 0.0, 0.0), stop=False)
+    for speed, acceleration in ((1e-20, 3e-17), (1e-13, 1e-9), (1e-10, 0.0), (1e-7, 1e-4)):
+        state = PathState(0.05, speed, acceleration)
+        assert Optimal().run_from(joint_path, LIMITS, state, stop=False).duration == pytest.approx(
+            still.duration, rel=2e-3
+        )
+
+
+def test_derivatives_at_many_places_are_those_of_the_spline() -> None:
+    for joint_path in (default_joint_path(), *random_joint_paths(2)):
+        s = np.sort(np.concatenate([np.random.default_rng(2).uniform(0.0, joint_path.end, 300), joint_path.nodes]))
+        found = derivatives(joint_path, s)
+        for order in range(4):
+            wanted = joint_path(s, order)
+            np.testing.assert_allclose(found[order], wanted, rtol=0.0, atol=1e-11 * np.abs(wanted).max())
+
+
+def test_distances_to_the_path_are_those_of_scipys_quintics() -> None:
+    joint_path, rng = random_joint_paths(1)[0], np.random.default_rng(3)
+    s = joint_path.end * np.array([0.1, 0.2, 0.35, 0.4, 0.7])
+    tau, state = rng.uniform(0.1, 0.3, 4), rng.normal(size=(5, 2)) * np.array([0.3, 1.0])
+    t, v, a = np.append(0.0, np.cumsum(tau)), state[:, :1], state[:, 1:]
+    q, q1, q2 = (joint_path(s, order) for order in range(3))
+    motion = BPoly.from_derivatives(t, np.stack([q, q1 * v, q1 * a + q2 * v * v], axis=1))
+    place = BPoly.from_derivatives(t, np.stack([s, state[:, 0], state[:, 1]], axis=1))
+    found = distances(joint_path, s, state, tau, np.stack([q, q1, q2]))
+    for k in range(4):
+        at = t[k] + tau[k] * np.array([0.25, 0.5, 0.75])
+        off = np.abs(motion(at) - joint_path(np.clip(place(at), 0.0, joint_path.end))).max()
+        assert found[k] == pytest.approx(off, rel=1e-9)
