@@ -36,8 +36,8 @@ JUMP = 0.02
 """What q''' may jump by within an interval: a share of the limits on jerk."""
 
 
-def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
-    """The programme from rest to rest.
+def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
+    """The programme from rest to rest, with so many times the intervals that were asked for or are usual.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None) ->
     t = motion[0]
     least = min(briefest(along.jerk), t[-1] / FEWEST)
     usual = round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
-    count = intervals or usual
+    count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
     when, k, nodes = _with(when, joint_path, along, motion, least)
     found = np.empty((3, when.size))

@@ -31,13 +31,14 @@ PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
 FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
-WEIGHTS = (1.0, 100.0, 10.0)
-"""First barrier weights that are tried in turn, over the usual one."""
+ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 2.0), (10.0, 1.7))
+"""First barrier weights and numbers of intervals, over the usual ones, that are tried in turn: where the iteration gets stuck on
+one set of places, it seldom does on another."""
 GENTLE = (1.0, 100.0)
 """First barrier weights, over the usual one, from one quintic in s: where no other start led on."""
 SLOWER = 1.5
 """By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
-MOST = 100
+MOST = 200
 """Iterations; 12 to 22 are usual."""
 CLOSE = 2e-4
 """What may be left to the slow-down: a share of the duration."""
@@ -139,9 +140,8 @@ class Optimal(TimeLaw):
 
 def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
-    given = _finer(joint_path, limits, start(joint_path, limits, intervals))
-    for weight in WEIGHTS:
-        yield given, weight
+    for weight, more in ATTEMPTS:
+        yield _finer(joint_path, limits, start(joint_path, limits, intervals, more)), weight
     for weight in GENTLE:
         yield gentle(joint_path, limits, intervals), weight
 
