@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+import optik
 from optik import Robot, kinematics
 from optik.ik import Tolerance, make_solver
 from optik.robot import load
@@ -266,3 +267,31 @@ def test_the_bound_counts_what_nodes_are_off_in_pose_and_twist(off: float) -> No
         assert (worst <= out[i] + 1e-14).all()
         assert (out[i] <= plainly[i]).all()
         assert (out[i] <= np.maximum(3.0 * worst + 2e-7, CLOSE)).all(), "and looked at closely it is near"
+
+
+def test_derivatives_of_samples_that_are_stepped_over_are_those_of_the_joint_path() -> None:
+    robot = optik.load("paper6r")
+    q = np.deg2rad([20.0, -35.0, 40.0, 25.0, 0.0, -30.0])
+    speed = np.array([0.2, 0.1, -0.1, 0.05, 0.5, 0.1])
+    middle, twist = robot.fk(q), 0.1 * robot.jacobian(q) @ speed
+    line = Line(oracles.moved(middle, -twist[:3], -twist[3:]), oracles.moved(middle, twist[:3], twist[3:]))
+    start = optik.solve_ik(robot, line.start, q - 0.1 * speed, tolerance=optik.Tolerance(1e-12, 1e-12)).q
+    joint_path = follow(make_solver(robot, "lm"), line, start).joint_path
+    assert joint_path is not None
+    assert joint_path.knots.size > joint_path.nodes.size, "a sample at the singular pose is no node"
+    slopes = joint_path(joint_path.knots, 1)
+    np.testing.assert_allclose(joint_path.derivatives[:, 0], slopes, rtol=0.0, atol=1e-3 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize("bend", [2e-2, 2e-3, 2e-4])
+def test_steps_are_divided_on_the_shortest_path_too(bend: float) -> None:
+    """Joint 4 turns by a radian beside a straight wrist, where the tool turns by no more than its bend."""
+    robot = optik.load("paper6r")
+    q = np.deg2rad([20.0, -35.0, 40.0, 0.0, 0.0, -30.0])
+    q[3:] = -0.5, bend, 0.5
+    goal = q.copy()
+    goal[3], goal[5] = 0.5, -0.5
+    followed = follow(make_solver(robot, "lm"), Line(robot.fk(q), robot.fk(goal)), q, samples=2)
+    assert followed, followed.stop
+    assert followed.joint_path is not None
+    assert np.abs(followed.joint_path.q[-1] - goal).max() < 1e-6
