@@ -23,8 +23,8 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from planners import JointLine, Line, MotionLimits, Trajectory, certify, make_law, plan
 from planners.motion import Motion, motion_of
-from planners.ros import from_ros, to_ros
-from planners.ros_message import _to_yaml
+from planners.ros import NEAR, from_ros, to_ros
+from planners.ros_message import LONGEST, SECOND, _to_yaml
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact
@@ -261,6 +261,37 @@ def test_a_tool_speed_that_was_asked_is_kept_and_the_end_is_held(rate: float | N
         assert periods == pytest.approx(round(periods), abs=1e-6)
         assert end <= sent.trajectory.duration < end + 1.0 / rate
         np.testing.assert_allclose(sent.trajectory(sent.trajectory.end, 1), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [125.0, 500.0])
+def test_points_of_the_rate_stand_apart_from_the_knots_between(rate: float, tmp_path: Path) -> None:
+    to_ros(weld(), tmp_path / "motion.json", rate=rate)
+    stamps = [p["time_from_start"] for p in read(tmp_path / "motion.json")["points"]]
+    times = np.array([SECOND * t["sec"] + t["nanosec"] for t in stamps])
+    of_rate = np.isin(times, np.rint(np.arange(times[-1] * rate / SECOND + 1) * SECOND / rate).astype(int))
+    inner = of_rate[1:-1]
+    assert inner.any() and not inner.all()
+    apart = np.minimum(np.diff(times)[:-1], np.diff(times)[1:])[inner]
+    assert apart.min() >= NEAR * SECOND / rate - 1
+
+
+def test_the_longest_time_of_ros_is_a_time_and_equal_times_are_named(tmp_path: Path) -> None:
+    to_ros(hop(), tmp_path / "motion.json")
+    message = read(tmp_path / "motion.json")
+    last = message["points"][-1]
+    file = tmp_path / "other.json"
+    last["time_from_start"] = {"sec": LONGEST, "nanosec": 0}
+    file.write_text(json.dumps(message))
+    assert from_ros(file, paper6r()).end == float(LONGEST)
+    last["time_from_start"] = {"sec": LONGEST + 1, "nanosec": 0}
+    file.write_text(json.dumps(message))
+    with pytest.raises(InvalidInput, match="time_from_start"):
+        from_ros(file, paper6r())
+    last["time_from_start"] = {"sec": 1, "nanosec": 0}
+    message["points"] += [last | {"time_from_start": {"sec": 2, "nanosec": 0}}] * 2
+    file.write_text(json.dumps(message))
+    with pytest.raises(InvalidInput, match=r"points\[3\]\.time_from_start: expected times that increase"):
+        from_ros(file, paper6r())
 
 
 def test_a_tool_speed_that_nobody_asked_or_that_need_not_be_kept_is_slowed(tmp_path: Path) -> None:
