@@ -31,7 +31,7 @@ PASSES = 4
 """How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
 FIRST, AGAIN = 0.01, 5e-4
 """First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
-ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 2.0), (10.0, 1.7))
+ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3), (10.0, 1.7), (1.0, 0.15), (1.0, 3.0))
 """First barrier weights and numbers of intervals, over the usual ones, that are tried in turn: where the iteration gets stuck
 on one set of places, it seldom does on another."""
 GENTLE = (1.0, 100.0)
