@@ -1,4 +1,4 @@
-"""The Newton step of the optimum's barrier problem: a linear-quadratic problem over the stages, solved by two sweeps; compiled.
+"""The Newton step of the optimum's barrier problem: linear-quadratic over the stages, solved by two sweeps; compiled.
 
 Back from the end goes the cost to go (Riccati), in which the sign of every pivot shows whether the step goes down; forth
 goes the step itself, with the multipliers of the dynamics.
