@@ -38,8 +38,8 @@ GENTLE = (1.0, 100.0)
 """First barrier weights, over the usual one, from one quintic in s: where no other start led on."""
 SLOWER = 1.5
 """By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
-MOST = 200
-"""Iterations; 12 to 22 are usual."""
+MOST, FEW = 200, 50
+"""Iterations, and from a motion that is nearly the answer, which stands where they lead nowhere; 12 to 22 are usual."""
 CLOSE = 2e-4
 """What may be left to the slow-down: a share of the duration."""
 OFF = 1e-7
@@ -171,7 +171,7 @@ def _solved(
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
         K, n = problem.ds.size, problem.node.shape[1]
-        if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST) < 0:
+        if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST if trajectory is None else FEW) < 0:
             break
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z) & (halvings < 4 * HALVINGS)

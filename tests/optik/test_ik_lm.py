@@ -538,7 +538,7 @@ def unsolved(arm, targets, starts):
 
 def on_a_rail(arm):
     """The arm, its base sliding a metre each way along x."""
-    first = oracles.replace(arm.rows[0], alpha=arm.rows[0].alpha - pi / 2)
+    first = replace(arm.rows[0], alpha=arm.rows[0].alpha - pi / 2)
     rows = (oracles.Row(alpha=pi / 2, prismatic=True), first, *arm.rows[1:])
     return oracles.Arm(arm.convention, rows, arm.base, arm.tool, np.r_[-1.0, arm.lower], np.r_[1.0, arm.upper])
 
