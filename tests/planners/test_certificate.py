@@ -549,3 +549,21 @@ def test_a_rate_that_tells_nothing_is_refused() -> None:
     for rate in (0.9e-6, 1.1e9, 1e300, 5e-324, float("nan")):
         with pytest.raises(InvalidInput, match="rate"):
             certified(paper_motion(), rate=rate)
+
+
+@pytest.mark.parametrize(
+    ("argument", "wrong"),
+    [("robot", "paper6r"), ("path", None), ("trajectory", [0.0, 1.0]), ("limits", None)],
+)
+def test_things_of_another_kind_are_refused_by_name(argument: str, wrong: Any) -> None:
+    things = {"robot": ROBOT, "path": default_line(), "trajectory": paper_motion(), "limits": ROOMY}
+    with pytest.raises(InvalidInput) as info:
+        certify(**(things | {argument: wrong}))
+    assert info.value.argument == argument
+
+
+def test_certificates_can_be_compared_and_kept_in_sets() -> None:
+    one, other = certified(paper_motion()), certified(paper_motion())
+    assert one == one
+    assert one != other, "equal only where they are the same object"
+    assert len({one, other}) == 2
