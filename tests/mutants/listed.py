@@ -158,25 +158,10 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "if parts.max() >= 1:",
     ): "to divide into one part each changes nothing",
     (
-        "planners/_course.py",
-        "share = (SHARE * np.array([tolerance.position, tolerance.rotation]) / fourth).min(axis=1)",
-        "share = (SHARE * np.array([tolerance.position, tolerance.rotation]) / fourth).max(axis=1)",
-    ): "fewer places to begin with: a step that is not proved is divided all the same",
-    (
-        "planners/_singular.py",
-        "found |= bool(sigma >= _march.REGULAR)",
-        "pass",
-    ): "more candidates after one that is good: the first that works is taken",
-    (
         "optik/task.py",
         "e[i] -= side if e[i] > 0.0 else -side",
         "e[i] -= side if e[i] >= 0.0 else -side",
     ): "an error of exactly 0 is inside its box and not changed here",
-    (
-        "optik/se3.py",
-        "for j in range(3):",
-        "for j in range(4):",
-    ): "in pose_error: 0 is written where the next row begins, before that row is",
     (
         "planners/ros.py",
         "if motion.speed is not None and needed > 1.0 + SAME_SPEED:",

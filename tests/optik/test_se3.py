@@ -291,3 +291,13 @@ def test_a_complex_pose_is_refused():
 def test_numbers_too_large_to_square_are_refused_without_a_warning():
     with pytest.raises(InvalidInput):
         se3.check_pose(np.diag([1e300, 1.0, 1.0, 1.0]), "T")
+
+
+def test_the_pose_error_writes_nothing_beyond_its_arrays() -> None:
+    """Compiled code does not look; the same lines as plain Python do."""
+    T = se3.pose(se3.exp_so3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3]))
+    target = se3.pose(se3.exp_so3(np.array([-0.4, 0.1, 0.2])), np.array([0.3, -0.1, 0.2]))
+    plain, fast = np.empty(6), np.empty(6)
+    se3.pose_error.py_func(T, target, plain)  # type: ignore[attr-defined]
+    se3.pose_error(T, target, fast)
+    np.testing.assert_allclose(plain, fast, rtol=0.0, atol=1e-15)

@@ -165,3 +165,16 @@ def test_the_work_of_a_long_polyline_grows_with_its_length_only(name: str, monke
         assert len(followed.joint_path.nodes) <= 10 * n
         per_waypoint.append(work[0] / n)
     assert per_waypoint[1] <= 1.2 * per_waypoint[0]
+
+
+@pytest.mark.parametrize("tolerance", [(1e-6, 1.0), (1.0, 1e-6), (1e-6, 1e-6)])
+def test_places_stand_as_near_as_both_tolerances_ask(tolerance: tuple[float, float]) -> None:
+    poses = [np.eye(4) for _ in range(3)]
+    poses[1][:3, 3], poses[2][:3, 3] = [0.1, 0.0, 0.0], [0.1, 0.1, 0.0]
+    poses[1], poses[2] = (
+        oracles.moved(T, np.zeros(3), np.array([0.0, 0.3 * k, 0.0])) for k, T in enumerate(poses[1:], 1)
+    )
+    path = Polyline(poses, blend=5e-3, blend_rotation=5e-2)
+    s = Course(path, unguided(6)).spread(np.linspace(0.0, path.end, 11), Tolerance(*tolerance))
+    fourth = path.piece_bounds()[np.searchsorted(path.breaks, s[:-1] + 0.5 * np.diff(s)) - 1, :, 3]
+    assert (np.diff(s)[:, None] ** 4 / 384.0 * fourth <= np.array(tolerance)).all()
