@@ -20,9 +20,9 @@ from benchmarks.fresh import fresh
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder, slug
 from benchmarks.speed_suite import BatchBlock
+from optik.arm.robot import Robot, load
 from optik.ik import make_solver
 from optik.registry import build_method
-from optik.robot import Robot, load
 
 WARM_UP = 256
 """Problems solved before the first timed batch: the call compiles, and threads start."""

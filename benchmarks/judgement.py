@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from optik.arm.robot import Robot
 from optik.ik import Tolerance
-from optik.robot import Robot
 
 Array = NDArray[np.float64]
 

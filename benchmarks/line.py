@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.suite import LineTask
-from benchmarks.units import per
 from optik import se3
+from optik.arm.robot import Robot, load
+from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.ik import make_solver
-from optik.robot import Robot, load
-from planners.certificate import plain
-from planners.continuity import steps
+from planners.certificate.certificate import plain
+from planners.certificate.continuity import steps
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import MotionLimits

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from benchmarks.problems.base import smallest_singular_values
 from optik import se3
+from optik.arm.robot import Robot, load
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.robot import Robot, load
 from planners.paths.line import Line
 
 Array = NDArray[np.float64]

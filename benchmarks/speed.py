@@ -13,15 +13,15 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.judgement import judged
-from benchmarks.peers.base import Absent, build_peer, version_of
+from benchmarks.peers.ik.base import Absent, build_peer, version_of
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from benchmarks.speed_suite import PEERS, BatchBlock, SpeedBlock
+from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.registry import load_method
-from optik.robot import Robot
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]

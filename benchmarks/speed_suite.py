@@ -20,7 +20,7 @@ from benchmarks.settings import (
 from optik.check import check_count
 from optik.errors import InvalidInput
 
-PEERS = "benchmarks.peers"
+PEERS = "benchmarks.peers.ik"
 
 CALL_MEASURES = ("success", "median_us", "mean_us", "p90_us", "p99_us", "max_us", "median_ratio")
 BATCH_MEASURES = ("success", "million_per_second", "extra_memory_mb")

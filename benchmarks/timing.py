@@ -12,20 +12,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.lines import DrawnLine, draw_line
-from benchmarks.peers.base import Absent, version_of
+from benchmarks.peers.ik.base import Absent, version_of
+from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.records import RunFolder, slug
 from benchmarks.speed import clock_cost, timed
 from benchmarks.timing_example import run_example
 from benchmarks.timing_facts import SCHEMA, blank, facts_of
-from benchmarks.timing_peers.base import build_timing_peer
 from benchmarks.timing_suite import TIMING_PEERS, LawEntry, TimingBlock
 from optik import se3
+from optik.arm.robot import load
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
-from optik.robot import load
-from planners.certificate import certify
-from planners.follow import Followed, JointPath, follow
+from planners.certificate.certificate import certify
+from planners.following.follow import Followed, JointPath, follow
 from planners.plan import Plan, PlanStatus, make_law, plan
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory

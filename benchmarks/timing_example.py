@@ -12,7 +12,7 @@ from benchmarks.lines import DrawnLine
 from benchmarks.records import RunFolder
 from benchmarks.timing_suite import TimingBlock
 from optik.ik import make_solver
-from planners.follow import JointPath, follow
+from planners.following.follow import JointPath, follow
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
 

@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 
 from optik import se3
-from optik.robot import LIMIT_TOLERANCE, Robot
-from planners.certificate import Certificate
+from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from planners.certificate.certificate import Certificate
 from planners.fit import stretch
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits

@@ -20,7 +20,7 @@ from optik.errors import InvalidInput
 from planners.timing.base import ALL_LIMITS, MotionLimits
 
 LAWS = "planners.timing"
-TIMING_PEERS = "benchmarks.timing_peers"
+TIMING_PEERS = "benchmarks.peers.laws"
 
 TIMING_MEASURES = {
     "solved": ("lines with a motion", "%"),

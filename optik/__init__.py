@@ -1,9 +1,9 @@
 """optik: where a serial arm's tool is, and which joints put it there."""
 
 from optik import errors, ik
+from optik.arm.robot import DHRow, JointLimits, Robot, load
 from optik.errors import OptikError
 from optik.ik import IKBatch, IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
-from optik.robot import DHRow, JointLimits, Robot, load
 from optik.task import Task
 
 __version__ = "0.1.0"

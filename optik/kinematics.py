@@ -12,8 +12,8 @@ from math import cos, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from optik._compile import compiled
-from optik._linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from optik.compiled import compiled
+from optik.linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 from optik.se3 import pose_error
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from math import atan2, pi, sin, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik._compile import compiled
 from optik.check import real_array
+from optik.compiled import compiled
 from optik.errors import InvalidInput
 
 Array = NDArray[np.float64]

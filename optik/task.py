@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optik._compile import compiled
 from optik.check import real_array
+from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.kinematics import frames, tool_pose
 from optik.se3 import log_rotation, pose_error

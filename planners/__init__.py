@@ -1,12 +1,13 @@
 """planners: which way an arm moves, and how fast, with a certificate of what the motion keeps."""
 
-from planners.certificate import Binding, Certificate, certify
+from planners.certificate.certificate import Binding, Certificate, certify
+from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve
-from planners.deviation import PathError
-from planners.follow import Followed, FollowStatus, JointPath, Stop, follow
+from planners.files.motion_file import load_motion, save
+from planners.files.ros import from_ros, to_ros
+from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.motion import Motion
-from planners.motion_file import load_motion, save
 from planners.paths import Path, path_of, paths
 from planners.paths.arc import Arc
 from planners.paths.joint_line import JointLine
@@ -14,7 +15,6 @@ from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, laws, make_law, plan
 from planners.replan import replan
-from planners.ros import from_ros, to_ros
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory
 

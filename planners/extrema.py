@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from optik._compile import compiled
+from optik.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from optik.robot import Robot
+from optik.arm.robot import Robot
+from planners.certificate.tool_speed import tool_speed
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
-from planners.tool_speed import tool_speed
 from planners.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.robot import Robot
-from planners.certificate import Certificate, certify, check_tolerance
-from planners.coverage import check_span
+from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.coverage import check_span
 from planners.paths.base import Path
 from planners.timing.base import ALL_LIMITS, MotionLimits
 from planners.trajectory import Trajectory

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
 from optik.ik._problem import check_start
 from optik.registry import build_method, names
-from optik.robot import Robot
-from planners.certificate import Certificate, certify, check_tolerance
+from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.files.motion_file import save
 from planners.fit import fitted, stretch
-from planners.follow import FollowStatus, JointPath, Stop, follow
+from planners.following.follow import FollowStatus, JointPath, Stop, follow
 from planners.motion import Motion
-from planners.motion_file import save
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput, NoSolution
-from planners.certificate import check_tolerance
-from planners.follow import JointPath
+from planners.certificate.certificate import check_tolerance
+from planners.following.follow import JointPath
 from planners.plan import Asked, Plan, make_law
 from planners.splice import State, begun, joined, rest_of
 from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, TimeLaw

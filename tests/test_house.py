@@ -218,7 +218,7 @@ def test_a_missing_module_of_ours_shows_itself(folder, part):
 
 
 def test_a_missing_name_of_ours_and_a_bug_show_themselves(folder):
-    (folder / "typo.py").write_text("from optik.robot import Rowbot\n")
+    (folder / "typo.py").write_text("from optik.arm.robot import Rowbot\n")
     (folder / "crash.py").write_text("1 / 0\n")
     with pytest.raises(ImportError, match="Rowbot") as caught:
         registry.load_method(folder.name, "typo")

@@ -10,8 +10,8 @@ from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.suite import load_suite
 from optik import se3
+from optik.arm.robot import DHRow, Robot, load
 from optik.ik.dls import DLS
-from optik.robot import DHRow, Robot, load
 from planners.paths.line import Line
 from planners.plan import plan
 from planners.timing.base import MotionLimits

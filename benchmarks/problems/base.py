@@ -9,11 +9,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.units import per
 from optik import se3
+from optik.arm.robot import Robot, load
+from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.registry import build_method
-from optik.robot import Robot, load
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.ik.dls import DLS
-from optik.robot import Robot
 
 AXES = {"X": 0, "Y": 1, "Z": 2}
 

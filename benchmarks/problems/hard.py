@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
-from optik.robot import Robot
 
 Array = NDArray[np.float64]
 

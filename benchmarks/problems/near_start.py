@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values
+from optik.arm.robot import Robot
 from optik.check import check_count
-from optik.robot import Robot
 
 
 def near_start(

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from optik.arm.robot import Robot
 from optik.check import check_count
-from optik.robot import Robot
 
 
 def random_reachable(robot: Robot, seed: int, *, start_deg: ArrayLike, count: int = 500) -> ProblemSet:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import GRID, HOVER, MUTED, lean, line_3d
 from benchmarks.report.run import Run
-from optik.robot import load
+from optik.arm.robot import load
 
 DISTANCE = 2.4
 """Of the eye, in units of the scene."""

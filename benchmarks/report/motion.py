@@ -14,7 +14,7 @@ from benchmarks.report.figures import BAND, HOVER, axis, colour, lean, line, log
 from benchmarks.report.laws import worst
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from optik.robot import load
+from optik.arm.robot import load
 
 ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
 LIMITS, DATA = "limits in view", "whole curves"

@@ -14,8 +14,8 @@ from benchmarks.report.laws import broken_limits
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import BlockRows, Run, TimingRows
 from benchmarks.targets import outcomes
+from optik.arm.robot import load
 from optik.errors import UnknownName
-from optik.robot import load
 
 
 def overview(run: Run) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from benchmarks.problems.base import start_of
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, heatmap, iterations, lean, line
 from benchmarks.report.run import BlockRows, Run
-from optik.robot import load
+from optik.arm.robot import load
 
 ITERATIONS, ERROR = "iterations to 1e−6 m and rad", "position error"
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from optik._content import content
+from optik.arm.robot import Robot
+from optik.content import content
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
 from optik.registry import build_method, load_method, names
-from optik.robot import Robot
 
 if TYPE_CHECKING:
     from optik.ik.closed_form import ClosedForm

@@ -7,11 +7,11 @@ import zlib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik._compile import compiled
+from optik.arm.robot import LIMIT_TOLERANCE, Robot
 from optik.check import real_array
+from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.ik._chain import draw_configurations
-from optik.robot import LIMIT_TOLERANCE, Robot
+from optik.ik._lm.packed import draw_configurations
 from optik.se3 import check_pose, is_pose
 
 Array = NDArray[np.float64]

@@ -12,13 +12,13 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik._content import content, equal
+from optik.arm.reach import outside_reach, reach_bound
+from optik.arm.robot import LIMIT_TOLERANCE, Robot
 from optik.check import check_count, check_flag, check_number
+from optik.content import content, equal
 from optik.errors import InvalidInput
-from optik.ik._nearest import nearest
+from optik.ik._closest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
-from optik.reach import outside_reach, reach_bound
-from optik.robot import LIMIT_TOLERANCE, Robot
 from optik.task import Task, as_task, judge
 
 Array = NDArray[np.float64]

@@ -7,15 +7,15 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik._content import content, equal
+from optik.arm.reach import outside_reach
+from optik.arm.robot import Robot
+from optik.content import content, equal
 from optik.errors import InvalidInput
-from optik.ik import _branches
-from optik.ik._backends import Refused, choose
-from optik.ik._chain import draw_configurations
+from optik.ik._closed import branches
+from optik.ik._closed.backends import Refused, choose
+from optik.ik._lm.packed import draw_configurations
 from optik.ik._problem import check_start
 from optik.ik.base import Attempt, IKSolver, IKStatus
-from optik.reach import outside_reach
-from optik.robot import Robot
 from optik.se3 import check_pose, exp_so3, pose
 
 Array = NDArray[np.float64]
@@ -134,9 +134,9 @@ class ClosedForm(IKSolver):
         self._limits = lower, upper
         self._free = np.where(moving, -np.inf, lower), np.where(moving, np.inf, upper)
         self._errors = self.tolerance.position, self.tolerance.rotation
-        self._tight = min(self._errors[0], _branches.CLOSE), min(self._errors[1], _branches.CLOSE)
+        self._tight = min(self._errors[0], branches.CLOSE), min(self._errors[1], branches.CLOSE)
         self._redundant = int(moving.sum()) > 6
-        self._too_many = _branches.too_many(robot)
+        self._too_many = branches.too_many(robot)
         self._closed = choose(backend, robot)
         self._label = self._closed.name if self._closed else ENUMERATION
         self._starts = draw_configurations(robot, np.random.default_rng(1), STARTS)
@@ -151,7 +151,7 @@ class ClosedForm(IKSolver):
         target = self.robot.fk(q)
         self.attempt(target, q, False, None)
         self._enumerate(target, q, False)
-        _branches.slide(self.robot, target, q, q)
+        branches.slide(self.robot, target, q, q)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -204,10 +204,10 @@ class ClosedForm(IKSolver):
             return self._nearest(target, start, self._all(target, start, self._ask(target), few=True))
         candidates, q = self._ask(target), np.empty(self.robot.n)
         arm = (*self._chain, *self._free, *self._limits)
-        count, solved, doubt = _branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
+        count, solved, doubt = branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
         if 0 < count < FULL and not doubt:
             candidates = np.vstack([candidates, start, *self._beside(target, 2)])
-            count, solved, doubt = _branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
+            count, solved, doubt = branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
         if count == 0 or doubt:
             return self._nearest(target, start, self._all(target, start, candidates, few=True))
         status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
@@ -220,10 +220,10 @@ class ClosedForm(IKSolver):
             return Attempt(q.copy(), IKStatus.SOLVED, found.steps, None, found.message)
         q = start.copy()
         if len(found.roots):
-            _branches.nearest(self.robot.prismatic, *self._limits, found.roots, start, q)
+            branches.nearest(self.robot.prismatic, *self._limits, found.roots, start, q)
             return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
         q = self.robot.limits.clip(q)
-        _branches.refine(*self._chain, *self._limits, target, self.max_iterations, q)
+        branches.refine(*self._chain, *self._limits, target, self.max_iterations, q)
         return Attempt(q, IKStatus.STALLED, found.steps, None, found.message)
 
     # ------------------------------------------------------------ roots
@@ -245,7 +245,7 @@ class ClosedForm(IKSolver):
         """
         roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
         for errors in (self._tight, self._errors):
-            count = _branches.distinct(*self._chain, *self._free, target, *errors, candidates, roots, singular)
+            count = branches.distinct(*self._chain, *self._free, target, *errors, candidates, roots, singular)
             if count:
                 break
         return roots[:count], singular[:count]
@@ -261,7 +261,7 @@ class ClosedForm(IKSolver):
         low, high = self._limits if clamped else self._free
         steps = 0
         for errors in (self._tight, self._errors):
-            count, taken = _branches.enumerate_roots(
+            count, taken = branches.enumerate_roots(
                 *self._chain, low, high, target, *errors, starts, self.max_iterations, roots, PATIENCE
             )
             steps += taken
@@ -313,19 +313,19 @@ class ClosedForm(IKSolver):
         plain, curved = [np.empty((0, robot.n))], np.empty((0, robot.n))
         for root, lost in zip(roots, singular, strict=True):
             if lost and not self._redundant:
-                moves = _branches.goes_on(robot, target, self._free, root)
+                moves = branches.goes_on(robot, target, self._free, root)
                 if moves.any():
-                    more = _branches.pieces(robot, target, self._errors, root, moves, near, curved, few)
+                    more = branches.pieces(robot, target, self._errors, root, moves, near, curved, few)
                     curved = np.vstack([curved, more])
                     continue
-            each = 2 if few else _branches.MOST_WINDINGS
-            plain.append(_branches.windings(robot, root, near, every, each=each))
-        rows = _branches.inside(robot, target, self._errors, np.vstack(plain))
+            each = 2 if few else branches.MOST_WINDINGS
+            plain.append(branches.windings(robot, root, near, every, each=each))
+        rows = branches.inside(robot, target, self._errors, np.vstack(plain))
         if self._redundant:
             curved, rows = np.vstack([self._nearer(target, near, roots, rows), rows]), rows[:0]
         if few and len(roots) and not len(rows) + len(curved):
             return self._expand(target, near, roots, singular, False)
-        curved = _branches.unique(curved)
+        curved = branches.unique(curved)
         return np.vstack([rows, curved]), np.repeat([False, True], [len(rows), len(curved)])
 
     def _nearer(self, target: Array, near: Array, roots: Array, rows: Array) -> Array:
@@ -335,8 +335,8 @@ class ClosedForm(IKSolver):
             turned = roots + 2.0 * np.pi * np.round((near - roots) / (2.0 * np.pi)) * ~self.robot.prismatic
             out = np.abs(turned - self.robot.limits.clip(turned)).max(axis=1, initial=0.0)
             tries = turned[out.argsort()[:16]]
-        slid = [_branches.slide(self.robot, target, q, near) for q in (near, *tries)]
-        return _branches.inside(self.robot, target, self._errors, np.array(slid).reshape(-1, self.robot.n))
+        slid = [branches.slide(self.robot, target, q, near) for q in (near, *tries)]
+        return branches.inside(self.robot, target, self._errors, np.array(slid).reshape(-1, self.robot.n))
 
     def _out_of_reach(self, target: Array) -> bool:
         return bool(outside_reach(self._reach, target, *self._errors) >= 0.0)

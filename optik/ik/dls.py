@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from optik._compile import compiled
+from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
+from optik.compiled import compiled
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
-from optik.robot import Robot
 from optik.se3 import pose_error
 from optik.task import keep_rows, task_error, task_rows
 

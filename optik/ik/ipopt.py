@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi import Model, components, cost, descent
-from optik.ik._programme import Answer, Programme, ProgrammeSolver, first_line
+from optik.ik._casadi.programme import Answer, Programme, ProgrammeSolver, first_line
+from optik.ik._casadi.symbolic import Model, components, cost, descent
 from optik.ik.base import IKStatus
-from optik.robot import Robot
 
 _STATUS = {
     "Solve_Succeeded": IKStatus.SOLVED,

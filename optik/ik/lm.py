@@ -12,15 +12,15 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
-from optik.ik import _search
-from optik.ik._chain import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, draw_configurations, pack
-from optik.ik._general import attempt_task
-from optik.ik._prefer import Preference
+from optik.ik._lm import search
+from optik.ik._lm.general import attempt_task
+from optik.ik._lm.packed import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, draw_configurations, pack
+from optik.ik._preference import Preference
 from optik.ik._problem import check_start
 from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus
-from optik.robot import Robot
 from optik.se3 import check_pose
 
 Array = NDArray[np.float64]
@@ -127,12 +127,12 @@ class LM(IKSolver):
             code, iterations, restarts, position, rotation = self._kernel(self._arm, target, q0, q)
         except TypeError:
             # a list, other numbers, gaps, an array not to be written: nothing wrong yet, but nothing for the kernel
-            code = _search.WRONG
-        if code == _search.SOLVED:
+            code = search.WRONG
+        if code == search.SOLVED:
             # what IKResult(…) does, in two thirds of its time
             return _new(IKResult, (q, _SOLVED, iterations, restarts, position, rotation, None, ""))
         pose, start = check_pose(target, "target"), check_start(self.robot, q0)
-        if code == _search.WRONG:
+        if code == search.WRONG:
             plain = np.array(pose, order="C"), np.array(start, order="C")
             code, iterations, restarts, position, rotation = self._kernel(self._arm, *plain, q)
         result = self._said(IKResult(q, STATUSES[code], iterations, restarts, position, rotation), pose)
@@ -215,7 +215,7 @@ def _cores() -> int:
 @cache
 def _single(n: int) -> Any:
     """Return the kernel of single calls, compiled for plain contiguous arrays and for nothing else."""
-    kernel = _search.single(n)
+    kernel = search.single(n)
     vector, matrix = numba.float64[::1], numba.float64[:, ::1]
     kernel.compile((vector, matrix, vector, vector))
     kernel.disable_compile()
@@ -225,7 +225,7 @@ def _single(n: int) -> Any:
 @cache
 def _batch(n: int) -> Any:
     """Return the kernel of batches, compiled once, whatever mixture of arrays comes."""
-    kernel = _search.batch(n, LANES)
+    kernel = search.batch(n, LANES)
     one, two, three = numba.float64[::1], numba.float64[:, ::1], numba.float64[:, :, ::1]
     counts = numba.int32[::1]
     kernel.compile((one, three, two, two, numba.uint8[::1], counts, counts, one, one))

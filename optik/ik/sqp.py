@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from optik.ik._casadi import Model, descent
-from optik.ik._programme import Answer, ProgrammeSolver
+from optik.arm.robot import Robot
+from optik.ik._casadi.programme import Answer, ProgrammeSolver
+from optik.ik._casadi.symbolic import Model, descent
 from optik.ik.base import IKStatus
-from optik.robot import Robot
 
 _QUIET = {"print_time": False, "print_header": False, "print_iteration": False, "print_status": False}
 _QUIET_QP = {"print_header": False, "print_iter": False, "print_info": False, "print_lincomb": False}

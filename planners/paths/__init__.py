@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import load_method, names
-from optik.robot import Robot
 from planners.paths.base import Path
 
 __all__ = ["Path", "path_of", "paths"]

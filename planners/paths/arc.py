@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
+from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
-from optik.robot import Robot
 from planners.paths._nearest import TURN
 from planners.paths._rotation import poses, shortest_turn, turned
 from planners.paths.base import Path, fields

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.robot import Robot
 from planners.curve import Curve
 from planners.paths._nearest import nearest_places
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
 from optik.ik._problem import check_start
-from optik.robot import Robot
 from planners.curve import Curve
 from planners.paths._rotation import turning
 from planners.paths.base import Path, fields

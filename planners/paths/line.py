@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
-from optik.robot import Robot
+from optik.arm.robot import Robot
 from planners.paths._rotation import NO_MOTION, angle_about, poses, shortest_turn, turned
 from planners.paths.base import Path, fields
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
+from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.robot import Robot
 from planners.paths._rotation import poses, shortest_turn
 from planners.paths.base import Path, fields
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik._compile import compiled
+from optik.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optik._content import content
+from optik.arm.robot import Robot, positive
 from optik.check import check_number
+from optik.content import content
 from optik.errors import InvalidInput
-from optik.robot import Robot, positive
-from planners.follow import JointPath
+from planners.following.follow import JointPath
 from planners.hermite import quintic
 from planners.trajectory import Trajectory
 

@@ -11,9 +11,9 @@ from scipy.interpolate import PPoly
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from planners.fit import fitted, stretch
-from planners.follow import JointPath
+from planners.following.follow import JointPath
 from planners.hermite import quintic, through
-from planners.timing._ramps import (
+from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST,
     Ramp,

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from optik.check import check_count
 from optik.errors import NoSolution
 from planners.fit import fitted
-from planners.follow import JointPath
+from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.splice import begun
-from planners.timing import _optimum
-from planners.timing._derivatives import derivatives, distances
-from planners.timing._newton import Problem
-from planners.timing._programme import Programme, divided, gentle, programme
-from planners.timing._restart import ROUNDING, stopping_places, straight_stop
-from planners.timing._start import briefest, start
+from planners.timing._optimal import iteration
+from planners.timing._optimal.derivatives import derivatives, distances
+from planners.timing._optimal.newton import Problem
+from planners.timing._optimal.programme import Programme, divided, gentle, programme
+from planners.timing._optimal.restart import ROUNDING, stopping_places, straight_stop
+from planners.timing._optimal.start import briefest, start
 from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
 from planners.trajectory import Trajectory
 
@@ -55,10 +55,10 @@ BETWEEN = 1.00005
 class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
 
-    Start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._start`); the programme is
-    solved by an interior-point iteration of its own (`planners.timing._optimum`). Then the motion is refitted, and where
-    its exact extrema pass a limit between the places, the limit is tightened there and the programme solved again from
-    where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
+    Start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._optimal.start`);
+    the programme is solved by an interior-point iteration of its own (`planners.timing._optimal.iteration`). Then the motion
+    is refitted, and where its exact extrema pass a limit between the places, the limit is tightened there and the
+    programme solved again from where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
     what the path is long.
 
     Parameters
@@ -150,7 +150,7 @@ def _none(joint_path: JointPath, given: Programme) -> NoSolution:
     """That the iteration found no motion, and what its start asks most of: the likeliest reason."""
     K, n = given.problem.ds.size, joint_path.robot.n
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
-    _optimum.values(given.problem, given.start, g, c)
+    iteration.values(given.problem, given.start, g, c)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
     limit, joint = ("acceleration", "jerk", "jerk")[i // n], joint_path.robot.joint_names[i % n]
     place, ratio = float(given.s[k + i // (2 * n)]), float(np.abs(c[k, i]))  # the last third is at the interval's end
@@ -171,7 +171,7 @@ def _solved(
     while again < (PASSES if close else 2 * PASSES):
         problem = given.problem
         K, n = problem.ds.size, problem.node.shape[1]
-        if _optimum.solve(problem, z, weight, GAP / (6.0 * n), MOST if trajectory is None else FEW) < 0:
+        if iteration.solve(problem, z, weight, GAP / (6.0 * n), MOST if trajectory is None else FEW) < 0:
             break
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z) & (halvings < 4 * HALVINGS)
@@ -217,7 +217,7 @@ def _inside(problem: Problem, z: Array, share: float, most: float = np.inf) -> A
     """The motion z, so much slower that it uses at most a share of every limit, up to a factor."""
     K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
-    _optimum.values(problem, z, g, c)
+    iteration.values(problem, z, g, c)
     factor = max(
         1.0,
         float((z[1:-1, 0] / problem.top[1:-1]).max()) / share,

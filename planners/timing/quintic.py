@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.fit import stretch
-from planners.follow import JointPath
+from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.timing.base import MotionLimits, TimeLaw
 from planners.trajectory import Trajectory

@@ -11,11 +11,11 @@ from scipy.interpolate import PPoly
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from planners.fit import fitted
-from planners.follow import JointPath
-from planners.timing._ramps import Ramp, adapted, law_of, phases_of, profile
+from planners.following.follow import JointPath
 from planners.timing._ruckig import velocity_control
-from planners.timing._sections import sections
-from planners.timing._stop import stop_from
+from planners.timing._sectional.ramps import Ramp, adapted, law_of, phases_of, profile
+from planners.timing._sectional.sections import sections
+from planners.timing._sectional.stop import stop_from
 from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory

@@ -10,7 +10,7 @@ from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput, NoSolution
 from planners.fit import fitted
-from planners.follow import JointPath
+from planners.following.follow import JointPath
 from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit, speed_bound
 from planners.trajectory import Trajectory
 

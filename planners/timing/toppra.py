@@ -13,7 +13,7 @@ from toppra.interpolator import AbstractGeometricPath
 
 from optik.check import check_count
 from optik.errors import NoSolution
-from planners.follow import JointPath
+from planners.following.follow import JointPath
 from planners.timing.base import TOOL_SPEEDS, MotionLimits, TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory

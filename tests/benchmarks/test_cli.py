@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 import optik
 import planners
-from benchmarks.cli import app
+from benchmarks.cli.app import app
 from optik.registry import names
 
 START = "20,-35,40,25,50,-30"

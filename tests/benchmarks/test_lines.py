@@ -9,7 +9,7 @@ from benchmarks.lines import KINDS, LENGTHS, TURNS, draw_line, draw_lines
 from optik import se3
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
-from planners.follow import follow
+from planners.following.follow import follow
 
 
 @pytest.mark.parametrize(

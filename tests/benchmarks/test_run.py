@@ -19,9 +19,9 @@ from benchmarks.records import RunFolder, slug
 from benchmarks.run import at_budget, run_suite
 from benchmarks.suite import load_suite
 from optik import load
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, OutputError
 from optik.ik import make_solver
-from optik.robot import Robot
 from tests.benchmarks.conftest import SMALL, small
 
 

@@ -19,8 +19,8 @@ from benchmarks.batch import batch_rows
 from benchmarks.first_use import first_use_rows, run_first_use
 from benchmarks.fresh import ProcessFailed, fresh
 from benchmarks.judgement import judged, wrapped
-from benchmarks.peers._urdf import roll_pitch_yaw, urdf
-from benchmarks.peers.base import Absent, Peer, build_peer, version_of
+from benchmarks.peers.ik._urdf import roll_pitch_yaw, urdf
+from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
@@ -333,7 +333,7 @@ def test_a_broken_import_of_a_peer_shows_itself(monkeypatch: pytest.MonkeyPatch)
 
         def answers(self, raw: Any) -> Any: ...
 
-    monkeypatch.setattr("benchmarks.peers.base.load_method", lambda *a: Broken)
+    monkeypatch.setattr("benchmarks.peers.ik.base.load_method", lambda *a: Broken)
     with pytest.raises(ModuleNotFoundError, match="nothing_like_that"):
         build_peer("eaik", optik.load("paper6r"))
 

@@ -70,7 +70,8 @@ def test_tables_are_written_where_nothing_but_ascii_can_be(command: list[str]) -
 INTERRUPTED = """
 import json, os, sys
 from pathlib import Path
-from benchmarks import cli, suite
+from benchmarks import suite
+from benchmarks.cli import app as cli
 from tests.benchmarks.conftest import SMALL
 
 out, number, after = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])

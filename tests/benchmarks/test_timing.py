@@ -14,7 +14,8 @@ import pytest
 from scipy.optimize import linprog
 
 from benchmarks.lines import DrawnLine, draw_line
-from benchmarks.peers.base import Absent
+from benchmarks.peers.ik.base import Absent
+from benchmarks.peers.laws.base import TimingPeer, build_timing_peer
 from benchmarks.records import RunFolder
 from benchmarks.report.numbers import ratio
 from benchmarks.run import run_suite
@@ -24,7 +25,6 @@ from benchmarks.targets import outcomes
 from benchmarks.timing import example_part, timing_parts
 from benchmarks.timing_example import maximum_velocity
 from benchmarks.timing_facts import SCHEMA, blank
-from benchmarks.timing_peers.base import TimingPeer, build_timing_peer
 from benchmarks.timing_rows import measure_timing, timing_facts, timing_rows
 from benchmarks.timing_suite import TIMING_PEERS
 from optik.errors import InvalidInput, NoSolution

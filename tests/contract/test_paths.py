@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from optik.arm.robot import load
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
-from optik.robot import load
 from planners import Arc, JointLine, Line, Path, Polyline, follow, path_of, paths
 from tests import oracles
 from tests.contract import test_plans

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import optik
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.robot import Robot
 from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan, replan
 from tests import oracles
 

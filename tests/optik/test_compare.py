@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, JointLimits, Robot
-from optik.compare import Comparison
+from optik.arm.compare import Comparison
 from optik.errors import InvalidInput
 from tests import oracles
 

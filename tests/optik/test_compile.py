@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from numba import typeof, types
 
-import optik._compile
-from optik._compile import compiled
-from optik._fingerprint import Opaque, fingerprint
+import optik.compiled
+from optik.compiled import compiled
+from optik.fingerprint import Opaque, fingerprint
 from tests.oracles import REPOSITORY
 
-INNER = "from optik._compile import compiled\n\n@compiled\ndef inner(x):\n    return {} * x\n"
-OUTER = "from inner import inner\nfrom optik._compile import compiled\n\n@compiled\ndef outer(x):\n    return inner(x) + 1.0\n"
+INNER = "from optik.compiled import compiled\n\n@compiled\ndef inner(x):\n    return {} * x\n"
+OUTER = "from inner import inner\nfrom optik.compiled import compiled\n\n@compiled\ndef outer(x):\n    return inner(x) + 1.0\n"
 
 RUN = """
 from numba.core import event
@@ -86,7 +86,7 @@ FILES = {
 from enum import IntEnum
 from typing import NamedTuple
 import numpy as np
-from optik._compile import compiled, inlined, parallel
+from optik.compiled import compiled, inlined, parallel
 
 FACTOR = 2.0
 TABLE = np.zeros(2)
@@ -136,7 +136,7 @@ own = intrinsic(_own)
 """,
     "beside": """
 from numba import types
-from optik._compile import compiled
+from optik.compiled import compiled
 LESS = 5.0
 KIND = types.float64
 @compiled
@@ -145,7 +145,7 @@ def other(x):
 """,
     "near": """
 import far
-from optik._compile import compiled
+from optik.compiled import compiled
 @compiled
 def through(x):
     if str(x) in {"north", "south", "east"}:
@@ -156,7 +156,7 @@ def through(x):
 from far import Fields, inside, small
 from odd import own, plain, taught
 from near import through
-from optik._compile import compiled
+from optik.compiled import compiled
 @compiled
 def kernel(x):
     'What it says.'
@@ -219,7 +219,7 @@ def _written(tmp_path, monkeypatch):
         ("far", "closed(6)", "closed(7)"),
         ("near", "north", "west"),
         ("near", "far.helper(x)", "far.small(x)"),
-        ("kernel", "@compiled", "from optik._compile import parallel\n@parallel"),
+        ("kernel", "@compiled", "from optik.compiled import parallel\n@parallel"),
     ],
 )
 def test_a_kernel_depends_on(written, file, old, new):
@@ -413,8 +413,8 @@ def test_where_nothing_can_be_written_a_private_folder_keeps_it_with_one_line_of
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="users as POSIX has them")
 def test_a_private_folder_is_nobody_elses(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(optik._compile, "_warn", lambda what: None)
-    found = optik._compile._private_folder.__wrapped__
+    monkeypatch.setattr(optik.compiled, "_warn", lambda what: None)
+    found = optik.compiled._private_folder.__wrapped__
     usual = tmp_path / f"optik-{os.getuid()}"
     assert found() == usual == found()
     assert stat.S_IMODE(usual.stat().st_mode) == 0o700
@@ -433,8 +433,8 @@ def test_a_private_folder_is_nobody_elses(tmp_path, monkeypatch):
 
 
 def test_where_no_folder_at_all_can_be_written_it_is_compiled_all_the_same(monkeypatch):
-    monkeypatch.setattr(optik._compile._Place, "_locator_classes", ())
-    optik._compile._warn.cache_clear()
+    monkeypatch.setattr(optik.compiled._Place, "_locator_classes", ())
+    optik.compiled._warn.cache_clear()
     kernel = compiled(doubled)
     with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
         assert kernel(1.5) == 3.0

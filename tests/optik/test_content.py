@@ -5,7 +5,7 @@ import pytest
 
 import optik
 from optik import IKBatch, IKResult, IKStatus
-from optik._content import content
+from optik.content import content
 from optik.ik import solver_for
 from optik.ik.closed_form import Branches
 from planners import MotionLimits

@@ -10,10 +10,10 @@ import pytest
 
 import optik
 from optik import IKStatus, Tolerance
+from optik.arm.robot import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik import make_solver
 from optik.ik.closed_form import METHOD, ClosedForm
-from optik.robot import JointLimits, Robot
 from tests import oracles
 
 PI = np.pi
@@ -429,7 +429,7 @@ def test_a_closed_form_that_is_wrong_is_repaired_or_replaced_by_search(answer):
 
 def test_a_package_that_answers_wrongly_is_not_taken(monkeypatch):
     pytest.importorskip("ssik")
-    from optik.ik import _backends
+    from optik.ik._closed import backends as _backends
 
     monkeypatch.setattr(_backends, "_ssik", lambda axes: lambda pose: np.full((2, 6), 0.1))
     with pytest.raises(InvalidInput, match="answers none of the poses"):

@@ -18,8 +18,10 @@ from hypothesis import strategies as st
 import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
-from optik.ik import LM, _general, _lanes, make_solver
-from optik.ik._chain import chain_joints, on_limits, spare_joints
+from optik.ik import LM, make_solver
+from optik.ik._lm import general as _general
+from optik.ik._lm import lanes as _lanes
+from optik.ik._lm.packed import chain_joints, on_limits, spare_joints
 from optik.task import Task, as_task
 from tests import oracles
 

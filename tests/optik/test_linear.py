@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optik._linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from optik.linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 
 
 def factored(A):

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 import optik
 from optik import IKStatus
 from optik.ik import DLS, LM
-from optik.ik._nearest import nearest
+from optik.ik._closest import nearest
 from optik.task import as_task
 from tests import oracles
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import optik
 from optik import JointLimits, Robot, se3
+from optik.arm.plain import numbers, plain_numbers
 from optik.errors import InvalidInput, OptikError
-from optik.plain import numbers, plain_numbers
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 

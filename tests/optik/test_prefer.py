@@ -11,8 +11,8 @@ import optik
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
-from optik.ik._prefer import PREFERENCES as NAMED
-from optik.ik._prefer import cost, log_manipulability
+from optik.ik._preference import PREFERENCES as NAMED
+from optik.ik._preference import cost, log_manipulability
 from optik.task import as_task
 from tests import oracles
 

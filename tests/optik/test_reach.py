@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
+from optik.arm.reach import outside_reach, reach_bound
 from optik.ik import DLS, LM
-from optik.reach import outside_reach, reach_bound
 from optik.task import Task, as_task
 from tests import oracles
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, JointLimits, Robot
+from optik.arm.robot import positive
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
-from optik.robot import positive
 from tests import oracles
 
 BUILD = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from optik._stack import stack
+from optik.ik._lm.stack import stack
 
 
 @numba.njit

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import optik
+from optik.arm.reach import outside_reach, reach_bound
 from optik.errors import InvalidInput
 from optik.ik import DLS
-from optik.reach import outside_reach, reach_bound
 from optik.task import POSE, Task, as_task, task_error, task_rows
 from tests import oracles
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import optik
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.robot import Robot
 from planners import MotionLimits, Polyline
 
 Array = NDArray[np.float64]

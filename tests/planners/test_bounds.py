@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
-from planners import Arc, Line, Path, Polyline, Trajectory, deviation
-from planners import tool_speed as speeds
-from planners.deviation import PieceBounds, path_error, path_rates, product_bound
+from planners import Arc, Line, Path, Polyline, Trajectory
+from planners.certificate import path_error as deviation
+from planners.certificate import tool_speed as speeds
+from planners.certificate.bounds import bell, hermite_bound, joint_bounds, tool_bounds
+from planners.certificate.path_error import PieceBounds, path_error, path_rates, product_bound
 from planners.hermite import through
-from planners.motion_bounds import bell, hermite_bound, joint_bounds, tool_bounds
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 

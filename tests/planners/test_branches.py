@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from scipy.special import comb
 
 from optik import Robot
+from optik.arm.robot import DHRow, JointLimits, load
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm
-from optik.robot import DHRow, JointLimits, load
 from planners import FollowStatus, JointPath, Line, follow
-from planners._march import first_exit, piece_bound
-from planners._smoothing import ROOM
-from planners.branches import branches
-from planners.joint_path import APART, apart
+from planners.following.branches import branches
+from planners.following.joint_path import APART, apart
+from planners.following.march import first_exit, piece_bound
+from planners.following.smoothing import ROOM
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_line, paper6r

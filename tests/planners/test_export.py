@@ -24,10 +24,11 @@ from scipy.interpolate import PPoly
 import optik
 from optik import JointLimits, Robot, se3
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError
-from planners import Line, MotionLimits, Plan, Trajectory, motion_file, plan
-from planners.files import parsed
+from planners import Line, MotionLimits, Plan, Trajectory, plan
+from planners.files import motion_file
+from planners.files._reading import parsed
+from planners.files.motion_file import load_motion, save
 from planners.motion import Motion, motion_of
-from planners.motion_file import load_motion, save
 from planners.timing.base import ALL_LIMITS
 from tests import oracles
 from tests.planners import cases

@@ -22,9 +22,9 @@ from scipy.interpolate import PPoly
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from planners import JointLine, Line, MotionLimits, Trajectory, certify, make_law, plan
+from planners.files._ros_message import LONGEST, SECOND, _to_yaml
+from planners.files.ros import NEAR, from_ros, to_ros
 from planners.motion import Motion, motion_of
-from planners.ros import NEAR, from_ros, to_ros
-from planners.ros_message import LONGEST, SECOND, _to_yaml
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from optik import Robot
+from optik.arm.robot import DHRow, JointLimits, load
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, Tolerance, make_solver
 from optik.ik.base import Attempt, IKStatus
 from optik.ik.dls import DLS
-from optik.robot import DHRow, JointLimits, load
 from planners import Followed, FollowStatus, JointPath, Line, follow
 from tests import oracles
 from tests.oracles import PAPER

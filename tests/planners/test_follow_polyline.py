@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from optik import Robot
+from optik.arm.robot import load
 from optik.errors import InvalidInput
 from optik.ik import Tolerance, make_solver
-from optik.robot import load
 from planners import Line, Polyline, follow
-from planners._course import Course, thin, unguided
-from planners.joint_path import APART, fourth_bounds
+from planners.following.course import Course, thin, unguided
+from planners.following.joint_path import APART, fourth_bounds
 from tests import oracles
 
 Array = NDArray[np.float64]

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 import planners.timing._ruckig as ruckig_call
-import planners.timing._stop as stop_law
+import planners.timing._sectional.stop as stop_law
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from planners import JointPath, Line, MotionLimits, Polyline, Trajectory, certify, follow, make_law
 from planners.paths.base import Path
 from planners.timing import base
 from planners.timing import toppra as toppra_law
-from planners.timing._ramps import Ramp, law_of, phases_of, ratio_of, table
+from planners.timing._sectional.ramps import Ramp, law_of, phases_of, ratio_of, table
 from planners.timing.base import refit
 from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic

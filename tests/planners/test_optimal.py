@@ -13,8 +13,9 @@ from scipy.interpolate import BPoly
 
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, MotionLimits, Trajectory, laws, make_law
-from planners.timing import _newton, _optimum, optimal
-from planners.timing._derivatives import derivatives, distances
+from planners.timing import optimal
+from planners.timing._optimal import iteration, newton
+from planners.timing._optimal.derivatives import derivatives, distances
 from planners.timing.base import DERIVATIVES, PathState
 from planners.timing.optimal import Optimal
 from tests.planners.cases import default_joint_path, random_joint_paths
@@ -127,7 +128,7 @@ def test_limits_of_any_size_are_kept_exactly(
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
 def test_a_tool_speed_is_kept_and_used(share: float) -> None:
-    from planners.tool_speed import tool_speed
+    from planners.certificate.tool_speed import tool_speed
 
     joint_path = default_joint_path()
     free = Optimal().run(joint_path, LIMITS)
@@ -252,7 +253,7 @@ def test_the_barrier_of_many_tiny_slacks_is_the_sum_of_their_logarithms() -> Non
     node, edge = np.zeros((K + 1, n, 2)), np.zeros((K, 2, n, 3))
     one = {"ds": np.ones(K), "tau": np.ones(K), "least": np.full(K, 0.1), "top": np.full(K + 1, 3.0)}
     given = one | {"node": node, "edge": edge, "goal": np.zeros(2)}
-    problem = _newton.Problem(**{name: given[name] for name in _newton.Problem._fields})
+    problem = newton.Problem(**{name: given[name] for name in newton.Problem._fields})
     z = np.abs(rng.normal(size=(K + 1, 4))) + 0.2
     slack = 10.0 ** rng.uniform(-40.0, -20.0, (K + 1, 2, 3 * n))
     slack[1] = 10.0 ** rng.uniform(20.0, 40.0, (2, 3 * n))
@@ -261,7 +262,7 @@ def test_the_barrier_of_many_tiny_slacks_is_the_sum_of_their_logarithms() -> Non
     for k in range(K):
         wanted += z[k, 2] - mu * np.log(z[k, 2] - 0.1) - mu * np.log(slack[k, :, n if k == 0 else 0 :]).sum()
         wanted -= mu * (np.log(z[k, 0]) + np.log(3.0 - z[k, 0])) if k else 0.0
-    objective, _ = _optimum._merit(problem, mu, z, np.zeros((K, 3)), np.zeros((K + 1, 3 * n)), slack)
+    objective, _ = iteration._merit(problem, mu, z, np.zeros((K, 3)), np.zeros((K + 1, 3 * n)), slack)
     assert objective == pytest.approx(wanted, rel=1e-12)
 
 
@@ -276,7 +277,7 @@ def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -
 
 
 def test_where_no_motion_is_found_the_reason_names_the_place_and_the_joint(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_optimum, "solve", lambda *_: -1)
+    monkeypatch.setattr(iteration, "solve", lambda *_: -1)
     with pytest.raises(NoSolution) as info:
         make_law("optimal").run(default_joint_path(), LIMITS)
     assert info.value.joint in default_joint_path().robot.joint_names

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from optik.arm.robot import load
 from optik.errors import InvalidInput, NoSolution, UnknownName
-from optik.robot import load
 from planners import JointLine, path_of
 from tests import oracles
 from tests.oracles import PAPER

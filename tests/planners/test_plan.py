@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import optik
+from optik.arm.robot import load
 from optik.errors import InvalidInput, NoSolution, OutputError, UnknownName
 from optik.ik import make_solver
-from optik.robot import load
 from planners import (
     FollowStatus,
     JointLine,

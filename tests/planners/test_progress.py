@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from optik import se3
 from optik.errors import InvalidInput
 from planners import Arc, Line, Polyline
-from planners.motion_bounds import Instants
+from planners.certificate.bounds import Instants
+from planners.certificate.progress import Nearest, places_along
 from planners.paths.base import Path
-from planners.progress import Nearest, places_along
 
 Array = NDArray[np.float64]
 quick = settings(
@@ -138,7 +138,7 @@ def test_a_motion_nowhere_near_its_path_gets_the_nearest_places() -> None:
 @pytest.mark.parametrize("count", [300, 3000])
 def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: Any) -> None:
     """No more pairs of an instant and a chord are looked at than some for each instant."""
-    from planners import progress
+    from planners.certificate import progress
 
     rng = np.random.default_rng(0)
     u = np.linspace(0.0, 1.0, count)

@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from optik import Robot, kinematics
+from optik.arm.robot import DHRow, JointLimits, load
 from optik.errors import InvalidInput
 from optik.ik import make_solver
-from optik.robot import DHRow, JointLimits, load
 from optik.se3 import exp_so3
 from planners import FollowStatus, Line, follow
-from planners import _smoothing as smoothing
+from planners.following import smoothing
+from planners.following.redundancy import free_motions
 from planners.paths.arc import Arc
-from planners.redundancy import free_motions
 from tests import oracles
 
 Array = NDArray[np.float64]

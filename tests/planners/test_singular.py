@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from optik import Robot, kinematics
+from optik.arm.robot import load
 from optik.ik import Tolerance, make_solver
-from optik.robot import load
-from planners import Followed, FollowStatus, JointPath, Line, _march, follow
-from planners.joint_path import CLOSE, deviation_bounds
+from planners import Followed, FollowStatus, JointPath, Line, follow
+from planners.following import march
+from planners.following.joint_path import CLOSE, deviation_bounds
 from tests import oracles
 
 Array = NDArray[np.float64]
@@ -257,7 +258,7 @@ def test_the_bound_counts_what_nodes_are_off_in_pose_and_twist(off: float) -> No
     joint_path = JointPath(robot, line, exact.nodes, x, d, exact.ik, np.ones(len(x), np.bool_))
     out, plainly = deviation_bounds(robot, line, exact.nodes, x, d), np.empty((len(x) - 1, 2))
     fourth = np.tile(line.derivative_bounds()[:, 3], (len(x), 1))
-    _march.pieces_bound(
+    march.pieces_bound(
         robot.fixed, robot.prismatic, robot.tool, exact.nodes, x, d, line.pose(exact.nodes), line.twist(exact.nodes),
         fourth, plainly,
     )  # fmt: skip

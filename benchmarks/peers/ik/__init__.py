@@ -1,0 +1,1 @@
+"""Outside IK methods: one file each, called as its users call it, judged by our forward kinematics."""

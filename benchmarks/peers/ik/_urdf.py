@@ -1,0 +1,42 @@
+"""An arm as URDF text, for peers that read nothing else: one link a joint, from link0 to tool."""
+
+from __future__ import annotations
+
+from math import atan2, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def urdf(robot: Robot) -> str:
+    """URDF of an arm, base ``link0``, last link ``tool``, every number with all its digits."""
+    parts = ['<robot name="arm">', '<link name="link0"/>']
+    for i in range(robot.n):
+        kind = "prismatic" if robot.prismatic[i] else "revolute"
+        lower, upper = float(robot.limits.lower[i]), float(robot.limits.upper[i])
+        limit = f'<axis xyz="0 0 1"/><limit lower="{lower!r}" upper="{upper!r}" effort="1" velocity="1"/>'
+        parts.append(_joint(f"joint{i + 1}", kind, f"link{i}", f"link{i + 1}", robot.fixed[i], limit))
+    parts.append(_joint("flange", "fixed", f"link{robot.n}", "tool", robot.tool, ""))
+    return "\n".join([*parts, "</robot>"])
+
+
+def _joint(name: str, kind: str, parent: str, child: str, T: Array, more: str) -> str:
+    xyz = " ".join(repr(float(x)) for x in T[:3, 3])
+    rpy = " ".join(repr(x) for x in roll_pitch_yaw(T[:3, :3]))
+    return (
+        f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/>{more}</joint>'
+    )
+
+
+def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll) [rad]; roll takes all of the turn where pitch is ±90°."""
+    across = hypot(R[0, 0], R[1, 0])
+    pitch = atan2(-R[2, 0], across)
+    if across < 1e-9:
+        return atan2(-R[1, 2], R[1, 1]), pitch, 0.0
+    return atan2(R[2, 1], R[2, 2]), pitch, atan2(R[1, 0], R[0, 0])

@@ -1,0 +1,74 @@
+"""Plain CasADi with IPOPT: the programme written as its documentation teaches, every option left as it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers.ik.base import Array, Peer, one
+from optik.arm.robot import Robot
+from optik.se3 import log_so3
+
+
+class PlainCasADi(Peer):
+    """``nlpsol("ik", "ipopt", …)`` called as ``solver(x0=…, p=…, lbx=…, ubx=…, lbg=0, ubg=0)``; only its printing is off."""
+
+    distribution = "casadi"
+    package = "casadi"
+    settings = (
+        "nlpsol with ipopt, the pose as six equality constraints (position, and twice the vector part of the quaternion "
+        "between), limits as bounds, called as solver(x0=…, p=…, …); every option of IPOPT left as it is, printing off"
+    )
+
+    def __init__(self, robot: Robot) -> None:
+        import casadi as ca
+
+        q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 7)
+        problem = {"x": q, "p": target, "f": ca.SX(0.0), "g": _pose_error(ca, robot, q, target)}
+        solver = ca.nlpsol("ik", "ipopt", problem, {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes"}})
+        lower, upper = robot.limits.lower, robot.limits.upper
+
+        def call(target: Array, q0: Array) -> Array:
+            p = np.concatenate([target[:3, 3], _quaternion(target[:3, :3])])
+            answer = solver(x0=q0, p=p, lbx=lower, ubx=upper, lbg=0.0, ubg=0.0)
+            return np.asarray(answer["x"]).ravel()
+
+        self.call = call
+        self.limits = robot.limits
+
+    def answers(self, raw: Any) -> Array:
+        """Its one answer, brought back by the 1e-8 that IPOPT relaxes bounds by."""
+        return one(self.limits.clip(raw))
+
+
+def _pose_error(ca: Any, robot: Robot, q: Any, target: Any) -> Any:
+    """Position, and twice the vector part of h_t* ∘ h, from the target (7,) to the tool at q: (6,) expressions."""
+    p, h = ca.SX.zeros(3), ca.SX([1.0, 0.0, 0.0, 0.0])
+    for i, fixed in enumerate((*robot.fixed, robot.tool)):
+        p, h = p + _rotate(ca, h, ca.SX(fixed[:3, 3])), _product(ca, h, ca.SX(_quaternion(fixed[:3, :3])))
+        if i < robot.n and robot.prismatic[i]:
+            p = p + q[i] * _rotate(ca, h, ca.SX([0.0, 0.0, 1.0]))
+        elif i < robot.n:
+            h = _product(ca, h, ca.vertcat(ca.cos(0.5 * q[i]), 0.0, 0.0, ca.sin(0.5 * q[i])))
+    between = _product(ca, ca.vertcat(target[3], -target[4:]), h)
+    return ca.vertcat(p - target[:3], 2.0 * between[1:])
+
+
+def _quaternion(R: Array) -> Array:
+    """Unit quaternion (4,), scalar first."""
+    w = log_so3(R)
+    half = 0.5 * float(np.linalg.norm(w))
+    return np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * w])
+
+
+def _product(ca: Any, a: Any, b: Any) -> Any:
+    return ca.vertcat(a[0] * b[0] - ca.dot(a[1:], b[1:]), a[0] * b[1:] + b[0] * a[1:] + ca.cross(a[1:], b[1:]))
+
+
+def _rotate(ca: Any, h: Any, v: Any) -> Any:
+    t = 2.0 * ca.cross(h[1:], v)
+    return v + h[0] * t + ca.cross(h[1:], t)
+
+
+METHOD = PlainCasADi

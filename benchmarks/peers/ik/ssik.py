@@ -1,0 +1,64 @@
+"""ssik: the branches in closed form, by a module that it writes for one arm, with its native backend."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers.ik.base import Array, Peer, need_revolute, none
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+
+
+class SSIK(Peer):
+    """The module that ``ssik build`` writes for the arm, and its ``solve(target, max_solutions=1)``."""
+
+    distribution = "ssik"
+    package = "ssik"
+    settings = (
+        "the arm's own module as `ssik build` writes it, with the arm's limits, native backend; "
+        "solve(target, max_solutions=1), else its defaults: one branch inside the limits, which spares it the windings of "
+        "joints with more than a turn"
+    )
+    takes_start = False
+
+    def __init__(self, robot: Robot) -> None:
+        from ssik import Manipulator
+
+        need_revolute(robot, 6, 7)
+        self.robot = robot
+        transforms = np.concatenate([robot.fixed, robot.tool[None]])
+        arm = Manipulator.from_transforms(transforms, limits=np.stack([robot.limits.lower, robot.limits.upper], axis=1))
+        if arm.dispatch_plan.needs_symbolic_precompute:
+            raise InvalidInput("robot", f"the class {arm.solver_name}", "arms that it builds in seconds, not minutes")
+        self.call = partial(_module(arm).solve, max_solutions=1)
+
+    def answers(self, raw: Any) -> Array:
+        """What is left of the branches."""
+        return np.array([solution.q for solution in raw]) if raw else none(self.robot)
+
+
+def _module(arm: Any) -> ModuleType:
+    """What ``ssik build`` writes and validates from a URDF, from the arm itself."""
+    from ssik.core.codegen import emit_artifact
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "arm_ik.py"
+        emit_artifact(
+            kb=arm.kinbody, plan=arm.dispatch_plan, module_name="arm_ik", output_path=str(file), arm_label="arm"
+        )
+        spec = importlib.util.spec_from_file_location("arm_ik", file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return module
+
+
+METHOD = SSIK

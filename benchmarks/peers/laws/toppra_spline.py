@@ -1,0 +1,58 @@
+"""TOPP-RA as its documentation teaches: a spline through waypoints, and a spline in time through its answer."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from benchmarks.peers.laws.base import Array, TimingPeer
+from optik.errors import NoSolution
+from planners.following.follow import JointPath
+from planners.trajectory import Trajectory
+
+
+class ToppraSpline(TimingPeer):
+    """``SplineInterpolator`` through the samples, velocity and acceleration limits, ``ParametrizeSpline`` (its default)."""
+
+    distribution = "toppra"
+    package = "toppra"
+    settings = (
+        "SplineInterpolator through the samples of the joint path, JointVelocityConstraint and "
+        "JointAccelerationConstraint, TOPPRA on the grid that it chooses, ParametrizeSpline: all as its documentation "
+        "has it; it has no jerk limits"
+    )
+    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
+
+    def __init__(self, limits: dict[str, Array]) -> None:
+        import toppra
+
+        logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
+        self._toppra: Any = toppra
+        self._constraints = [
+            toppra.constraint.JointVelocityConstraint(_range(limits["velocity"])),
+            toppra.constraint.JointAccelerationConstraint(_range(limits["acceleration"])),
+        ]
+
+    def call(self, joint_path: JointPath) -> Any:
+        """Both splines and the optimum between them."""
+        path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
+        found = self._toppra.algorithm.TOPPRA(
+            self._constraints, path, parametrizer="ParametrizeSpline"
+        ).compute_trajectory(0.0, 0.0)
+        if found is None:
+            raise NoSolution("TOPP-RA found no motion from rest to rest")
+        return found
+
+    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+        """Its cubic spline in time, as it is."""
+        return Trajectory(PPoly(raw.cspl.c, raw.cspl.x - raw.cspl.x[0], extrapolate=True))
+
+
+def _range(limit: Array) -> Array:
+    return np.stack([-limit, limit], axis=1)
+
+
+METHOD = ToppraSpline

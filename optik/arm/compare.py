@@ -1,0 +1,401 @@
+"""Whether two models of an arm agree, and if not, which base, tool, joint zeros and directions explain it.
+
+With other(q) = base · first(signs ∘ q + offsets) · tool, the directions of the joint axes of both models at q = 0 give
+the rotation of the base and the offsets of turning joints, one joint after the other; all lengths then follow from one
+linear least-squares problem. Whatever comes out is applied and judged by the poses; only what is verified is claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice, product
+from math import atan2, degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik import se3
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput
+
+Array = NDArray[np.float64]
+
+COUNT = 40
+"""Configurations that are compared: far more numbers than the unknowns of any explanation."""
+
+SIGNS_TRIED = 512
+"""Combinations of joint directions that are tried, fewest flips first: all of them up to nine joints."""
+
+ALONG_THE_AXES = (
+    "neighbouring axes are at the same angles and distances; lengths along the axes may differ, or all by little"
+)
+
+PARALLEL = 1e-3
+"""Axes closer than this [rad] count as parallel where one is turned onto another: their angle is then mostly noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Whether two models of an arm agree, and what explains it if they do not. True where they agree as they are.
+
+    Attributes
+    ----------
+    agree : bool
+        Whether all tool poses agree within the tolerances.
+    explained : bool
+        Whether they do after other(q) = base · first(signs ∘ q + offsets) · tool.
+    position, rotation : float
+        Largest difference of the tool's position [m] and orientation [rad]; infinite where the joints do not match.
+    position_left, rotation_left : float
+        The same after the explanation; as before where there is none.
+    base, tool : (4, 4) array
+        Transforms of the explanation, identity where none is needed.
+    signs, offsets : (n,) array
+        +1 or −1, and [rad or m], of the explanation.
+    reasons : tuple of str
+        The explanation in words; without one, what speaks against any.
+    names : tuple of two str
+        Names of the robots.
+    """
+
+    agree: bool
+    explained: bool
+    position: float
+    rotation: float
+    position_left: float
+    rotation_left: float
+    base: Array
+    tool: Array
+    signs: Array
+    offsets: Array
+    reasons: tuple[str, ...]
+    names: tuple[str, str]
+
+    def __bool__(self) -> bool:
+        return self.agree
+
+    def __str__(self) -> str:
+        first, other = self.names if self.names[0] != self.names[1] else (self.names[0], "the other")
+        head = f"{first} and {other}"
+        if not np.isfinite(self.position):
+            return f"{head} cannot be compared: {'; '.join(self.reasons)}"
+        difference = f"by up to {self.position:.3g} m and {degrees(self.rotation):.3g}°"
+        if self.agree:
+            return f"{head} agree: they differ {difference}"
+        reasons = "\n".join(f"  - {reason}" for reason in self.reasons)
+        if self.explained:
+            left = f"{self.position_left:.2g} m and {degrees(self.rotation_left):.2g}°"
+            return f"{head} differ {difference}; this explains it and leaves {left}:\n{reasons}"
+        return f"{head} differ {difference}; no base, tool, zero or sign explains it\n{reasons}".rstrip()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One explanation: its numbers, what it leaves, and of how many parts it is."""
+
+    base: Array
+    tool: Array
+    signs: Array
+    offsets: Array
+    position: float
+    rotation: float
+    parts: int
+
+
+class Pair:
+    """Two robots, the poses to be matched, and the axes of both at q = 0."""
+
+    def __init__(self, first: Robot, other: Robot, position: float, rotation: float) -> None:
+        self.first, self.other, self.n = first, other, first.n
+        self.position, self.rotation = position, rotation
+        self.q = _configurations(first, other)
+        self.target = other.fk(self.q)
+        self.home, self.home_other = (robot.frames(np.zeros(self.n)) for robot in (first, other))
+        self.axes, self.axes_other = self.home[:-1, :3, 2], self.home_other[:-1, :3, 2]
+        self.points, self.points_other = self.home[:-1, :3, 3], self.home_other[:-1, :3, 3]
+
+    def left(self, poses: Array) -> tuple[float, float]:
+        """Largest differences in position and rotation from the other's poses."""
+        e = se3.error(poses, self.target)
+        return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
+
+    def within(self, position: float, rotation: float) -> bool:
+        """Whether such differences are within the tolerances."""
+        return position <= self.position and rotation <= self.rotation
+
+
+def compare_robots(first: Robot, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
+    """Compare two models of an arm; see `Robot.compare`."""
+    if not isinstance(other, Robot):
+        raise InvalidInput("other", repr(other)[:60], "a Robot")
+    position = check_number(position, "position", "a tolerance above 0 [m]", above=0.0)
+    rotation = check_number(rotation, "rotation", "a tolerance above 0 [rad]", above=0.0)
+    mismatch = _joints_that_differ(first, other)
+    if mismatch:
+        return _result(first, other, (np.inf, np.inf), None, mismatch)
+    pair = Pair(first, other, position, rotation)
+    plain = pair.left(first.fk(pair.q))
+    if pair.within(*plain):
+        return _result(first, other, plain, None, (), agree=True)
+    against = tuple(_axes_that_differ(pair))
+    best = None if against else _simplest(pair)
+    if best is None:
+        return _result(first, other, plain, None, against or (ALONG_THE_AXES,))
+    return _result(first, other, plain, best, tuple(_reasons(pair, best)))
+
+
+def _result(
+    first: Robot,
+    other: Robot,
+    plain: tuple[float, float],
+    best: Candidate | None,
+    reasons: tuple[str, ...],
+    *,
+    agree: bool = False,
+) -> Comparison:
+    left = best or Candidate(np.eye(4), np.eye(4), np.ones(first.n), np.zeros(first.n), *plain, 0)
+    numbers = (left.base, left.tool, left.signs, left.offsets)
+    explained = agree or best is not None
+    return Comparison(
+        agree, explained, *plain, left.position, left.rotation, *numbers, reasons, (first.name, other.name)
+    )
+
+
+def _joints_that_differ(first: Robot, other: Robot) -> tuple[str, ...]:
+    if first.n != other.n:
+        return (f"{first.n} joints and {other.n}",)
+    kinds = ("turns", "slides")
+    return tuple(
+        f"joint {i + 1} {kinds[int(first.prismatic[i])]} in one and {kinds[int(other.prismatic[i])]} in the other"
+        for i in np.flatnonzero(first.prismatic != other.prismatic)
+    )
+
+
+def _configurations(first: Robot, other: Robot) -> Array:
+    """Configurations (COUNT, n) inside the limits of both where they meet, else inside the first's; always the same."""
+    lower = np.maximum(first.limits.lower, other.limits.lower)
+    upper = np.minimum(first.limits.upper, other.limits.upper)
+    apart = lower > upper
+    lower, upper = np.where(apart, first.limits.lower, lower), np.where(apart, first.limits.upper, upper)
+    span = np.where(first.prismatic, 1.0, pi)  # where a limit is infinite
+    lower = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * span, -span))
+    upper = np.where(np.isfinite(upper), upper, lower + 2.0 * span)
+    return np.random.default_rng(0).uniform(lower, upper, (COUNT, first.n))
+
+
+# ---------------------------------------------------------------- what no explanation changes
+
+
+def _axes_that_differ(pair: Pair) -> Iterator[str]:
+    """Angles and distances between neighbouring axes that differ: nothing about base, tool, zeros or signs changes them."""
+    for i in range(pair.n - 1):
+        (angle, distance), (angle_other, distance_other) = (
+            _angle_and_distance(axes[i : i + 2], points[i : i + 2])
+            for axes, points in ((pair.axes, pair.points), (pair.axes_other, pair.points_other))
+        )
+        names = f"the axes of joints {i + 1} and {i + 2}"
+        if abs(angle - angle_other) > 4.0 * pair.rotation:
+            yield f"{names} are {degrees(angle):.6g}° to each other in one and {degrees(angle_other):.6g}° in the other"
+        elif not pair.first.prismatic[i : i + 2].any() and abs(distance - distance_other) > 4.0 * pair.position:
+            yield f"{names} are {distance:.6g} m apart in one and {distance_other:.6g} m in the other"
+
+
+def _angle_and_distance(axes: Array, points: Array) -> tuple[float, float]:
+    """Angle [rad] in [0, π/2] and distance [m] of two lines."""
+    normal = np.cross(axes[0], axes[1])
+    sine, between = float(np.linalg.norm(normal)), points[1] - points[0]
+    if sine < PARALLEL:
+        distance = float(np.linalg.norm(between - (between @ axes[0]) * axes[0]))
+    else:
+        distance = abs(float(between @ normal)) / sine
+    return atan2(sine, abs(float(axes[0] @ axes[1]))), distance
+
+
+# ---------------------------------------------------------------- the search
+
+
+def _simplest(pair: Pair) -> Candidate | None:
+    """The verified explanation of fewest parts: a flip, an offset, the base and the tool are one part each."""
+    best: Candidate | None = None
+    for signs in _sign_vectors(pair):
+        flips = int((signs < 0.0).sum())
+        for offsets, base, tool in product((False, True), repeat=3):
+            if best is not None and best.parts <= flips + offsets + base + tool:
+                continue
+            found = _fit(pair, signs, offsets=offsets, base=base, tool=tool)
+            if pair.within(found.position, found.rotation) and (best is None or found.parts < best.parts):
+                best = found
+    return best
+
+
+def _sign_vectors(pair: Pair) -> list[Array]:
+    """Directions of the joints that the angles and moments of neighbouring axes allow, fewest flips first."""
+    allowed = []
+    for i in range(pair.n - 1):
+        cosines = [float(axes[i] @ axes[i + 1]) for axes in (pair.axes, pair.axes_other)]
+        moments = [
+            float((points[i + 1] - points[i]) @ np.cross(axes[i], axes[i + 1]))
+            for axes, points in ((pair.axes, pair.points), (pair.axes_other, pair.points_other))
+        ]
+        told = 0.0
+        if min(map(abs, cosines)) > PARALLEL:
+            told = float(np.sign(cosines[0] * cosines[1]))
+        elif not pair.first.prismatic[i : i + 2].any() and min(map(abs, moments)) > 10.0 * pair.position:
+            told = float(np.sign(moments[0] * moments[1]))
+        allowed.append((1.0, -1.0) if told == 0.0 else (told,))
+    steps = islice(product((1.0, -1.0), *allowed), 2**16)
+    found: list[Array] = [np.cumprod(np.array(s)) for s in steps]
+    return sorted(found, key=lambda s: int((s < 0.0).sum()))[:SIGNS_TRIED]
+
+
+def _fit(pair: Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) -> Candidate:
+    """Best explanation with these signs, of the parts that are allowed: rotations first, then all lengths at once."""
+    n = pair.n
+    X, Y, o = np.eye(3), np.eye(3), np.zeros(n)
+    if base and (offsets or tool):
+        X = _base_rotation(pair, signs)
+    if offsets:
+        o = _offsets(pair, signs, X, skip_first=base, to_tool=not tool)
+    R = pair.first.fk(signs * pair.q + o)[:, :3, :3]
+    if base and not (offsets or tool):
+        X = _mean_rotation(pair.target[:, :3, :3] @ np.swapaxes(R, 1, 2))
+    if tool:
+        Y = _mean_rotation(np.swapaxes(X @ R, 1, 2) @ pair.target[:, :3, :3])
+    slides = np.flatnonzero(pair.first.prismatic) if offsets else np.zeros(0, dtype=np.intp)
+    x, y = _lengths(pair, signs, X, o, slides, base=base, tool=tool)
+    T_base, T_tool = se3.pose(X, x), se3.pose(Y, y)
+    left = pair.left(T_base @ pair.first.fk(signs * pair.q + o) @ T_tool)
+    return Candidate(T_base, T_tool, signs, o, *left, _parts(pair, T_base, T_tool, signs, o))
+
+
+def _parts(pair: Pair, base: Array, tool: Array, signs: Array, offsets: Array) -> int:
+    matter = np.abs(offsets) > np.where(pair.first.prismatic, pair.position, pair.rotation)
+    return int((signs < 0.0).sum() + matter.sum()) + _matters(pair, base) + _matters(pair, tool)
+
+
+def _matters(pair: Pair, T: Array) -> bool:
+    e = se3.error(np.eye(4), T)
+    return not pair.within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
+
+
+def _mean_rotation(R: Array) -> Array:
+    """Rotation (3, 3) nearest to the mean of rotations (k, 3, 3)."""
+    U, _, Vt = np.linalg.svd(R.mean(axis=0))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def _base_rotation(pair: Pair, signs: Array) -> Array:
+    """Rotation of the base that takes the first axis and the next one that is not parallel to the other's."""
+    a, b = signs[0] * pair.axes[0], pair.axes_other[0]
+    w, sine, cosine = np.cross(a, b), float(np.linalg.norm(np.cross(a, b))), float(a @ b)
+    if sine < 1e-12:  # the same direction or the opposite one: any axis at a right angle will do
+        w = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
+    X = se3.exp_so3(atan2(sine, cosine) / np.linalg.norm(w) * w)
+    angle = _angle_about(pair, signs, X, 0, to_tool=False)
+    return np.asarray(se3.exp_so3(angle * b) @ X)
+
+
+def _offsets(pair: Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: bool) -> Array:
+    """Offsets (n,) of the joints that turn, each from where the next axes must come to stand; 0 for those that slide."""
+    offsets, R = np.zeros(pair.n), X
+    for i in range(pair.n):
+        if pair.first.prismatic[i]:
+            continue
+        if i > 0 or not skip_first:
+            # the other's axis is the first's times the sign, and so is the angle about it
+            offsets[i] = signs[i] * _angle_about(pair, signs, R, i, to_tool=to_tool)
+            R = R @ se3.exp_so3(offsets[i] * pair.axes[i])
+    return offsets
+
+
+def _angle_about(pair: Pair, signs: Array, R: Array, i: int, *, to_tool: bool) -> float:
+    """Angle about joint i's axis of the other (signed) that takes the next axis of the first to the other's.
+
+    R (3, 3) turns the first's axes at q = 0 as all joints before i have turned them. The direction of the next axis
+    says it, or its place where it is parallel; a parallel sliding joint says nothing. After the last, the tool says it.
+    """
+    axis = pair.axes_other[i]
+    for k in range(i + 1, pair.n):
+        v, target = signs[k] * (R @ pair.axes[k]), pair.axes_other[k]
+        if np.linalg.norm(np.cross(axis, v)) > PARALLEL:
+            return _turn(axis, v, target)
+        if not pair.first.prismatic[k]:
+            v, target = R @ (pair.points[k] - pair.points[i]), pair.points_other[k] - pair.points_other[i]
+            apart = np.linalg.norm(np.cross(axis, v)) > 10.0 * pair.position
+            return _turn(axis, v, target) if apart else 0.0
+    if not to_tool:
+        return 0.0
+    W = pair.home_other[-1, :3, :3] @ (R @ pair.home[-1, :3, :3]).T
+    sine = 0.5 * float(axis @ [W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]])
+    return atan2(sine, 0.5 * (float(np.trace(W)) - 1.0))
+
+
+def _turn(axis: Array, v: Array, target: Array) -> float:
+    """Angle about an axis from one vector to another, both seen along the axis."""
+    a, b = v - (v @ axis) * axis, target - (target @ axis) * axis
+    return atan2(float(axis @ np.cross(a, b)), float(a @ b))
+
+
+def _lengths(
+    pair: Pair, signs: Array, X: Array, offsets: Array, slides: NDArray[np.intp], *, base: bool, tool: bool
+) -> tuple[Array, Array]:
+    """Translations of base and tool (3,), (3,); offsets of sliding joints are written into `offsets`.
+
+    They are linear in the positions: p_other = X p + x + X R y + X Σ d_i o_i. Where the chain leaves a choice, the smallest.
+    """
+    T = pair.first.fk(signs * pair.q + offsets)
+    rest = (pair.target[:, :3, 3] - T[:, :3, 3] @ X.T).reshape(-1)
+    columns = []
+    if base:
+        columns.append(np.tile(np.eye(3), (COUNT, 1)))
+    if tool:
+        columns.append((X @ T[:, :3, :3]).reshape(-1, 3))
+    if slides.size:
+        d = pair.first.jacobian(signs * pair.q + offsets)[:, :3, slides]
+        columns.append((X @ d).reshape(-1, slides.size))
+    if not columns:
+        return np.zeros(3), np.zeros(3)
+    found: Array = np.asarray(np.linalg.lstsq(np.hstack(columns), rest, rcond=1e-9)[0], dtype=np.float64)
+    offsets[slides] = found[found.size - slides.size :]
+    return (found[:3] if base else np.zeros(3)), (found[3 * base : 3 * base + 3] if tool else np.zeros(3))
+
+
+# ---------------------------------------------------------------- in words
+
+
+def _reasons(pair: Pair, found: Candidate) -> Iterator[str]:
+    for which, T in (("base", found.base), ("tool", found.tool)):
+        if _matters(pair, T):
+            yield f"the {which}s differ {_transform_in_words(pair, T, which)}"
+    for i in range(pair.n):
+        slides = bool(pair.first.prismatic[i])
+        if found.signs[i] < 0.0:
+            yield f"joint {i + 1} {'slides' if slides else 'turns'} the other way"
+        if abs(found.offsets[i]) > (pair.position if slides else pair.rotation):
+            shift = f"{found.offsets[i]:.6g} m" if slides else f"{degrees(found.offsets[i]):.6g}°"
+            yield f"joint {i + 1} has its zero {shift} elsewhere"
+
+
+def _transform_in_words(pair: Pair, T: Array, which: str) -> str:
+    words, e = [], se3.error(np.eye(4), T)
+    move, turn = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
+    if move > pair.position:
+        words.append(f"by {_along(e[:3], pair.position, 'm', 1.0)} of the {which}")
+    if turn > pi - pair.rotation and e[3:].sum() < 0.0:
+        e[3:] = -e[3:]  # half a turn is the same either way
+    if turn > pair.rotation:
+        words.append(f"by a turn of {_along(e[3:], pair.rotation, '°', 180.0 / pi, 'about')}")
+    return " and ".join(words)
+
+
+def _along(v: Array, least: float, unit: str, scale: float, word: str = "along") -> str:
+    """A vector in words: its length along one axis where it has one, else its direction."""
+    space = " " if unit == "m" else ""
+    large = np.flatnonzero(np.abs(v) > least)
+    if large.size == 1:
+        return f"{v[large[0]] * scale:.6g}{space}{unit} {word} {'xyz'[large[0]]}"
+    size = float(np.linalg.norm(v))
+    v = np.where(np.abs(v) > least, v, 0.0)
+    return f"{size * scale:.6g}{space}{unit} {word} ({', '.join(f'{x:.4g}' for x in v / size)})"

@@ -1,0 +1,112 @@
+"""How far an arm reaches: a bound that no configuration inside the limits can break, so a target beyond it is proved out."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.arm.robot import Robot
+from optik.compiled import compiled
+from optik.task import Task
+
+Array = NDArray[np.float64]
+
+
+def reach_bound(robot: Robot, task: Task) -> Array:
+    """Return (8,) numbers: a point of the base, a point of the tool, and the least and largest distance between them.
+
+    One point is taken on every joint axis; the distance from one to the next does not change with the joints (along a
+    prismatic joint it has a range). So the distance from the first to the last is at most the sum of them all, and at
+    least the longest less all others: the polygon inequality. The points slide along their axes to where the sum is
+    smallest. For the full pose the last point is on the last axis, where the target fixes it; where only the position
+    counts, it is the tool's own. A task that leaves a position component free has no bound: (…, 0, ∞).
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    task : Task
+        What must be met.
+
+    Returns
+    -------
+    (8,) array
+        A (3,) in the base frame, c (3,) in the tool frame, least and largest |T c − A| [m].
+    """
+    if not all(task.mask[:3]):
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf])
+    whole = all(task.mask[3:])
+    t = _shortest(robot, whole)
+    z = np.zeros((robot.n, 4))
+    z[:, 2], z[:, 3] = t, 1.0
+    low, high = np.zeros(robot.n + 1), np.zeros(robot.n + 1)
+    for i in range(robot.n):
+        # in the frame before joint i: from the last joint's point (in the base: the joint's own at q = 0) to this one
+        before = z[i - 1] if i else robot.fixed[0] @ z[0]
+        low[i], high[i] = _distances(robot, i, robot.fixed[i] @ z[i] - before)
+    if not whole:
+        low[-1] = high[-1] = np.linalg.norm(robot.tool[:3, 3] - z[-1, :3])
+    largest = high.sum()
+    least = max(0.0, float(np.max(low - (largest - high)))) if np.isfinite(largest) else 0.0
+    A = robot.fixed[0] @ z[0]
+    c = np.linalg.solve(robot.tool, z[-1]) if whole else np.array([0.0, 0.0, 0.0, 1.0])
+    # a tool inside the task's box has its point this near to the target's
+    room = float(np.linalg.norm(task.box[:3]) + np.linalg.norm(task.box[3:]) * np.linalg.norm(c[:3]))
+    least, largest = least - room, largest + room
+    return np.array([*A[:3], *c[:3], least, largest])
+
+
+def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
+    """Least and largest length of v (4,) as joint i moves inside its limits, in the frame before it."""
+    if not robot.prismatic[i]:
+        length = float(np.linalg.norm(v[:3]))
+        return length, length
+    axis = robot.fixed[i, :3, 2]
+    low, high = robot.limits.lower[i], robot.limits.upper[i]
+    ends = [float(np.linalg.norm(v[:3] + q * axis)) if np.isfinite(q) else np.inf for q in (low, high)]
+    nearest = float(np.clip(-(v[:3] @ axis), low, high))
+    return float(np.linalg.norm(v[:3] + nearest * axis)), max(ends)
+
+
+def _shortest(robot: Robot, whole: bool) -> Array:
+    """Where on its axis each joint's point stands (n,), so that the links between them are shortest in all.
+
+    A sum of distances is minimised by least squares with weights 1 / distance (Weiszfeld 1937); any result is a valid
+    bound, a better one is sharper.
+    """
+    n, (low, high) = robot.n, (robot.limits.lower, robot.limits.upper)
+    middle = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (np.maximum(low, -1e9) + np.minimum(high, 1e9)), 0.0)
+    rows = n - 1 + (not whole)
+    A, b = np.zeros((3 * rows, n)), np.zeros(3 * rows)
+    for k in range(rows):
+        A[3 * k + 2, k] = -1.0
+        if k + 1 < n:
+            shift = middle[k + 1] if robot.prismatic[k + 1] else 0.0
+            A[3 * k : 3 * k + 3, k + 1] += robot.fixed[k + 1, :3, 2]
+            b[3 * k : 3 * k + 3] = -(robot.fixed[k + 1, :3, 3] + shift * robot.fixed[k + 1, :3, 2])
+        else:
+            b[3 * k : 3 * k + 3] = -robot.tool[:3, 3]
+    t = np.zeros(n)
+    for _ in range(100):
+        d = np.linalg.norm((A @ t - b).reshape(rows, 3), axis=1)
+        w = np.repeat(1.0 / np.sqrt(d + 1e-9), 3)
+        t = np.linalg.lstsq(np.vstack([A * w[:, None], 1e-9 * np.eye(n)]), np.concatenate([b * w, np.zeros(n)]))[0]
+    return np.asarray(t)
+
+
+@compiled
+def outside_reach(reach: Array, target: Array, tolerance_p: float, tolerance_r: float) -> float:
+    """Distance [m] of the tool's point from the base's, where it breaks the bound whatever the tolerance; else −1."""
+    square, lever = 0.0, 0.0
+    for i in range(3):
+        v = target[i, 3] - reach[i]
+        for j in range(3):
+            v += target[i, j] * reach[3 + j]
+        square += v * v
+        lever += reach[3 + i] * reach[3 + i]
+    d = sqrt(square)
+    # a tool within the tolerance of the target has its point this near to the target's; the rest is rounding
+    slack = tolerance_p + min(tolerance_r, 2.0) * sqrt(lever) + 1e-9
+    return d if d > reach[7] + slack or d < reach[6] - slack else -1.0

@@ -1,0 +1,1 @@
+"""What the CasADi methods share: the symbolic model and the nonlinear programme."""

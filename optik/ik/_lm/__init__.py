@@ -1,0 +1,1 @@
+"""What only `lm` uses: the packed arm, its starts, and the search in lanes."""

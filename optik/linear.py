@@ -1,0 +1,156 @@
+"""Small dense systems in compiled code: Householder least squares, and the smallest singular value of a Jacobian."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.compiled import compiled
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ORTHOGONAL = 1e-10
+"""Cosine below which two rows count as orthogonal: its square is what it changes of lengths, itself where they are equal."""
+
+
+@compiled
+def qr_factor(A: Array, beta: Array, order: Ints) -> float:
+    """Householder QR of A (m, n), m ≥ n, in place, the longest column first; |r_nn / r_11|, 0 where rank is lost.
+
+    Golub and Van Loan, Matrix Computations, §5.4.2. R stands on and above the diagonal, the reflectors (first entry 1)
+    below it; beta (n,) their factors, order (n,) which column of A each one is.
+    """
+    m, n = A.shape
+    first, last = 0.0, 0.0
+    for j in range(n):
+        order[j] = j
+    for j in range(n):
+        longest, at = -1.0, j
+        for c in range(j, n):
+            s = 0.0
+            for r in range(j, m):
+                s += A[r, c] * A[r, c]
+            if s > longest:
+                longest, at = s, c
+        if at != j:
+            order[j], order[at] = order[at], order[j]
+            for r in range(m):
+                t = A[r, j]
+                A[r, j] = A[r, at]
+                A[r, at] = t
+        last = sqrt(longest)
+        first = max(first, last)
+        if not last > 0.0:  # zero, or not a number
+            for c in range(j, n):
+                beta[c] = 0.0
+            return 0.0
+        alpha = -last if A[j, j] > 0.0 else last
+        v = A[j, j] - alpha
+        beta[j] = -v / alpha
+        A[j, j] = alpha
+        for r in range(j + 1, m):
+            A[r, j] /= v
+        for c in range(j + 1, n):
+            s = A[j, c]
+            for r in range(j + 1, m):
+                s += A[r, j] * A[r, c]
+            s *= beta[j]
+            A[j, c] -= s
+            for r in range(j + 1, m):
+                A[r, c] -= s * A[r, j]
+    return last / first
+
+
+@compiled
+def qr_solve(A: Array, beta: Array, order: Ints, b: Array, x: Array) -> float:
+    """Least squares of A x = b by the factors of `qr_factor`, into x (n,); b (m,) is overwritten. Returns |A x − b|."""
+    m, n = A.shape
+    for j in range(n):
+        s = b[j]
+        for r in range(j + 1, m):
+            s += A[r, j] * b[r]
+        s *= beta[j]
+        b[j] -= s
+        for r in range(j + 1, m):
+            b[r] -= s * A[r, j]
+    rest = 0.0
+    for r in range(n, m):
+        rest += b[r] * b[r]
+    for j in range(n - 1, -1, -1):
+        s = b[j]
+        for c in range(j + 1, n):
+            s -= A[j, c] * b[c]
+        b[j] = s / A[j, j]
+        x[order[j]] = b[j]
+    return sqrt(rest)
+
+
+@compiled
+def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
+    """Smallest of the min(m, n) singular values of J (m, n), to 1e-10 of itself or rounding of the largest.
+
+    Where it is proved to be above `floor`, a lower bound on it above `floor`.
+    """
+    m, n = J.shape
+    tall = m >= n
+    k, rest = (n, m) if tall else (m, n)
+    A, beta, order = np.empty((rest, k)), np.empty(k), np.empty(k, np.int64)
+    for i in range(rest):
+        for j in range(k):
+            A[i, j] = J[i, j] if tall else J[j, i]
+    if qr_factor(A, beta, order) == 0.0:
+        return 0.0
+    return smallest_of_factor(A, floor)
+
+
+@compiled
+def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
+    """Smallest singular value of a matrix (m, k), m ≥ k, of full rank, from what `qr_factor` made of it.
+
+    One-sided Jacobi rotations of the rows of R, which column exchanges have made nearly diagonal, so that two or three
+    sweeps are enough (Drmač and Veselić 2008). Of a factor with column exchanges it is at least
+    3 |r_kk| / √(4ᵏ + 6k − 1) (Lawson and Hanson, Solving Least Squares Problems, eq. 6.31): where that is above `floor`,
+    it is the answer.
+    """
+    k = QR.shape[1]
+    bound = 3.0 * abs(QR[k - 1, k - 1]) / sqrt(4.0**k + 6.0 * k - 1.0)
+    if bound > floor:
+        return float(bound)
+    A = np.zeros((k, k))
+    for i in range(k):
+        for j in range(i, k):
+            A[i, j] = QR[i, j]
+    for _ in range(30):
+        turned = False
+        for p in range(k - 1):
+            for q in range(p + 1, k):
+                a, b, c = 0.0, 0.0, 0.0
+                for i in range(k):
+                    a += A[p, i] * A[p, i]
+                    b += A[q, i] * A[q, i]
+                    c += A[p, i] * A[q, i]
+                if not abs(c) > ORTHOGONAL * sqrt(a * b):
+                    continue
+                turned = True
+                zeta = (b - a) / (2.0 * c)
+                t = 1.0 / (abs(zeta) + sqrt(1.0 + zeta * zeta))
+                if zeta < 0.0:
+                    t = -t
+                cs = 1.0 / sqrt(1.0 + t * t)
+                sn = cs * t
+                for i in range(k):
+                    x, y = A[p, i], A[q, i]
+                    A[p, i] = cs * x - sn * y
+                    A[q, i] = sn * x + cs * y
+        if not turned:
+            break
+    least = np.inf
+    for p in range(k):
+        s = 0.0
+        for i in range(k):
+            s += A[p, i] * A[p, i]
+        least = min(least, s)
+    return sqrt(least)

@@ -1,0 +1,174 @@
+"""The message trajectory_msgs/JointTrajectory as plain data and as text, and what a controller makes of it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import InvalidInput, MissingDependency
+from planners.controller import interpolated, points_of, states
+from planners.files._reading import parsed
+from planners.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+SECOND = 1_000_000_000
+"""Nanoseconds: ROS counts in whole ones."""
+LONGEST = 2**31 - 1
+"""Seconds that a ROS duration holds."""
+FIELDS = ("positions", "velocities", "accelerations")
+
+
+class Form(NamedTuple):
+    """How a message is written: what is interpolated through, which joint each written name is, and the frame."""
+
+    interpolation: str
+    columns: dict[str, int]
+    frame_id: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """The written names in the order of the robot's joints."""
+        return sorted(self.columns, key=lambda name: self.columns[name])
+
+
+def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
+    """Message with the trajectory's exact states at times (k,) [ns], as many fields as are interpolated through."""
+    t, order = times / SECOND, list(form.columns.values())
+    values: list[Any] = [x[:, order].tolist() for x in states(trajectory, t)[: points_of(form.interpolation)]]
+    values += [[[]] * t.size] * (len(FIELDS) - len(values))
+    points = [
+        {**dict(zip(FIELDS, point, strict=True)), "effort": [], "time_from_start": _time(int(ns))}
+        for ns, *point in zip(times, *values, strict=True)
+    ]
+    header = {"stamp": _time(0), "frame_id": form.frame_id}  # a stamp of 0 is "now" to the controller
+    return {"header": header, "joint_names": list(form.columns), "points": points}
+
+
+def _time(nanoseconds: int) -> dict[str, int]:
+    return dict(zip(("sec", "nanosec"), divmod(nanoseconds, SECOND), strict=True))
+
+
+def controlled(message: Any, names: list[str]) -> Trajectory:
+    """Motion that ROS 2's joint_trajectory_controller makes of a message, joints in the order of the names.
+
+    Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both
+    carry velocities, else linearly (ros2_controllers, trajectory.cpp, interpolate_between_points).
+
+    Raises
+    ------
+    InvalidInput
+        No such message: what is wrong is named.
+    """
+    if not isinstance(message, dict):
+        raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
+    found, points = message.get("joint_names"), message.get("points")
+    if not isinstance(found, list) or sorted(map(str, found)) != sorted(names):
+        raise InvalidInput("joint_names", repr(found)[:120], f"{', '.join(names)} in any order")
+    if not isinstance(points, list) or len(points) < 2 or not all(isinstance(p, dict) for p in points):
+        raise InvalidInput("points", repr(points)[:60], "at least two points")
+    times, order = _times(points), [found.index(name) for name in names]
+    fields = [f for f in FIELDS if f == "positions" or any(p.get(f) for p in points)]
+    if fields == ["positions", "accelerations"]:
+        raise InvalidInput("points", "accelerations without velocities", "velocities too: no controller goes by these")
+    return interpolated(times / SECOND, *(_rows(points, field, len(names))[:, order] for field in fields))
+
+
+def _times(points: list[dict[str, Any]]) -> Times:
+    times = np.array([_nanoseconds(p.get("time_from_start"), f"points[{i}]") for i, p in enumerate(points)])
+    if times[0]:
+        raise InvalidInput("points[0].time_from_start", f"{times[0]} ns", "0: where else the arm starts is not known")
+    if (np.diff(times) <= 0).any():
+        i = int(np.argmax(np.diff(times) <= 0))
+        got = f"{times[i + 1]} ns after {times[i]} ns"
+        raise InvalidInput(f"points[{i + 1}].time_from_start", got, "times that increase")
+    return times
+
+
+def _nanoseconds(time: Any, point: str) -> int:
+    sec, nanosec = (time.get(k) for k in ("sec", "nanosec")) if isinstance(time, dict) else (None, None)
+    if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST and 0 <= nanosec < SECOND:
+        return sec * SECOND + nanosec
+    raise InvalidInput(f"{point}.time_from_start", repr(time)[:80], "whole sec and nanosec, from 0")
+
+
+def _rows(points: list[dict[str, Any]], field: str, n: int) -> Array:
+    """Values (k, n) of one field of all points."""
+    rows = []
+    for i, point in enumerate(points):
+        row = point.get(field)
+        try:
+            good = isinstance(row, list) and len(row) == n and all(type(x) in (int, float) for x in row)
+            values = np.array(row, dtype=np.float64) if good else None
+        except OverflowError:  # an integer beyond all floats
+            values = None
+        if values is None or not np.isfinite(values).all():
+            raise InvalidInput(f"points[{i}].{field}", repr(row)[:80], f"{n} finite numbers, in all points or in none")
+        rows.append(values)
+    return np.array(rows)
+
+
+# ---------------------------------------------------------------- text
+
+
+def to_text(message: dict[str, Any], suffix: str, remarks: list[str]) -> str:
+    """Text of a message: JSON, or YAML with remarks as comments."""
+    return json.dumps(message, allow_nan=False) + "\n" if suffix == ".json" else _to_yaml(message, remarks)
+
+
+def from_text(text: str, suffix: str) -> Any:
+    """Plain data of JSON or YAML.
+
+    Raises
+    ------
+    InvalidInput
+        Text that is none.
+    MissingDependency
+        YAML without PyYAML.
+    """
+    return parsed(text, "content") if suffix == ".json" else _from_yaml(text)
+
+
+def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:
+    """Block YAML with a list a line."""
+    header = message["header"]
+    lines = [f"# {remark}" for remark in remarks]
+    lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quoted(header['frame_id'])}"]
+    lines += ["joint_names:", *(f"- {quoted(name)}" for name in message["joint_names"]), "points:"]
+    for point in message["points"]:
+        rows = [f"{field}: [{', '.join(map(_yaml_float, point[field]))}]" for field in (*FIELDS, "effort")]
+        lines.append("- " + "\n  ".join([*rows, f"time_from_start: {_yaml_time(point['time_from_start'])}"]))
+    return "\n".join(lines) + "\n"
+
+
+def _yaml_time(time: dict[str, int]) -> str:
+    return f"{{sec: {time['sec']}, nanosec: {time['nanosec']}}}"
+
+
+def _yaml_float(value: float) -> str:
+    """Shortest digits that read back to the last bit; 1e-05 is a word to readers of YAML 1.1, as ROS's is: 1.0e-05."""
+    digits, e, power = repr(value).partition("e")
+    return f"{digits}.0e{power}" if e and "." not in digits else f"{digits}{e}{power}"
+
+
+def quoted(name: str) -> str:
+    """Return a name in double quotes, as YAML and JSON escape it."""
+    return json.dumps(name, ensure_ascii=False)
+
+
+def _from_yaml(text: str) -> Any:
+    try:
+        import yaml
+    except ModuleNotFoundError:
+        raise MissingDependency("PyYAML", "reading ROS messages from YAML", "ros") from None
+    try:
+        documents = [d for d in yaml.load_all(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) if d is not None]
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # the last three: dates, keys, nesting
+        raise InvalidInput("content", " ".join(str(error).split())[:160], "YAML, whole") from None
+    if len(documents) != 1:
+        raise InvalidInput("content", f"{len(documents)} documents", "one message")
+    return documents[0]

@@ -1,0 +1,1 @@
+"""From a Cartesian path to joints: one branch tracked and proved, exact derivatives along s."""

@@ -1,0 +1,364 @@
+"""Follow a Cartesian path with the joints: one branch tracked and proved, exact derivatives along s, the method judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from optik import kinematics
+from optik.arm.reach import reach_bound
+from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
+from optik.ik._problem import check_start
+from optik.task import POSE
+from planners.following import march
+from planners.following.branches import branches
+from planners.following.course import Course, Nodes, unguided
+from planners.following.joint_path import IKRecord, JointPath, apart
+from planners.following.redundancy import REFINED, free_motions
+from planners.following.singular import smallest
+from planners.following.stop import FollowStatus, Stop, jumped, lower_rank, no_ik, unit, why_ended
+from planners.following.track import Ended, Track, track
+from planners.hermite import through
+from planners.paths.base import Path
+
+__all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+START_TOLERANCE = 1e-4
+"""How far the tool may stand from the path's start [m and rad]: a real arm's reading, not another place."""
+
+SAME_BRANCH = 0.02
+"""How far a method's answer may stand from the tracked configuration [rad or m]; farther, it is polished and compared."""
+
+NEARLY_SINGULAR, LOOSE = 1e-2, 1e-4
+"""Below the first smallest singular value a method that went over to another branch is asked again, from the tracked
+configuration; below the second, its tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more."""
+
+MOST_SAMPLES = 100_000
+"""More would only take time."""
+
+DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
+"""What the tool's deviation between samples is proved to stay within; 151 samples of a regular line stay 1e4 times below."""
+
+
+class Followed(NamedTuple):
+    """The joint path, or the good part of it and why it stops. ``bool(followed)`` is success."""
+
+    joint_path: JointPath | None
+    stop: Stop | None
+
+    def __bool__(self) -> bool:
+        return self.stop is None
+
+
+def follow(
+    solver: IKSolver,
+    path: Path,
+    q_start: ArrayLike | None = None,
+    *,
+    branch: str | None = None,
+    samples: int = 151,
+    tolerance: Tolerance = DEFAULT_TOLERANCE,
+) -> Followed:
+    """Turn a Cartesian path into a joint path.
+
+    One branch of configurations is tracked: predicted from exact derivatives, corrected by Newton to rounding, each step
+    accepted only if the joints move little and the quintic between is proved to keep the tool on the path and the joints
+    inside their limits; otherwise it is halved. So knots are the samples, the path's breaks, and more where needed. The
+    IK method solves the samples one from another, as it would alone; it is recorded, and judged by the tracked branch.
+
+    Parameters
+    ----------
+    solver : IKSolver
+        Built for the arm, for whole poses.
+    path : Path
+        Where the tool goes. One that is given in the joints is taken as it is, singular or not.
+    q_start : (n,) array, optional
+        Configuration at the path's start.
+    branch : {"start", "best"}, optional
+        ``"start"`` keeps the branch and winding of ``q_start``, the default where one is given. ``"best"``, the default
+        without one, tries every configuration of the path's start, every winding, and takes the best that goes all the
+        way (`planners.following.branches`); a ``q_start``, which may then be anywhere, is one to start near. For an arm
+        with more than six joints the free motion is chosen along the path (`planners.following.redundancy`).
+    samples : int
+        Equally spaced in s, ends included; 151 for the paper's line.
+    tolerance : Tolerance
+        Bound on the tool's deviation from the path between samples [m, rad].
+
+    Returns
+    -------
+    Followed
+        On failure with the s where it stopped, the reason and what would work.
+
+    Raises
+    ------
+    InvalidInput
+        A path without length, a start off the path, outside the limits or not finite, fewer than 2 samples, another
+        branch, a tolerance that is none, a solver for part of the pose.
+    """
+    for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
+        if not isinstance(value, kind):
+            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+    robot = solver.robot
+    q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
+    grid = np.linspace(0.0, path.end, samples)
+    given = path.configurations(robot, grid)
+    if given is not None:
+        return _given(robot, path, grid, given, q)
+    few = lower_rank(robot)
+    if few is not None:
+        return Followed(None, few)
+    if robot.n > 6:
+        return _redundant(solver, path, grid, q, branch, tolerance)
+    course = Course(path, unguided(robot.n))
+    nodes = course.nodes(course.spread(grid, tolerance))
+    if branch == "start":
+        assert q is not None
+        return _finished(solver, course, grid, track(robot, course, nodes, q, tolerance), branch, q)
+    return _best(solver, course, grid, nodes, tolerance, q)
+
+
+def _checked(
+    solver: IKSolver, path: Path, q_start: ArrayLike | None, branch: str | None, samples: int, tolerance: Tolerance
+) -> tuple[Array | None, str]:
+    robot = solver.robot
+    check_count(samples, "samples", 2)
+    if samples > MOST_SAMPLES:
+        raise InvalidInput("samples", samples, f"at most {MOST_SAMPLES}; 151 hold a line to a nanometre")
+    if not isinstance(tolerance, Tolerance):
+        raise InvalidInput("tolerance", repr(tolerance)[:60], "a Tolerance(position=…, rotation=…)")
+    if not solver.task.is_pose:
+        raise InvalidInput("solver", f"one for the task {solver.task}", "one for the whole pose")
+    branch = branch or ("best" if q_start is None else "start")
+    if branch not in ("start", "best"):
+        raise InvalidInput("branch", repr(branch)[:60], '"start" or "best"')
+    if branch == "start" and q_start is None:
+        raise InvalidInput("q_start", "None", 'a configuration, whose branch is kept; without one branch="best"')
+    q = None if q_start is None else check_start(robot, q_start, "q_start")
+    if not path.end > 0.0:
+        raise InvalidInput("path", "a length of 0", "a path whose ends differ")
+    if branch == "start" and q is not None and path.configurations(robot, np.zeros(1)) is None:
+        off = robot.errors(q, path.pose(0.0))
+        distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
+        if max(distance, angle) > START_TOLERANCE:
+            raise InvalidInput(
+                "q_start",
+                f"the tool {1e3 * distance:.3g} mm and {np.degrees(angle):.3g}° from the path's start",
+                f"a configuration on the path's start (within {1e3 * START_TOLERANCE:g} mm)",
+            )
+    return q, branch
+
+
+# ---------------------------------------------------------------- paths given in the joints
+
+
+def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | None) -> Followed:
+    """A path in joint space: nothing to solve."""
+    if q_start is not None and np.abs(q_start - q[0]).max() > START_TOLERANCE:
+        i = int(np.abs(q_start - q[0]).argmax())
+        came = f"{robot.joint_names[i]} {abs(q_start[i] - q[0, i]):.3g} {unit(robot, i)} from the path's start"
+        raise InvalidInput("q_start", came, "the configuration where the path starts, or None")
+    knots = np.union1d(grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
+    orders = [path.configurations(robot, knots, order) for order in range(4)]
+    q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
+    lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
+    leaves = [march.leaves(knots, q, dq, lower, upper, i) for i in range(robot.n)]
+    i = int(np.argmin(leaves))
+    stop, good = None, len(knots)
+    if leaves[i] <= path.end:
+        good = int(np.searchsorted(knots, leaves[i]))
+        sigma = float("nan")
+        low, high = robot.limits.lower[i], robot.limits.upper[i]
+        name = robot.joint_names[i]
+        reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {unit(robot, i)} at s = {leaves[i]:.6g}"
+        stop = Stop(
+            FollowStatus.OUTSIDE_LIMITS, leaves[i], name, reason, "a way in joint space inside the limits", sigma
+        )
+    if good < 2:
+        return Followed(None, stop)
+    at = knots[:good]
+    record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
+    chosen = np.isin(np.arange(good), apart(at, path.breaks))
+    return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), stop)
+
+
+# ---------------------------------------------------------------- the best branch
+
+
+def _best(
+    solver: IKSolver, course: Course, grid: Array, nodes: Nodes, tolerance: Tolerance, near: Array | None
+) -> Followed:
+    """The best branch that goes all the way; where none does, the one that goes farthest."""
+    robot, path = solver.robot, course.path
+    ranked = branches(robot, path, near)
+    best: Track | None = None
+    for candidate in ranked:
+        if candidate.ended is not None and best is not None:
+            break
+        way = track(robot, course, nodes, candidate.q, tolerance)
+        if best is None or way.s[-1] > best.s[-1]:
+            best = way
+        if way.ended is None:
+            break
+    if best is None:
+        return Followed(None, _no_start(solver, path, near))
+    return _finished(solver, course, grid, best, "best", best.q[0])
+
+
+def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
+    """Why there is no regular configuration at the path's start."""
+    robot = solver.robot
+    middle = robot.limits.clip(np.zeros(robot.n)) if near is None else near
+    result = solve_ik(robot, path.pose(0.0), middle)
+    if result:
+        ended = Ended(march.SINGULAR, 0.0, 0.0, -1)
+        stop = why_ended(robot, path, reach_bound(robot, POSE), ended, result.q)
+        return replace(stop, advice="a path that begins away from the singularity")
+    kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
+    said = "; ".join(word for word in (str(result.status), result.message) if word)
+    reason = f"no configuration inside the limits was found for the path's start ({said})"
+    advice = "a path that begins within reach; optik.solve_ik with closest=True says how near"
+    return Stop(kind, 0.0, None, reason, advice)
+
+
+# ---------------------------------------------------------------- redundant arms
+
+
+def _redundant(
+    solver: IKSolver, path: Path, grid: Array, q: Array | None, branch: str, tolerance: Tolerance
+) -> Followed:
+    """Choose the free motion, then track it; the first choice that goes all the way, or the one that goes farthest."""
+    robot, best = solver.robot, None
+    for motion in free_motions(robot, path, q, branch):
+        for _ in range(REFINED):
+            course = Course(path, motion.guide())
+            way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
+            if best is None or way.s[-1] > best[0].s[-1]:
+                best = way, course
+            if way.ended is None or not motion.refined(way.ended.s, way.ended.code == march.LIMIT):
+                break
+        if way.ended is None:
+            break
+    if best is None:
+        return Followed(None, _no_start(solver, path, q))
+    way, course = best
+    return _finished(solver, course, grid, way, branch, way.q[0] if branch == "best" or q is None else q)
+
+
+# ---------------------------------------------------------------- samples, the method's record, the joint path
+
+
+def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch: str, q_start: Array) -> Followed:
+    """Put the samples among the nodes, let the method solve them, and cut both where either ends."""
+    robot, path = solver.robot, course.path
+    samples = grid[grid <= way.s[-1]]
+    (knots, q, dq), node = _with_samples(robot, course, way, samples)
+    at = np.searchsorted(knots, samples)
+    record, stop = _solve_samples(solver, path, samples, q[at], q_start)
+    good = len(record.iterations)
+    if stop is None and way.ended is not None:
+        stop = why_ended(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
+    elif stop is not None:
+        last = int(at[good - 1]) + 1 if good else 0
+        knots, q, dq, node = knots[:last], q[:last], dq[:last], node[:last]
+        if last:
+            node[-1] = True
+    if stop is not None and not stop.advice:
+        stop = replace(stop, advice=_advice(solver, path, stop, branch))
+    if len(knots) < 2:
+        return Followed(None, stop)
+    return Followed(JointPath(robot, path, knots, q, dq, record, node), stop)
+
+
+def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Bools]:
+    """Knots, q, derivatives, and which are nodes: samples that are none are solved from the nodes around them.
+
+    At a singular configuration, which the nodes step over, a sample is where the motion between them is.
+    """
+    more = np.setdiff1d(samples, way.s, assume_unique=True) if len(way.s) > 1 else samples[:0]
+    tracked = way.s, way.q, way.dq
+    node = np.arange(len(way.s) + len(more)) < len(way.s)
+    if not more.size:
+        return tracked, node
+    between, nodes = through(way.s, way.q, way.dq[:, 0], way.dq[:, 1]), course.nodes(more)
+    orders = [between(more)] + [between(more, order) for order in (1, 2, 3)]
+    q, dq = orders[0], np.stack(orders[1:], axis=1)
+    arm, x, d = (robot.fixed, robot.prismatic, robot.tool), np.empty(robot.n), np.empty((3, robot.n))
+    for k in range(len(more)):
+        at, x[:] = (nodes.twists[k], nodes.rows[k], nodes.values[k]), q[k]
+        kinematics.put_on(*arm, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
+        if kinematics.derivatives_at(*arm, x, *at, d, march.REGULAR)[1] >= march.REGULAR:
+            q[k], dq[k] = x, d
+    order = np.argsort(np.concatenate([way.s, more]), kind="stable")
+    s, qs, dqs = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq), strict=True))
+    return (s, qs, dqs), node[order]
+
+
+def _solve_samples(
+    solver: IKSolver, path: Path, samples: Array, tracked: Array, q_start: Array
+) -> tuple[IKRecord, Stop | None]:
+    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch.
+
+    Where answers may drift along their curves of solutions, for a redundant arm everywhere and for others at singular
+    configurations, from the tracked one before; from the tracked one itself where that leads far away, since the free
+    motion is not the method's to choose.
+    """
+    robot, stop = solver.robot, None
+    solve, redundant = solver.solve, robot.n > 6
+    results: list[Any] = []
+    q = q_start
+    for i, target in enumerate(path.pose(samples)):
+        result = solve(target, q)
+        away = march.farthest(result.q, tracked[i])
+        free = redundant
+        if away > SAME_BRANCH or not result:
+            sigma = 0.0 if redundant else smallest(robot, tracked[i])
+            free = sigma < LOOSE
+            if sigma < NEARLY_SINGULAR and (away > march.LARGEST_STEP or not result):
+                result = solve(target, tracked[i])
+                away = march.farthest(result.q, tracked[i])
+            if not result:
+                stop = no_ik(solver, float(samples[i]), result, q)
+            elif (redundant and away > march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):
+                stop = jumped(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
+            if stop is not None:
+                break
+        results.append(result)
+        q = tracked[i] if free else result.q
+    position = np.array([result.position_error for result in results])
+    rotation = np.array([result.rotation_error for result in results])
+    iterations = np.array([result.iterations for result in results], np.int64)
+    return IKRecord(position, rotation, iterations, samples[: len(results)]), stop
+
+
+def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
+    """Whether an answer that stands away from the tracked configuration is the same one, met with a loose tolerance."""
+    x = q[None].copy()
+    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, target[None], 10)
+    return bool(np.abs(x[0] - tracked).max() <= 1e-6)
+
+
+def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
+    """What would work, looked at before it is said."""
+    robot = solver.robot
+    shorter = f"a path that ends before s = {stop.s:.6g}" if stop.s > 0.0 else "another start configuration or path"
+    if branch == "best":
+        return f"no other branch goes farther; {shorter}" if robot.n <= 6 else shorter
+    if robot.n > 6:
+        return f'branch="best" may find other free motion; {shorter}'
+    if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
+        return f"no branch goes all the way: no configuration was found for the path's end; {shorter}"
+    ways = branches(robot, path)
+    if ways and ways[0].ended is None:
+        start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
+        return f'branch="best": another start configuration goes all the way, {start}; or {shorter}'
+    farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > stop.s + 1e-3 * path.end else ""
+    return f"{farther}no branch goes all the way; {shorter}"

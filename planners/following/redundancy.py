@@ -1,0 +1,270 @@
+"""The free motion of an arm with more joints than a pose asks for: chosen along the path, then followed exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from optik import kinematics
+from optik.arm.robot import Robot
+from optik.compiled import compiled
+from optik.ik import IKSolver, make_solver
+from optik.ik._lm.packed import draw_configurations
+from planners.following import smoothing
+from planners.following.branches import MOTION, SINGULAR, START
+from planners.following.course import Guide
+from planners.following.smoothing import EDGE, LARGEST_EDGE, REACHED, ROOM
+from planners.paths.base import Path
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STATIONS = 25
+"""Places along the path at which the free motion is chosen."""
+
+DRAWN = 40
+"""Configurations drawn at every station."""
+
+CHOICES = 3
+"""Free motions tried, the best first."""
+
+NEAREST = 1e-3
+"""Shortest step [share of the path] towards where the reach ends."""
+
+FURTHER = 8.0
+"""Factor on the weight of the room to the limits where the free motion came to one."""
+
+REFINED = 4
+"""Times that stations are put between, where the free motion that was chosen could not be followed."""
+
+
+def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[FreeMotion]:
+    """Free motions to try, best first.
+
+    Configurations q_k at stations along the path are chosen: for ``"start"`` those that the given one is carried to by
+    the shortest joint motion; for ``"best"`` by dynamic programming over configurations drawn at every station and those
+    carried on from the station before, at the cost of motion, room to the limits and singularity. They are then moved
+    along their curves of solutions to where the whole motion is smooth and keeps away from the limits. A spline g through
+    them, and one W through the directions of free motion there, are the guide: q(s) is the configuration on the path with
+    W(s) (q − g(s)) = 0. That makes q', q'', q''' unique and exact, whatever the splines do between stations.
+
+    Parameters
+    ----------
+    robot : Robot
+        Of more than six joints.
+    path : Path
+        What to follow.
+    q : (n,) array, optional
+        The start for ``"start"``, one to start near for ``"best"``.
+    branch : {"start", "best"}
+        Whether to begin at q.
+
+    Yields
+    ------
+    FreeMotion
+        With its start and guide.
+    """
+    s = np.linspace(0.0, path.end, STATIONS)
+    if branch == "start":
+        assert q is not None
+        chosen = [q[None].copy()]
+        _reach(robot, path.pose(s[:1]), chosen[0])
+    else:
+        chosen = _programmed(robot, np.ascontiguousarray(path.pose(s)), q)
+    for way in chosen:
+        yield FreeMotion(robot, path, s, way, held=branch == "start")
+
+
+class FreeMotion:
+    """Configurations at stations along a path, made smooth together, and the guide through them."""
+
+    def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
+        self.robot, self.path, self.held = robot, path, held
+        self.arm = robot.fixed, robot.prismatic, robot.tool
+        lower, upper = robot.limits.lower, robot.limits.upper
+        finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
+        self.middle = np.where(finite, 0.5 * (np.where(finite, lower, 0.0) + np.where(finite, upper, 0.0)), 0.0)
+        self.half = np.where(finite, 0.5 * (np.where(finite, upper, 1.0) - np.where(finite, lower, -1.0)), np.inf)
+        self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
+        self.s, self.way, self.keep_off = s[: len(way)], way, ROOM
+        self._carry(s[len(way) :])
+        self._smooth()
+
+    @property
+    def start(self) -> Array:
+        """Where it begins."""
+        start: Array = self.way[0]
+        return start
+
+    def _carry(self, s: Array) -> None:
+        """Carry the last configuration on to stations s, as far as it goes.
+
+        Where one is not reached, one nearer is tried first, so that the last is near where the arm's reach ends.
+        """
+        ahead = list(s)
+        while ahead:
+            at = np.array([self.s[-1], *ahead])
+            way = np.repeat(self.way[-1:], len(at), axis=0)
+            poses, N = np.ascontiguousarray(self.path.pose(at)), self.first.copy()
+            good = smoothing.carry(*self.arm, self.middle, self.half, poses, at / self.path.end, N, way)
+            self.s, self.way = np.append(self.s, at[1:good]), np.concatenate([self.way, way[1:good]])
+            ahead = ahead[good - 1 :]
+            if ahead:
+                if ahead[0] - self.s[-1] < NEAREST * self.path.end:
+                    return
+                ahead.insert(0, 0.5 * (self.s[-1] + ahead[0]))
+
+    def _smooth(self) -> None:
+        poses, self.N = np.ascontiguousarray(self.path.pose(self.s)), np.empty((*self.way.shape, self.first.shape[1]))
+        shares = self.s / self.path.end
+        self.way = np.ascontiguousarray(self.way)
+        smoothing.smooth(
+            *self.arm, self.middle, self.half, poses, shares, self.first, self.keep_off, self.held, self.way, self.N
+        )
+
+    def refined(self, s: float, limit: bool) -> bool:
+        """Make it smooth again where it could not be followed at s, with stations between those around; if that may help.
+
+        And further off the limits, where it came to one.
+        """
+        if s >= self.s[-1] and self.s[-1] < self.path.end:
+            return False
+        k = int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2))
+        near = slice(max(k - 2, 0), k + 4)
+        more = 0.5 * (self.s[near][1:] + self.s[near][:-1])
+        between = np.ascontiguousarray(0.5 * (self.way[near][1:] + self.way[near][:-1]))
+        apart = np.diff(self.s[near]).min() >= NEAREST * self.path.end
+        if apart and _reach(self.robot, self.path.pose(more), between).all():
+            order = np.argsort(np.append(self.s, more))
+            self.s, self.way = np.append(self.s, more)[order], np.concatenate([self.way, between])[order]
+        elif not limit:
+            return False
+        if limit:
+            self.keep_off *= FURTHER
+        self._smooth()
+        return True
+
+    def guide(self) -> Guide:
+        """The guide through the configurations; beyond the last it stays."""
+        return _guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
+
+
+def _reach(robot: Robot, poses: Array, q: Array) -> NDArray[np.bool_]:
+    """Bring configurations (k, n), in place, the shortest way onto poses (k, 4, 4); which of them come there."""
+    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, q, poses, 12)
+    return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < REACHED)
+
+
+def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
+    """The cheapest ways (k, n) from station to station, by dynamic programming; shorter ones where none goes all the way."""
+    solver, rng = _solver(robot), np.random.default_rng(0)
+    starts = draw_configurations(robot, rng, DRAWN * len(poses))
+    drawn = solver.solve_batch(np.repeat(poses, DRAWN, axis=0), starts, threads=1)
+    layers: list[Array] = []
+    costs: list[Array] = []
+    before: list[Ints] = []
+    for k, pose in enumerate(poses):
+        part = slice(k * DRAWN, (k + 1) * DRAWN)
+        q = drawn.q[part][drawn.solved[part]]
+        if k:
+            on = layers[-1].copy()
+            on = on[_reach(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
+            q = np.concatenate([on[: 3 * DRAWN], q])
+        if not len(q):
+            break
+        own = _standing(robot, q) / len(poses)
+        if k == 0:
+            if near is not None:
+                own = own + START * np.linalg.norm(q - near, axis=1)
+            layers, costs, before = [q], [own], [np.zeros(len(q), np.int64)]
+            continue
+        total, best = np.empty(len(q)), np.empty(len(q), np.int64)
+        _edges(layers[-1], costs[-1], q, 0.5 * MOTION * (len(poses) - 1), total, best)
+        if not np.isfinite(total).any():
+            break
+        kept = np.isfinite(total)
+        layers.append(q[kept])
+        costs.append((total + own)[kept])
+        before.append(best[kept])
+    return [_back(layers, before, int(i)) for i in _different(layers, costs)]
+
+
+@compiled
+def _edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, best: Ints) -> None:
+    """Cheapest edge from a layer (k, n) to each configuration (m, n), no joint moving far; infinite where there is none."""
+    for j in range(q.shape[0]):
+        total[j], best[j] = np.inf, 0
+        for i in range(layer.shape[0]):
+            square, largest = 0.0, 0.0
+            for a in range(q.shape[1]):
+                d = q[j, a] - layer[i, a]
+                square += d * d
+                largest = max(largest, abs(d))
+            cost = costs[i] + weight * square
+            if largest <= LARGEST_EDGE and cost < total[j]:
+                total[j], best[j] = cost, i
+
+
+def _different(layers: list[Array], costs: list[Array]) -> list[int]:
+    """Last configurations of the cheapest ways that end apart from each other."""
+    if not layers:
+        return []
+    chosen: list[int] = []
+    for i in np.argsort(costs[-1]):
+        if all(np.abs(layers[-1][i] - layers[-1][j]).max() > LARGEST_EDGE for j in chosen):
+            chosen.append(int(i))
+    return chosen[:CHOICES]
+
+
+def _back(layers: list[Array], before: list[Ints], i: int) -> Array:
+    way = []
+    for layer, earlier in zip(reversed(layers), reversed(before), strict=True):
+        way.append(layer[i])
+        i = int(earlier[i])
+    return np.array(way[::-1])
+
+
+@lru_cache(maxsize=16)
+def _solver(robot: Robot) -> IKSolver:
+    return make_solver(robot, "lm", max_restarts=3)
+
+
+def _standing(robot: Robot, q: Array) -> Array:
+    """Cost (k,) of standing at configurations (k, n)."""
+    sigma = np.empty(len(q))
+    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, np.ascontiguousarray(q), sigma)
+    lower, upper = robot.limits.lower, robot.limits.upper
+    finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
+    low, high = np.where(finite, lower, -1.0), np.where(finite, upper, 1.0)
+    x = np.where(finite, np.minimum(np.abs(2.0 * q - low - high) / (high - low), EDGE), 0.0)
+    return np.asarray(-ROOM * np.log(1.0 - x**2).sum(axis=1) - SINGULAR * np.log(np.maximum(sigma, 1e-9)))
+
+
+def _guide(s: Array, way: Array, directions: Array) -> Guide:
+    """The guide through configurations (k, n) and directions of free motion (k, d, n) at stations s (k,)."""
+    k, d, n = directions.shape
+    W = directions.reshape(k, d * n)
+    both = np.concatenate([W, way], axis=1)
+    spline = make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
+
+    def guide(at: Array) -> tuple[Array, Array]:
+        orders = np.zeros((at.size, 4, (d + 1) * n))
+        inside = at <= s[-1]
+        orders[~inside, 0] = both[-1]
+        if spline is None:
+            orders[:, 0] = both[0]
+        else:
+            for order in range(min(4, spline.k + 1)):
+                orders[inside, order] = spline(at[inside], order)
+        rows, g = orders[:, :, : d * n].reshape(at.size, 4, d, n), orders[:, :, d * n :]
+        values = np.zeros((at.size, 4, d))
+        for order, terms in enumerate(((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))):  # Leibniz
+            for j, weight in enumerate(terms):
+                values[:, order] += weight * np.einsum("kdn,kn->kd", rows[:, order - j], g[:, j])
+        return np.ascontiguousarray(rows), values
+
+    return guide

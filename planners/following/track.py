@@ -1,0 +1,288 @@
+"""Track one branch along a path: march, put nodes between where a step is refused, step over singular configurations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik import kinematics
+from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.ik import Tolerance
+from planners.following import march
+from planners.following.course import Course, Nodes, part
+from planners.following.joint_path import APART, deviation_bounds
+from planners.following.singular import At, beyond, departures, smallest
+
+Array = NDArray[np.float64]
+
+LEAST_STEP = 1e-6
+"""Shortest step, as a share of the path's length: so sharply the end of a branch is found."""
+
+FINEST = 1e-11
+"""Shortest step where only the path itself bends too much for a longer one; rounding in s is 1e-16 of the length."""
+
+MOST_NODES = 200_000
+"""Of one path; more would only take time."""
+
+BENDS = 1e-3
+"""Share of the tolerance from which the path's own bend in a step counts: below it only the joints make a step too long."""
+
+CHUNK = 1024
+"""Nodes that are marched through at once: so the work of a refused step does not grow with the path."""
+
+AWAY = (march.REGULAR, 1.7e-3, 3e-3, 5e-3, 1e-2, 3e-4, 1e-4)
+"""Singular values from which a singular configuration is stepped over: near ones, for a small step; farther ones, where it
+matters less that the path passes a little beside it; and nearer ones, where the arm comes out of it slowly."""
+
+STRETCH = (1.0, 1.7, 3.0, 5.0)
+"""Lengths of the step behind the singular configuration, as shares of the length before it: the arm's speed changes there."""
+
+SAME_START = 1e-4
+"""How far from the given start the continuation of a singular start may begin [rad or m]."""
+
+
+class Ended(NamedTuple):
+    """How a branch ended at s: a code of `_march`, its figure, and the joint that is at its limit, or −1."""
+
+    code: int
+    s: float
+    value: float
+    joint: int
+
+
+class Track(NamedTuple):
+    """Nodes s (k,) of a branch with q (k, n), dq (k, 3, n), and how it ended."""
+
+    s: Array
+    q: Array
+    dq: Array
+    ended: Ended | None
+
+
+def track(
+    robot: Robot,
+    course: Course,
+    nodes: Nodes,
+    q_start: Array,
+    tolerance: Tolerance,
+    limits: tuple[Array, Array] | None = None,
+) -> Track:
+    """Follow a path from q_start (n,) near its first node, inside the limits (the robot's own, or others)."""
+    if limits is None:
+        limits = robot.limits.lower, robot.limits.upper
+    return _Tracker(robot, course, tolerance, limits).run(nodes, q_start)
+
+
+class _Tracker:
+    """The nodes that are good so far, and the parts of the path that are still to come, the next one last.
+
+    Each part begins with the node at which the one before it ends, so a refused step costs what it adds, not what follows.
+    """
+
+    def __init__(self, robot: Robot, course: Course, tolerance: Tolerance, limits: tuple[Array, Array]) -> None:
+        self.robot, self.course, self.limits = robot, course, limits
+        self.arm = robot.fixed, robot.prismatic, robot.tool
+        self.slack = limits[0] - LIMIT_TOLERANCE, limits[1] + LIMIT_TOLERANCE
+        self.allowed = np.array([tolerance.position, tolerance.rotation])
+        self.end, self.count, n = course.path.end, 0, robot.n
+        self.s, self.q, self.dq = np.empty(256), np.empty((256, n)), np.empty((256, 3, n))
+        self.ahead: list[Nodes] = []
+        self.least = march.REGULAR  # smallest singular value that a node may have
+        self.at_limit: Ended | None = None  # how it ends, once it has come to the limit
+
+    def run(self, nodes: Nodes, q_start: Array) -> Track:
+        ended = self._begin(nodes, q_start)
+        while ended is None and self.ahead:
+            ended = self._advance(self.ahead.pop())
+        k = self.count
+        return Track(self.s[:k], self.q[:k], self.dq[:k], ended or self.at_limit)
+
+    def _keep(self, s: Array, q: Array, dq: Array) -> None:
+        """Add good nodes (k,)."""
+        new = self.count + len(s)
+        while new > len(self.s):
+            self.s, self.q, self.dq = (np.concatenate([x, np.empty_like(x)]) for x in (self.s, self.q, self.dq))
+        at = slice(self.count, new)
+        self.s[at], self.q[at], self.dq[at] = s, q, dq
+        self.count = new
+
+    def _resume(self, nodes: Nodes) -> None:
+        """Go on from the last good node to the first of these nodes, or of the parts behind them, that is well ahead."""
+        s = float(self.s[self.count - 1])
+        self.ahead.append(nodes)
+        while self.ahead:
+            nodes = self.ahead.pop()
+            i = int(np.searchsorted(nodes.s, min(s + APART, self.end)))
+            if i < len(nodes.s) and nodes.s[i] > s:
+                self.ahead += [part(nodes, i), self.course.nodes(np.array([s, nodes.s[i]]))]
+                return
+
+    # ------------------------------------------------------------ the start
+
+    def _begin(self, nodes: Nodes, q_start: Array) -> Ended | None:
+        """Put the start on the path; a singular one is where a motion that goes on smoothly begins."""
+        q, dq = np.array(q_start), np.empty((3, self.robot.n))
+        reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
+        error, _ = kinematics.put_on(*self.arm, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
+        at = nodes.twists[0], nodes.rows[0], nodes.values[0]
+        rank, sigma = kinematics.derivatives_at(*self.arm, q, *at, dq, march.REGULAR)
+        outside = np.maximum(self.slack[0] - q, q - self.slack[1])
+        given = np.clip(q_start, *self.limits)
+        if not sigma >= march.REGULAR and self._depart(nodes, given):
+            return None
+        self._keep(nodes.s[:1], given[None], dq[None])
+        if not sigma >= march.SMALLEST_SINGULAR_VALUE or rank == 0.0:
+            return Ended(march.SINGULAR, 0.0, float(sigma), -1)
+        if not error <= march.ON_PATH * reach:
+            return Ended(march.NOT_MET, 0.0, error, -1)
+        if outside.max() > 0.0:
+            return Ended(march.LIMIT, 0.0, 0.0, int(outside.argmax()))
+        self.q[0] = q
+        if sigma < march.REGULAR:
+            self.least = march.SMALLEST_SINGULAR_VALUE
+        self.ahead.append(nodes)
+        return None
+
+    def _depart(self, nodes: Nodes, q_start: Array) -> bool:
+        """Begin at a singular configuration, where a motion that goes on from near it begins."""
+        if self.robot.n > 6:
+            return False
+        for left, right in departures(self.robot, self.course, q_start):
+            if np.abs(left.q - q_start).max() <= SAME_START and self._refused(left, right) == march.DONE:
+                for end in (left, right):
+                    self._keep(np.array([end.s]), end.q[None], end.dq[None])
+                self._resume(nodes)
+                return True
+        return False
+
+    # ------------------------------------------------------------ going on
+
+    def _advance(self, nodes: Nodes) -> Ended | None:
+        """March through nodes whose first is the last good one, as far as it goes; then see to what stopped it."""
+        most = CHUNK if self.least == march.REGULAR else 2
+        if len(nodes.s) > most:
+            self.ahead.append(part(nodes, most - 1))
+            nodes = part(nodes, 0, most)
+        k, n = len(nodes.s), self.robot.n
+        q, dq, singular = np.empty((k, n)), np.empty((k, 3, n)), np.empty(k)
+        q[0], dq[0] = self.q[self.count - 1], self.dq[self.count - 1]
+        good, code, value, joint = march.march(
+            *self.arm, *self.slack, *nodes, self.allowed, self.least, q, dq, singular
+        )
+        self._keep(nodes.s[1:good], q[1:good], dq[1:good])
+        if self.least < march.REGULAR and good > 1 and smallest(self.robot, q[good - 1]) >= march.REGULAR:
+            self.least = march.REGULAR
+        i = good - 1
+        if code == march.DONE:
+            return None
+        if code == march.LIMIT:
+            return self._to_the_limit(nodes, i, q[i : i + 2], dq[i : i + 2], value, joint)
+        a, b = float(nodes.s[i]), float(nodes.s[i + 1])
+        if code == march.SINGULAR:
+            passed, coarse = self._step_over(nodes, i, value)
+            if passed:
+                return None
+            if self.least == march.REGULAR and (not coarse or b - a <= APART):  # go in, node by node
+                self.least = march.SMALLEST_SINGULAR_VALUE
+                self.ahead.append(part(nodes, i))
+                return None
+        bends = (b - a) ** 4 / 384.0 * nodes.fourth[i] > BENDS * self.allowed
+        least = FINEST if code == march.LOOSE and bends.any() else LEAST_STEP
+        if b - a <= least * self.end or self.count > MOST_NODES:
+            return Ended(code, b if code == march.SINGULAR else a, value, -1)
+        parts = int(np.clip(np.ceil(value**0.25), 2, 16)) if code == march.LOOSE and value < np.inf else 2
+        self.ahead += [part(nodes, i + 1), self.course.nodes(np.linspace(a, b, parts + 1))]
+        return None
+
+    def _to_the_limit(self, nodes: Nodes, i: int, q: Array, dq: Array, value: float, joint: int) -> Ended | None:
+        """Go on from node i up to the limit that the step to the next one, with ends q and dq, passes; and no further."""
+        a, b = float(nodes.s[i]), float(nodes.s[i + 1])
+        points = np.empty((self.robot.n, 6))
+        march.control_points(b - a, q[0], dq[0], q[1], dq[1], points)
+        u = march.first_exit(points[joint], self.limits[0][joint], self.limits[1][joint])
+        limit = a + min(u, value) * (b - a)
+        ended = Ended(march.LIMIT, limit, value, joint)
+        if limit - a > LEAST_STEP * self.end and (self.at_limit is None or limit < self.at_limit.s):
+            self.ahead = [self.course.nodes(np.array([a, limit]))]
+            self.at_limit = ended
+            return None
+        return ended
+
+    # ------------------------------------------------------------ singular configurations
+
+    def _step_over(self, nodes: Nodes, i: int, value: float) -> tuple[bool, bool]:
+        """Step from a regular node, over the one behind node i with this singular value, to another; or to the path's end.
+
+        Returns whether that was proved, and if not, whether a shorter step might be.
+        """
+        middle, coarse, back = float(nodes.s[i + 1]), False, min(self.count, 64)
+        sigma = np.empty(back)
+        kinematics.singular_values_batch(*self.arm, self.q[self.count - back : self.count], sigma)
+        for away in AWAY:
+            from_here = np.flatnonzero(sigma >= away)
+            if not from_here.size:
+                continue
+            k = self.count - back + int(from_here[-1])
+            left = At(float(self.s[k]), self.q[k].copy(), self.dq[k].copy())
+            if value >= away:  # there is nothing to step over yet
+                continue
+            for stretch in STRETCH:
+                s = min(middle + stretch * (middle - left.s), self.end)
+                right = beyond(self.robot, self.course, left, s, away)
+                if right is None:
+                    continue
+                refused = self._refused(left, right)
+                if refused == march.LOOSE:
+                    ends = self._softened(k, left, right)
+                else:
+                    ends = [left, right] if refused == march.DONE else None
+                if ends is not None:
+                    self.count = k
+                    for end in ends:
+                        self._keep(np.array([end.s]), end.q[None], end.dq[None])
+                    self._resume(part(nodes, i + 1))
+                    return True, False
+                coarse |= refused in (march.LOOSE, march.TOO_LONG)
+        return False, coarse
+
+    def _softened(self, k: int, left: At, right: At) -> list[At] | None:
+        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is good.
+
+        A path that passes a little beside a singular configuration has exact second derivatives near it that tell of the
+        detour of its joints, not of the step over it. The proof needs pose and twist only.
+        """
+        h, (v0, v1) = right.s - left.s, (left.dq[0], right.dq[0])
+        slope = (right.q - left.q) / h
+        third = 6.0 * (v0 + v1 - 2.0 * slope) / h**2
+        soft = At(left.s, left.q, np.stack([v0, (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, third]))
+        softer = At(right.s, right.q, np.stack([v1, (4.0 * v1 + 2.0 * v0 - 6.0 * slope) / h, third]))
+        if self._refused(soft, softer) != march.DONE:
+            return None
+        before = At(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
+        if k == 0 or self._refused(before, soft) == march.DONE:  # the piece before ends there too
+            return [soft, softer]
+        between = beyond(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
+        if between is not None and self._refused(before, between) == self._refused(between, soft) == march.DONE:
+            return [between, soft, softer]
+        return None
+
+    def _refused(self, left: At, right: At) -> int:
+        """Why a step that no march has judged is not good; DONE where it is."""
+        h, n = right.s - left.s, self.robot.n
+        if np.abs(right.q - left.q).max() > march.LARGEST_STEP:
+            return march.TOO_LONG
+        if not h * max(np.abs(left.dq[0]).max(), np.abs(right.dq[0]).max()) <= march.LARGEST_STEP:
+            return march.TOO_LONG
+        aside = right.q - left.q - 0.5 * h * (left.dq[0] + right.dq[0])  # of what the speeds at both ends tell
+        if not np.abs(aside).max() <= march.LARGEST_CORRECTION:
+            return march.NOT_MET
+        points = np.empty((n, 6))
+        s, q, dq = np.array([left.s, right.s]), np.stack([left.q, right.q]), np.stack([left.dq, right.dq])
+        out = deviation_bounds(self.robot, self.course.path, s, q, dq, self.course.pieces)
+        if not (out[0] <= self.allowed).all():
+            return march.LOOSE
+        march.control_points(h, left.q, left.dq, right.q, right.dq, points)
+        exits = [march.first_exit(points[j], self.slack[0][j], self.slack[1][j]) for j in range(n)]
+        return march.LIMIT if min(exits) <= 1.0 else march.DONE

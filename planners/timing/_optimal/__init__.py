@@ -1,0 +1,1 @@
+"""What only `optimal` uses: the programme along the path, its start, and the interior-point iteration."""

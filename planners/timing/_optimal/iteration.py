@@ -1,0 +1,294 @@
+"""Interior-point iteration for the jerk-limited time optimum along a path: one small stage an interval, compiled.
+
+Places s_k are fixed; unknown are ṡ = v and s̈ = a at them, and the duration τ and the jerk j of every interval:
+
+    min Σ τ_k   with   v τ + a τ²/2 + j τ³/6 = Δs,   v + a τ + j τ²/2 = v⁺,   a + j τ = a⁺,
+    |q' v| ≤ V,   |q' a + q'' v²| ≤ A,   |q' j + 3 q'' v a + q''' v³| ≤ J at both ends of every interval.
+
+All of it is polynomial, and nothing is singular at standstill. A Newton step of the barrier problem (Nocedal and Wright,
+Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by one sweep back and one forth
+(Riccati), in which the sign of every pivot shows whether the step goes down.
+"""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.compiled import compiled, inlined
+from planners.timing._optimal.newton import Iterate, Problem, back, first, forth
+
+Array = NDArray[np.float64]
+
+MET = 1e-5
+"""What the dynamics of an interval may leave at the end, over its length."""
+TRUE = 1e-4
+"""What that may change in the jerk of any joint, over its limit: in brief intervals far more than in s."""
+
+
+@compiled
+def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
+    """Residuals of the dynamics and values of the limits at z, see `Iterate`."""
+    node, edge = problem.node, problem.edge
+    K, n = problem.ds.shape[0], node.shape[1]
+    for k in range(K + 1):
+        v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
+        for i in range(n):
+            c[k, i] = node[k, i, 0] * a + node[k, i, 1] * v * v
+        if k == K:
+            break
+        g[k, 0] = tau * (v + tau * (0.5 * a + tau * j / 6.0)) - problem.ds[k]
+        g[k, 1] = v + tau * (a + 0.5 * tau * j) - z[k + 1, 0]
+        g[k, 2] = a + tau * j - z[k + 1, 1]
+        w, b = z[k + 1, 0], z[k + 1, 1]
+        for i in range(n):
+            c[k, n + i] = edge[k, 0, i, 0] * j + edge[k, 0, i, 1] * v * a + edge[k, 0, i, 2] * v * v * v
+            c[k, 2 * n + i] = edge[k, 1, i, 0] * j + edge[k, 1, i, 1] * w * b + edge[k, 1, i, 2] * w * w * w
+
+
+@compiled
+def limited(
+    q1: Array,
+    q2: Array,
+    q3: Array,
+    acceleration: Array,
+    jerk: Array,
+    length: float,
+    time: float,
+    node: Array,
+    edge: Array,
+) -> None:
+    """Fill a problem's `node` and `edge` from q', q'' (K + 1, n), q''' (2 K, n: at the starts, then the ends) and limits."""
+    K = edge.shape[0]
+    v1, v2, v3 = length / time, (length / time) ** 2, (length / time) ** 3
+    for i in range(q1.shape[1]):
+        A, J = 1.0 / acceleration[i], 1.0 / jerk[i]
+        for k in range(K + 1):
+            node[k, i, 0], node[k, i, 1] = q1[k, i] * v1 / time * A, q2[k, i] * v2 * A
+        for k in range(K):
+            for side in range(2):
+                edge[k, side, i, 0] = q1[k + side, i] * v1 / time**2 * J
+                edge[k, side, i, 1] = 3.0 * q2[k + side, i] * v2 / time * J
+                edge[k, side, i, 2] = q3[k + side * K, i] * v3 * J
+
+
+@compiled
+def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
+    """Change of every limited value along d, to first order (K + 1, 3 n)."""
+    node, edge = problem.node, problem.edge
+    K, n = problem.ds.shape[0], node.shape[1]
+    for k in range(K + 1):
+        v, a = z[k, 0], z[k, 1]
+        for i in range(n):
+            out[k, i] = node[k, i, 0] * d[k, 1] + 2.0 * node[k, i, 1] * v * d[k, 0]
+        if k == K:
+            break
+        w, b = z[k + 1, 0], z[k + 1, 1]
+        for i in range(n):
+            p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], edge[k, 0, i, 2]
+            out[k, n + i] = p * d[k, 3] + q * (v * d[k, 1] + a * d[k, 0]) + 3.0 * u * v * v * d[k, 0]
+            p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], edge[k, 1, i, 2]
+            out[k, 2 * n + i] = p * d[k, 3] + q * (w * d[k + 1, 1] + b * d[k + 1, 0]) + 3.0 * u * w * w * d[k + 1, 0]
+
+
+@inlined
+def _cut(length: float, x: float, dx: float, keep: float) -> float:
+    """The step's length, cut so that x + length · dx keeps a share of x > 0."""
+    return -keep * x / dx if dx * length < -keep * x else length
+
+
+@compiled
+def _lengths(
+    problem: Problem,
+    at: Iterate,
+    mu: float,
+    d: Array,
+    slope: Array,
+    dslack: Array,
+    ddual: Array,
+    dbound: Array,
+) -> tuple[float, float]:
+    """Steps of slacks and duals, and how long primal and dual steps may be so that all stays positive."""
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    primal, dual, keep = 1.0, 1.0, max(0.99, 1.0 - mu)
+    for k in range(K):
+        weight = mu * problem.tau[k]
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            for i in range(first(k, n), 3 * n):
+                t, y = at.slack[k, side, i], at.dual[k, side, i]
+                dt = 1.0 - sign * (at.c[k, i] + slope[k, i]) - t
+                dy = (weight - y * dt) / t - y
+                dslack[k, side, i], ddual[k, side, i] = dt, dy
+                primal, dual = _cut(primal, t, dt, keep), _cut(dual, y, dy, keep)
+        if k > 0:
+            v, room = at.z[k, 0], problem.top[k] - at.z[k, 0]
+            dbound[k, 0] = (weight - at.bound[k, 0] * d[k, 0]) / v - at.bound[k, 0]
+            dbound[k, 1] = (weight + at.bound[k, 1] * d[k, 0]) / room - at.bound[k, 1]
+            primal = _cut(_cut(primal, v, d[k, 0], keep), room, -d[k, 0], keep)
+            dual = _cut(_cut(dual, at.bound[k, 0], dbound[k, 0], keep), at.bound[k, 1], dbound[k, 1], keep)
+        spare = at.z[k, 2] - problem.least[k]
+        dbound[k, 2] = (weight - at.bound[k, 2] * d[k, 2]) / spare - at.bound[k, 2]
+        primal, dual = _cut(primal, spare, d[k, 2], keep), _cut(dual, at.bound[k, 2], dbound[k, 2], keep)
+    return primal, dual
+
+
+@compiled
+def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Array) -> tuple[float, float]:
+    """Barrier objective, and the sum of what the equations leave."""
+    K, n = g.shape[0], problem.node.shape[1]
+    objective, off = 0.0, abs(z[K, 0] - problem.goal[0]) + abs(z[K, 1] - problem.goal[1])
+    for k in range(K):
+        tau, weight = problem.tau[k], mu * problem.tau[k]
+        objective += z[k, 2] - weight * log(z[k, 2] - problem.least[k])
+        off += (abs(g[k, 0]) + tau * (abs(g[k, 1]) + tau * abs(g[k, 2]))) / problem.ds[k]
+        if k > 0:
+            objective -= weight * log(z[k, 0] * (problem.top[k] - z[k, 0]))
+        product = 1.0  # one logarithm for several slacks
+        for i in range(first(k, n), 3 * n):
+            above, below = slack[k, 0, i], slack[k, 1, i]
+            product *= above * below
+            if product < 1e-150 or product > 1e150:
+                objective -= weight * log(product)
+                product = 1.0
+            off += abs(c[k, i] + above - 1.0) + abs(below - c[k, i] - 1.0)
+        objective -= weight * log(product)
+    return objective, off
+
+
+@compiled
+def _better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
+    """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
+
+    Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
+    """
+    last = passed[0, count - 1]
+    if off < small and objective <= last + 1e-9 * abs(last):
+        return True
+    for i in range(count):
+        if off > (1.0 - 1e-4) * passed[1, i] + 1e-11 and objective >= passed[0, i] - 1e-4 * passed[1, i]:
+            return False
+    return True
+
+
+@compiled
+def _begin(problem: Problem, at: Iterate, mu: float) -> None:
+    """Put the start inside its bounds, and slacks and multipliers on the central path."""
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    for k in range(K):
+        weight = mu * problem.tau[k]
+        if k > 0:
+            top = problem.top[k]
+            at.z[k, 0] = min(max(at.z[k, 0], 1e-3 * min(top, problem.ds[k] / problem.tau[k])), 0.999 * top)
+            at.bound[k, 0], at.bound[k, 1] = weight / at.z[k, 0], weight / (top - at.z[k, 0])
+        at.z[k, 2] = max(at.z[k, 2], 1.02 * problem.least[k])
+        at.bound[k, 2] = weight / (at.z[k, 2] - problem.least[k])
+    values(problem, at.z, at.g, at.c)
+    for k in range(K):
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            for i in range(3 * n):
+                at.slack[k, side, i] = max(1.0 - sign * at.c[k, i], 1e-2)
+                at.dual[k, side, i] = mu * problem.tau[k] / at.slack[k, side, i]
+
+
+@compiled
+def _take(
+    at: Iterate, trial: Iterate, alpha: float, dual: float, lam: Array, ddual: Array, dbound: Array
+) -> None:  # fmt: skip
+    """Move to a trial point; a slack smaller than what its limit leaves is widened to that."""
+    K, rows = at.g.shape[0], at.c.shape[1]
+    for k in range(K + 1):
+        for i in range(4):
+            at.z[k, i] = trial.z[k, i]
+        for i in range(3):
+            at.lam[k, i] += alpha * (lam[k, i] - at.lam[k, i])
+            at.bound[k, i] += dual * dbound[k, i]
+            if k < K:
+                at.g[k, i] = trial.g[k, i]
+        for i in range(rows):
+            at.c[k, i] = trial.c[k, i]
+            for side in range(2):
+                at.slack[k, side, i] = max(trial.slack[k, side, i], 1.0 - (1.0 - 2.0 * side) * trial.c[k, i])
+                at.dual[k, side, i] += dual * ddual[k, side, i]
+
+
+@compiled
+def _gap(problem: Problem, at: Iterate) -> float:
+    """Sum of all slacks times their multipliers: about what is left to the optimum; infinite where the dynamics are not met."""
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    gap = 0.0
+    for k in range(K):
+        tau, most = at.z[k, 2], 0.0
+        left = (abs(at.g[k, 0]), tau * abs(at.g[k, 1]), tau * tau * abs(at.g[k, 2]))
+        for side in range(2):
+            for i in range(n):
+                most = max(most, abs(problem.edge[k, side, i, 0]))
+        jerk = (60.0 * left[0] + 36.0 * left[1] + 9.0 * left[2]) / tau**3  # of the quintic that leaves nothing
+        if left[0] + left[1] + left[2] > MET * problem.ds[k] or jerk * most > TRUE:
+            return np.inf
+        for side in range(2):
+            for i in range(first(k, n), 3 * n):
+                gap += at.slack[k, side, i] * at.dual[k, side, i]
+        if k > 0:
+            gap += at.z[k, 0] * at.bound[k, 0] + (problem.top[k] - at.z[k, 0]) * at.bound[k, 1]
+        gap += (at.z[k, 2] - problem.least[k]) * at.bound[k, 2]
+    return gap
+
+
+@compiled
+def _iterate(K: int, rows: int) -> Iterate:
+    return Iterate(
+        np.zeros((K + 1, 4)), np.zeros((K, 3)), np.zeros((K + 1, rows)), np.ones((K + 1, 2, rows)), np.ones((K + 1, 2, rows)),
+        np.zeros((K + 1, 3)), np.zeros((K + 1, 3)),
+    )  # fmt: skip
+
+
+@compiled
+def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
+    """Optimise z (K + 1, 4) = v, a, τ, j in place; its first state and the problem's goal are kept.
+
+    Returns the iterations taken, or −1 where it got stuck.
+    """
+    K, n = problem.ds.shape[0], problem.node.shape[1]
+    rows = 3 * n
+    at, trial = _iterate(K, rows), _iterate(K, rows)
+    at.z[:] = z
+    _begin(problem, at, mu)
+    d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
+    dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
+    models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
+    passed, count, delta_before = np.empty((2, most)), 0, 0.0
+    for iteration in range(most):
+        delta = 0.0
+        while not back(problem, at, mu, delta, models, law, cost):
+            delta = max(4.0 * delta, delta_before / 3.0, 1e-6)
+            if delta > 1e8:
+                return -1
+        delta_before = delta
+        forth(problem, at, models, law, cost, d, lam)
+        _slopes(problem, at.z, d, slope)
+        alpha, dual = _lengths(problem, at, mu, d, slope, dslack, ddual, dbound)
+        passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
+        count, off = count + 1, 0.0
+        for _ in range(12):
+            for k in range(K + 1):
+                for i in range(4):
+                    trial.z[k, i] = at.z[k, i] + alpha * d[k, i]
+                for side in range(2):
+                    for i in range(rows):
+                        trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
+            values(problem, trial.z, trial.g, trial.c)
+            objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
+            if _better(passed, count, objective, off, 1e-6 * K):
+                break
+            alpha *= 0.5
+        _take(at, trial, alpha, dual, lam, ddual, dbound)
+        if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
+            if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (6 * n + 3) * least * problem.tau.sum():
+                z[:] = at.z
+                return iteration + 1
+            mu, count = max(least, min(0.2 * mu, mu**1.5)), 0
+    return -1

@@ -1,0 +1,228 @@
+"""The Newton step of the optimum's barrier problem: linear-quadratic over the stages, solved by two sweeps; compiled.
+
+Back from the end goes the cost to go (Riccati), in which the sign of every pivot shows whether the step goes down; forth
+goes the step itself, with the multipliers of the dynamics.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.compiled import compiled, inlined
+
+Array = NDArray[np.float64]
+
+TERMINAL = 1e4
+"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier takes up what it leaves.
+
+All that the sweep carries back is rounded to this: weights far above what it compares with drown the pivots."""
+
+PIVOT = 1e-8
+"""Curvature of the model in a stage's free number, in the stage's units, below which it is rounding."""
+
+
+class Problem(NamedTuple):
+    """What is given, in units in which the numbers are near 1; n joints, K intervals.
+
+    ds (K,) lengths of the intervals, tau (K,) about their durations, 1 in the mean, least (K,) their least ones (above 0, so
+    that time does not run backwards on the way to the solution), top (K + 1,) greatest speeds, node (K + 1, n, 2) q'/A and
+    q''/A, edge (K, 2, n, 3) q'/J, 3 q''/J and q'''/J at both ends of each interval, goal (2,) v and a at the end.
+
+    A sharp corner has intervals a thousandth as long as others: what is added to a stage, what is judged small, and the
+    weight of its barrier, are counted in the interval's own ds and tau.
+    """
+
+    ds: Array
+    tau: Array
+    least: Array
+    top: Array
+    node: Array
+    edge: Array
+    goal: Array
+
+
+class Iterate(NamedTuple):
+    """Where the iteration stands.
+
+    z (K + 1, 4) holds v, a, τ, j; g (K, 3) what the dynamics leave, c (K + 1, 3 n) the limited values, each in [−1, 1] at
+    the end: n accelerations at the node, n jerks at the interval's start, n at its end. slack and dual (K + 1, 2, 3 n)
+    belong to c ≤ 1 and −c ≤ 1, bound (K + 1, 3) to v ≥ 0, v ≤ top and τ ≥ its least, lam (K + 1, 3) to the dynamics.
+    """
+
+    z: Array
+    g: Array
+    c: Array
+    slack: Array
+    dual: Array
+    bound: Array
+    lam: Array
+
+
+@inlined
+def first(k: int, n: int) -> int:
+    """First limit of a place: the state at the start is given, so its acceleration is no limit."""
+    return n if k == 0 else 0
+
+
+@inlined
+def _pull(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
+    """Of a limit's two sides: weight of ∇c ∇cᵀ and pull along ∇c in the model, and the multiplier of c."""
+    above, below = 1.0 / at.slack[k, 0, i], 1.0 / at.slack[k, 1, i]
+    up, down, c = at.dual[k, 0, i], at.dual[k, 1, i], at.c[k, i]
+    higher = (mu + up * (c - 1.0)) * above + up
+    lower = (mu - down * (c + 1.0)) * below + down
+    return up * above + down * below, higher - lower, up - down
+
+
+@inlined
+def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Array, m: Array) -> None:
+    """Quadratic model of the barrier problem on interval k, over (v, a, τ, j, v⁺, a⁺): upper half of M (6, 6), and m (6,)."""
+    z, lam, node, edge = at.z, at.lam, problem.node, problem.edge
+    n = node.shape[1]
+    v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
+    w, b = z[k + 1, 0], z[k + 1, 1]
+    size = problem.ds[k] / problem.tau[k]
+    mu *= problem.tau[k]
+    delta *= problem.tau[k]
+    spare = 1.0 / (tau - problem.least[k])
+    m0, m1, m3, m4, m5 = 0.0, 0.0, 0.0, 0.0, 0.0
+    M00, M01, M11 = delta / size**2, 0.0, delta * (problem.tau[k] / size) ** 2
+    M03, M13, M33 = 0.0, 0.0, delta * (problem.tau[k] ** 2 / size) ** 2
+    M34, M35, M44, M45, M55 = 0.0, 0.0, 0.0, 0.0, 0.0
+    if k > 0:
+        low, room = 1.0 / v, 1.0 / (problem.top[k] - v)
+        m0 += mu * (room - low)
+        M00 += at.bound[k, 0] * low + at.bound[k, 1] * room
+        for i in range(n):
+            weight, pull, y = _pull(at, k, i, mu)
+            p, q = node[k, i, 0], node[k, i, 1]
+            x = 2.0 * q * v
+            m0, m1 = m0 + pull * x, m1 + pull * p
+            M00, M01, M11 = M00 + weight * x * x + 2.0 * q * y, M01 + weight * x * p, M11 + weight * p * p
+    for i in range(n):
+        weight, pull, y = _pull(at, k, n + i, mu)
+        p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], edge[k, 0, i, 2]
+        x, r = q * a + 3.0 * u * v * v, q * v
+        m0, m1, m3 = m0 + pull * x, m1 + pull * r, m3 + pull * p
+        M00, M01, M11 = M00 + weight * x * x + 6.0 * u * v * y, M01 + weight * x * r + q * y, M11 + weight * r * r
+        M03, M13, M33 = M03 + weight * x * p, M13 + weight * r * p, M33 + weight * p * p
+        weight, pull, y = _pull(at, k, 2 * n + i, mu)
+        p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], edge[k, 1, i, 2]
+        x, r = q * b + 3.0 * u * w * w, q * w
+        m3, m4, m5 = m3 + pull * p, m4 + pull * x, m5 + pull * r
+        M33, M34, M35 = M33 + weight * p * p, M34 + weight * p * x, M35 + weight * p * r
+        M44, M45, M55 = M44 + weight * x * x + 6.0 * u * w * y, M45 + weight * x * r + q * y, M55 + weight * r * r
+    m[0], m[1], m[2], m[3], m[4], m[5] = m0, m1, 1.0 - mu * spare, m3, m4, m5
+    M[0, 0], M[0, 1], M[0, 3], M[1, 1], M[1, 3], M[3, 3] = M00, M01, M03, M11, M13, M33
+    M[3, 4], M[3, 5], M[4, 4], M[4, 5], M[5, 5] = M34, M35, M44, M45, M55
+    M[0, 2] = lam[k, 0]
+    M[1, 2] = lam[k, 0] * tau + lam[k, 1]
+    M[2, 2] = delta / problem.tau[k] ** 2 + at.bound[k, 2] * spare + lam[k, 0] * (a + j * tau) + lam[k, 1] * j
+    M[2, 3] = lam[k, 0] * 0.5 * tau * tau + lam[k, 1] * tau + lam[k, 2]
+
+
+@inlined
+def _fold(z: Array, g: Array, M: Array, m: Array, Q: Array, q: Array) -> None:
+    """Put the dynamics of v⁺ and a⁺ into a stage's model: M (6, 6), upper half, and m become Q (4, 4) and q (4,).
+
+    Of v, a, τ and j it is the jerk only that a limit has together with v⁺ and a⁺.
+    """
+    a, tau, j = z[1], z[2], z[3]
+    first, second = (1.0, tau, a + j * tau, 0.5 * tau * tau), (0.0, 1.0, j, tau)  # derivatives of v⁺ and of a⁺
+    velocity = m[4] + M[4, 4] * g[1] + M[4, 5] * g[2]
+    acceleration = m[5] + M[4, 5] * g[1] + M[5, 5] * g[2]
+    m[3] += M[3, 4] * g[1] + M[3, 5] * g[2]
+    for r in range(4):
+        q[r] = m[r] + first[r] * velocity + second[r] * acceleration
+        x, y = M[4, 4] * first[r] + M[4, 5] * second[r], M[4, 5] * first[r] + M[5, 5] * second[r]
+        for i in range(r, 4):
+            Q[r, i] = M[r, i] + x * first[i] + y * second[i]
+        Q[r, 3] += M[3, 4] * first[r] + M[3, 5] * second[r]
+    Q[3, 3] += M[3, 4] * first[3] + M[3, 5] * second[3]
+    for r in range(1, 4):
+        for i in range(r):
+            Q[r, i] = Q[i, r]
+
+
+@inlined
+def _place_row(z: Array, row: Array) -> int:
+    """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it shall determine."""
+    v, a, tau, j = z[0], z[1], z[2], z[3]
+    row[0], row[1] = tau, 0.5 * tau * tau
+    row[2], row[3] = v + tau * (a + 0.5 * tau * j), tau * tau * tau / 6.0
+    return 2 if abs(row[2]) >= abs(row[3]) else 3
+
+
+@compiled
+def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array) -> bool:
+    """The sweep from the end: of every stage its model over (v, a, τ, j), its feedback and its cost to go.
+
+    models (K, 4, 5) hold matrix and vector, law (K, 3) the one free number as a function of (v, a) and its constant,
+    cost (K + 1, 5) P₀₀, P₀₁, P₁₁, p₀, p₁. False where a pivot is not positive: the model has no least value.
+    """
+    z, K = at.z, problem.ds.shape[0]
+    M, m, row = np.empty((6, 6)), np.empty(6), np.empty(4)
+    Q, q, R, r, N = np.empty((4, 4)), np.empty(4), np.empty((3, 3)), np.empty(3), np.empty(3)
+    tau, ds = problem.tau[K - 1], problem.ds[K - 1]
+    cost[K, 0], cost[K, 1], cost[K, 2] = TERMINAL * tau * (tau / ds) ** 2, 0.0, TERMINAL * tau * (tau**2 / ds) ** 2
+    for i in range(2):
+        cost[K, 3 + i] = cost[K, 2 * i] * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
+    for k in range(K - 1, -1, -1):
+        _stage(k, problem, at, mu, delta, M, m)
+        M[4, 4] += cost[k + 1, 0]
+        M[4, 5] += cost[k + 1, 1]
+        M[5, 5] += cost[k + 1, 2]
+        m[4] += cost[k + 1, 3]
+        m[5] += cost[k + 1, 4]
+        _fold(z[k], at.g[k], M, m, Q, q)
+        pivot = _place_row(z[k], row)  # the place s⁺ is fixed: one of τ and j follows from the others
+        free = 5 - pivot
+        N[0], N[1], N[2] = -row[0] / row[pivot], -row[1] / row[pivot], -row[free] / row[pivot]
+        for i in range(4):
+            q[i] -= Q[i, pivot] * at.g[k, 0] / row[pivot]
+            models[k, i, 4] = q[i]
+            for j in range(4):
+                models[k, i, j] = Q[i, j]
+        for i in range(3):
+            o = free if i == 2 else i
+            r[i] = q[o] + N[i] * q[pivot]
+            for j in range(3):
+                h = free if j == 2 else j
+                R[i, j] = Q[o, h] + N[i] * Q[pivot, h] + N[j] * (Q[o, pivot] + N[i] * Q[pivot, pivot])
+        unit = problem.tau[k] if free == 2 else problem.ds[k] / problem.tau[k] ** 3
+        if not R[2, 2] * unit**2 > PIVOT * problem.tau[k]:
+            return False
+        law[k, 0], law[k, 1], law[k, 2] = -R[2, 0] / R[2, 2], -R[2, 1] / R[2, 2], -r[2] / R[2, 2]
+        cost[k, 0], cost[k, 1] = R[0, 0] + R[0, 2] * law[k, 0], R[0, 1] + R[0, 2] * law[k, 1]
+        cost[k, 2] = R[1, 1] + R[1, 2] * law[k, 1]
+        cost[k, 3], cost[k, 4] = r[0] + R[0, 2] * law[k, 2], r[1] + R[1, 2] * law[k, 2]
+    return True
+
+
+@compiled
+def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array, d: Array, lam: Array) -> None:
+    """The sweep from the start: the step d (K + 1, 4) and the dynamics' new multipliers lam (K + 1, 3)."""
+    z, g, K = at.z, at.g, problem.ds.shape[0]
+    row = np.empty(4)
+    d[0, 0] = d[0, 1] = d[K, 2] = d[K, 3] = 0.0
+    for k in range(K):
+        x, y = d[k, 0], d[k, 1]
+        pivot = _place_row(z[k], row)
+        free = 5 - pivot
+        d[k, free] = law[k, 0] * x + law[k, 1] * y + law[k, 2]
+        fixed = -g[k, 0] / row[pivot]
+        d[k, pivot] = fixed - (row[0] * x + row[1] * y + row[free] * d[k, free]) / row[pivot]
+        slope = models[k, pivot, 4]  # it holds the constant part already
+        for i in range(4):
+            slope += models[k, pivot, i] * (d[k, i] - (fixed if i == pivot else 0.0))
+        lam[k, 0] = -slope / row[pivot]
+        a, tau, j = z[k, 1], z[k, 2], z[k, 3]
+        v_next = x + tau * y + (a + j * tau) * d[k, 2] + 0.5 * tau * tau * d[k, 3] + g[k, 1]
+        a_next = y + j * d[k, 2] + tau * d[k, 3] + g[k, 2]
+        d[k + 1, 0], d[k + 1, 1] = v_next, a_next
+        lam[k, 1] = cost[k + 1, 3] + cost[k + 1, 0] * v_next + cost[k + 1, 1] * a_next
+        lam[k, 2] = cost[k + 1, 4] + cost[k + 1, 1] * v_next + cost[k + 1, 2] * a_next
+    lam[K, 0], lam[K, 1], lam[K, 2] = 0.0, lam[K - 1, 1], lam[K - 1, 2]

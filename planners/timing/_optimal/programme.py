@@ -1,0 +1,208 @@
+"""The numbers of the optimum's programme along a joint path, in units near 1, and a start for its iteration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import NoSolution
+from planners.following.follow import JointPath
+from planners.timing._optimal import iteration, reach
+from planners.timing._optimal.derivatives import derivatives
+from planners.timing._optimal.newton import Problem
+from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
+from planners.timing.smooth import QUINTIC, least_duration
+
+Array = NDArray[np.float64]
+
+UNITS = 64.0
+"""The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
+INTERVALS, PER_BREAK = 128, 8
+"""Of a path without breaks, and what each break adds."""
+PER_PIECE = 12
+"""Intervals of the start between any two breaks."""
+STEADY = 1.5
+"""Times the speed that would keep the jerk limits at rest of s̈ and s⃛, where the start is cut."""
+SMOOTHEST = 0.02
+"""Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
+SHORTEST = 0.02
+"""No interval lasts less than this share of its first guess."""
+BRIEFEST = 0.95
+"""Nor less than this share of what it takes at the greater of the speeds that its ends allow, or speeds would be kept there
+and nowhere between: where they alone bind, that would be the optimum, and the iteration would not find it."""
+STILL = 1e-9
+"""Share of the way below which what a motion covers within the filter's width is none: rounding in s would make the rest."""
+SPARE = 0.9999
+"""Share of the tool's limits that a motion uses which starts in motion."""
+
+
+class Programme(NamedTuple):
+    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time.
+
+    ``moving`` is the state that it starts from, None from rest.
+    """
+
+    problem: Problem
+    s: Array
+    start: Array
+    units: tuple[float, float]
+    moving: PathState | None
+
+
+def programme(
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
+) -> Programme | None:  # fmt: skip
+    """The programme from a moving state to rest at `end`; None where that is too fast to stop."""
+    bound = limits.arrays(joint_path.robot.n)
+    begin, first = state.s, state.speed
+    s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
+    s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
+    if s.size <= PER_PIECE:  # a stop within one cell of the path
+        s = np.linspace(begin, end, PER_PIECE + 1)
+    x, t = np.empty(s.size), np.empty(s.size)
+    _, q1, q2, q3 = derivatives(joint_path, s)
+    peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
+    with np.errstate(divide="ignore"):
+        speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
+        speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
+    if not reach.fastest(s, q1, q2, speed, acceleration, first * first, x):
+        return None
+    reach.in_time(s, x, t)
+    width = max(ramp, SMOOTHEST * float(t[-1]))
+    v, since = np.sqrt(x), 0.0
+    if first * width > STILL * (end - begin):  # the filter looks back on a motion that came in at its speed
+        t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
+        since = _when(t, s, v, width, begin)
+    when = _spread(t, s, v, width, since, _count(joint_path, intervals))
+    at, v, a = _filtered(t, s, v, width, when)
+    at = np.clip(at, begin, end)
+    at[0], at[-1] = begin, end
+    v[-1] = a[-1] = 0.0
+    v[0], a[0] = state.speed, state.acceleration
+    units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
+    return numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
+
+
+def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
+    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
+    duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
+    u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
+    for order in range(3):
+        motion[order] = joint_path.end / duration**order * np.polyval(np.polyder(QUINTIC, order), u)
+    motion[:, 0], motion[:, -1] = 0.0, (joint_path.end, 0.0, 0.0)
+    s, v, a = motion
+    units = joint_path.end / UNITS, duration / UNITS
+    return numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
+
+
+def within(given: Programme, z: Array, u: float) -> Array:
+    """Places, speeds and accelerations (3, K) at a share u of the durations of the intervals of a motion z (K + 1, 4).
+
+    On the quintics through the motion's own states, so that a start tells as much as a solution does.
+    """
+    v0, a0, tau = z[:-1, 0], z[:-1, 1], z[:-1, 2]
+    v1, a1, ds = z[1:, 0], z[1:, 1], given.problem.ds
+    P = ds - tau * (v0 + 0.5 * tau * a0)
+    V, A = tau * (v1 - v0 - tau * a0), tau**2 * (a1 - a0)
+    c3, c4, c5 = 10.0 * P - 4.0 * V + 0.5 * A, -15.0 * P + 7.0 * V - A, 6.0 * P - 3.0 * V + 0.5 * A
+    s = u * tau * (v0 + 0.5 * u * tau * a0) + u**3 * (c3 + u * (c4 + u * c5))
+    v = v0 + u * tau * a0 + u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)) / tau
+    a = a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)) / tau**2
+    return np.stack([given.s[:-1] + given.units[0] * s, v, a])
+
+
+def divided(
+    joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
+) -> Programme:
+    """The programme with some intervals (K,) halved in time; its start is the motion z (K + 1, 4)."""
+    length, time = given.units
+    i = np.flatnonzero(which)
+    middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
+    middle[0] = np.clip(middle[0], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
+    middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
+    s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
+    tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, 0.5 * z[i, 2])
+    return numbers(
+        joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
+    )
+
+
+def _count(joint_path: JointPath, intervals: int | None) -> int:
+    return intervals or min(INTERVALS + PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
+
+
+def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
+    """Times (count + 1,) of the filtered motion, half of them spread evenly, half where its acceleration changes."""
+    end = float(t[-1]) + width
+    fine = np.unique(np.concatenate([t, t + width, np.linspace(since, end, 401)]))
+    fine = fine[(fine >= since) & (fine <= end)]
+    fine[0], fine[-1] = since, end
+    change = np.abs(np.diff(_filtered(t, s, v, width, fine)[2]))
+    weight = np.diff(fine) / (end - since) + change / max(float(change.sum()), 1e-300)
+    share = np.append(0.0, np.cumsum(weight))
+    return np.asarray(np.interp(np.linspace(0.0, share[-1], count + 1), share, fine))
+
+
+def _filtered(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
+    """s, ṡ and s̈ (3, k) of a motion through a box filter, at times."""
+    out = np.empty((3, when.size))
+    reach.filtered(t, s, v, width, when, out)
+    return out
+
+
+def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, Array, float]:
+    """Velocities and accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+
+    A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
+    velocity V and a jerk J never beyond the acceleration (J V)^½; a little room is left.
+    """
+    V, A, J = (bound[field] for field in DERIVATIVES)
+    D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
+    moving = 1e-6 * D.max() < D
+    most = np.fmin(2.0 * np.sqrt(A * D), 2.0 * np.cbrt(J * D * D))
+    peak = np.where((10.0 * most < V) & moving, 10.0 * most, np.inf)
+    if not np.isfinite(np.fmin(V, peak)[moving]).any():
+        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
+        raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
+    least = np.fmin(A, np.sqrt(J * np.fmin(V, most)))
+    with np.errstate(invalid="ignore"):
+        ramps = np.where(np.isfinite(J) & moving, least / J, 0.0)
+    return peak, least, 1.2 * float(ramps.max())
+
+
+def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
+    """When the filtered motion passes a place."""
+    low, high = 0.0, float(t[-1]) + width
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _filtered(t, s, v, width, np.array([middle]))[0, 0] < place else (low, middle)
+    return high
+
+
+def numbers(
+    joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
+    moving: PathState | None,
+) -> Programme:  # fmt: skip
+    """The programme at places s (K + 1,) whose start is a motion: ṡ and s̈ (K + 1,), and durations (K,)."""
+    bound = limits.arrays(joint_path.robot.n)
+    length, time = units
+    K = len(tau)
+    beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
+    _, q1, q2, _ = derivatives(joint_path, s)
+    q3 = np.concatenate([derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]])
+    node, edge = np.empty((K + 1, joint_path.robot.n, 2)), np.empty((K, 2, joint_path.robot.n, 3))
+    iteration.limited(q1, q2, q3, bound["acceleration"], bound["jerk"], length, time, node, edge)
+    v1 = length / time
+    start = np.zeros((K + 1, 4))
+    start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
+    start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
+    if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
+        limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
+    top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
+    tau, ds = start[:-1, 2].copy(), np.diff(s) / length
+    least = np.maximum(SHORTEST * tau, BRIEFEST * ds / np.maximum(top[:-1], top[1:]))
+    problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
+    return Programme(problem, s, start, units, moving)

@@ -1,0 +1,134 @@
+"""A start for the optimum from rest to rest: a swept motion that nearly keeps all limits, and where its intervals end."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.errors import NoSolution
+from planners.following.follow import JointPath
+from planners.timing import _sweep
+from planners.timing._optimal.derivatives import derivatives
+from planners.timing._optimal.programme import Programme, numbers
+from planners.timing._places import graded
+from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
+from planners.timing.smooth import NO_MOTION
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PLACES, PER_PIECE = 300, 12
+"""Least places of the sweep, and those between any two breaks."""
+BENDS, TWISTS = 0.8, 0.6
+"""Shares of the limits on acceleration and jerk that the path's own bends may use up at a steady speed."""
+ROUNDS, CLOSE = 6, 1.1
+"""Most sweeps, and by how much the last may be too fast: the rest is slowed as a whole."""
+EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
+"""Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
+
+FASTEST = 1e4
+"""Speeds and accelerations beyond so many times the mean ones are reached in no time: no start needs more."""
+ROUNDING, DROWNED = 4e-16, 1e-3
+"""Of q [rad or m], and what it may make of a limit on jerk in an interval."""
+FEWEST = 50
+"""Intervals that any motion has, rounding or not."""
+JUMP = 0.02
+"""What q''' may jump by within an interval: a share of the limits on jerk."""
+
+
+def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
+    """The programme from rest to rest, with so many times the intervals that were asked for or are usual.
+
+    Raises
+    ------
+    NoSolution
+        No limit bounds a joint that moves.
+    """
+    along = _along(joint_path, limits)
+    m = along.s.size
+    top, motion, share = np.empty(m), np.empty((4, m)), np.empty(m)
+    _sweep.tops(along, BENDS, TWISTS, top)
+    _sweep.swept(along, top, ROUNDS, CLOSE, motion)
+    t = motion[0]
+    least = min(briefest(along.jerk), t[-1] / FEWEST)
+    usual = round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
+    count = max(round(more * (intervals or usual)), 8)
+    when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
+    when, k, nodes = _with(when, joint_path, along, motion, least)
+    found = np.empty((3, when.size))
+    _sweep.sampled(along.s, motion, when, found)
+    found[0, 0], found[0, -1], found[0, k] = 0.0, joint_path.end, nodes
+    kept = _onward(found[0], np.concatenate([[0], k, [when.size - 1]]))
+    when, (s, v, a) = when[kept], found[:, kept]
+    units = 2.0 * joint_path.end / when.size, 2.0 * float(t[-1]) / when.size  # an interval is about half of either
+    return numbers(joint_path, limits, s, v, a, np.diff(when), units, None)
+
+
+def _with(
+    when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float
+) -> tuple[Array, Indices, Array]:
+    """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
+
+    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell.
+    """
+    nodes = joint_path.nodes[1:-1]
+    beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
+    jump = np.abs(derivatives(joint_path, nodes + beside)[3] - derivatives(joint_path, nodes - beside)[3])
+    passed = np.interp(nodes, along.s, motion[0])
+    speed = np.interp(nodes, along.s, motion[1])
+    chosen = (jump / along.jerk).max(axis=1) * speed**3 > JUMP
+    nodes, passed = nodes[chosen], passed[chosen]
+    # what they replace: a time that is nearer than a third of its interval
+    i = np.clip(np.searchsorted(when, passed), 1, when.size - 1)
+    low, high = passed - when[i - 1], when[i] - passed
+    near = np.minimum(low, high) < (low + high) / 3.0
+    away = np.where(low < high, i - 1, i)[near]
+    keep = np.ones(when.size, dtype=bool)
+    keep[away[(away > 0) & (away < when.size - 1)]] = False
+    kept = spaced(passed, when[-1], least)
+    nodes, passed = nodes[kept], passed[kept]
+    when = np.sort(np.concatenate([when[keep], passed]))
+    return when, np.searchsorted(when, passed), nodes
+
+
+def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
+    """Which places (k,) lie behind all before them: the fixed ones do, and others only between those around them."""
+    i = np.arange(s.size)
+    before, after = s[fixed[np.searchsorted(fixed, i, side="right") - 1]], s[fixed[np.searchsorted(fixed, i)]]
+    farthest = np.maximum.accumulate(np.where((s > before) & (s < after), s, before))
+    kept = np.append(True, farthest[1:] > farthest[:-1])
+    kept[fixed] = True
+    return np.asarray(kept)
+
+
+def briefest(jerk: Array) -> float:
+    """Least duration [s] of an interval whose jerk rounding in q leaves as it is."""
+    return float(np.cbrt(60.0 * ROUNDING / (DROWNED * jerk.min())))
+
+
+def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
+    """Which of some times, increasing, are kept so that they stand apart, and apart from 0 and from the end."""
+    kept, last = np.zeros(times.size, dtype=bool), 0.0
+    for i, t in enumerate(times):
+        if t - last >= least and end - t >= least:
+            kept[i], last = True, t
+    return kept
+
+
+def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
+    s = graded(joint_path.path.breaks, joint_path.end, max(PLACES, joint_path.knots.size), PER_PIECE)
+    bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
+    moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
+    A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
+    _, q1, q2, q3 = derivatives(joint_path, s)
+    size, length = np.abs(q1), float(s[-1])
+    a, j = float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
+    # by order of magnitude no motion takes less time than these; far higher derivatives need not be told apart
+    least = max(float((np.diff(s) / top[1:]).sum()), np.sqrt(length * a), np.cbrt(length * j))
+    free = not np.isfinite([bound[field][moving] for field in DERIVATIVES]).any() and not np.isfinite(limits.tool).any()
+    if free or not 0.0 < least < np.inf:
+        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
+        raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
+    top = np.minimum(top, FASTEST * length / least)
+    most = FASTEST * length / least**2, FASTEST**2 * length / least**3
+    return _sweep.Along(s, q1, q2, q3, A, J, top, most)

@@ -1,0 +1,1 @@
+"""What laws built from sections share: ramps of the speed along s, sections, and stops."""

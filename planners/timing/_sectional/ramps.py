@@ -1,0 +1,228 @@
+"""Ramps of the speed along s, and what they ask of the joints: the pieces that sectional laws are built from."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from optik.compiled import compiled
+from planners.following.follow import JointPath
+from planners.paths.base import Path
+from planners.timing._places import graded
+from planners.timing.base import MotionLimits, speed_bound
+
+Array = NDArray[np.float64]
+
+INTERVALS, PER_PIECE = (1024, 16384), 12
+"""Least and most intervals of a table, and those of the path's shortest piece."""
+LEAST_FLAT = 0.02
+"""Least share of a ramp with constant acceleration: without any, Ruckig's roots lose half their digits; it costs 1e-4 of T."""
+SHORTEST = 5e-4
+"""Least time [s] in which the acceleration rises or falls: faster gains nothing, and its pieces drown in rounding."""
+
+
+class Ramp(NamedTuple):
+    """From speed v0 at s0 to v1 at s1, at rest in acceleration at both ends.
+
+    The acceleration rises in the share `rise` of the time, stays, and falls in the share `fall`; their sum is at most
+    1 − `LEAST_FLAT`.
+    """
+
+    s0: float
+    v0: float
+    s1: float
+    v1: float
+    rise: float
+    fall: float
+
+
+class Table(NamedTuple):
+    """What a motion along s asks of the arm, over its limits, at places.
+
+    Attributes
+    ----------
+    s : (m,) array
+        Places, from 0 to the path's end.
+    slowness : (m,) array
+        1 / greatest ṡ by the limits on velocities (joints, tool, rotation).
+    parts : (m, 5, n) array
+        q'/a, q''/a, q'/j, 3 q''/j, q'''/j, where a and j are each joint's limits: q̈ / a = (q' s̈ + q'' ṡ²) / a and
+        q⃛ / j = (q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³) / j.
+    """
+
+    s: Array
+    slowness: Array
+    parts: Array
+
+
+def table(joint_path: JointPath, limits: MotionLimits) -> Table:
+    """Evaluate the path once, at equally spaced places."""
+    return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
+
+
+def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
+    """Evaluate the path once, at places that lie close where its pieces are short; every break is one."""
+    breaks = joint_path.path.breaks
+    return _table(joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, INTERVALS[0], PER_PIECE))
+
+
+def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
+    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
+    return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(joint_path, limits, q1, q2, q3))
+
+
+def fine_enough(path: Path) -> int:
+    """Intervals of a table of the path in which its shortest piece is seen."""
+    return int(np.clip(PER_PIECE * path.end / np.diff(path.breaks).min(), *INTERVALS))
+
+
+def parts(joint_path: JointPath, limits: MotionLimits, q1: Array, q2: Array, q3: Array) -> Array:
+    """A table's `parts` from the derivatives (m, n) of q."""
+    bound = limits.arrays(joint_path.robot.n)
+    a, j = bound["acceleration"], bound["jerk"]
+    return np.ascontiguousarray(np.stack([q1 / a, q2 / a, q1 / j, 3.0 * q2 / j, q3 / j], axis=1))
+
+
+@compiled
+def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[float, float]:
+    """Duration and greatest acceleration of a ramp of length d.
+
+    The ramp's mean speed is v0 + κ (v1 − v0), where κ is how far before the end the trapezoid's centroid lies.
+    """
+    area = 1.0 - 0.5 * (rise + fall)
+    flat_end = 1.0 - fall
+    centroid = (
+        rise * rise / 3.0 + 0.5 * (flat_end * flat_end - rise * rise) + 0.5 * fall * (flat_end + fall / 3.0)
+    ) / area
+    duration = d / (v0 + (v1 - v0) * (1.0 - centroid))
+    return duration, (v1 - v0) / (duration * area)
+
+
+@compiled
+def nearest(places: Array, s: float) -> int:
+    """Index of the place that is nearest to s."""
+    k = min(max(int(np.searchsorted(places, s)), 1), places.size - 1)
+    return k - 1 if s - places[k - 1] < places[k] - s else k
+
+
+@compiled
+def ramp_ratio(
+    places: Array,
+    slowness: Array,
+    parts: Array,
+    s: float,
+    v: float,
+    ramp: tuple[float, float, float, float],
+    count: int,
+    most: float,
+) -> float:
+    """Factor by which a ramp (duration, acceleration, rise, fall) must be slowed to keep the limits, at its samples.
+
+    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and gives up once
+    the factor is above `most`.
+    """
+    duration, peak, rise, fall = ramp
+    worst_v, worst_a, worst_j = 0.0, 0.0, 0.0
+    most_a, most_j = most * most, most * most * most
+    a = 0.0
+    for phase in range(3):
+        share = rise if phase == 0 else (1.0 - rise - fall if phase == 1 else fall)
+        h = share * duration
+        if h <= 0.0:
+            continue
+        j = peak / h if phase == 0 else (0.0 if phase == 1 else -peak / h)
+        for i in range(count + 1):
+            t = h * i / count
+            at = s + t * (v + t * (0.5 * a + t * j / 6.0))
+            speed = v + t * (a + 0.5 * t * j)
+            acceleration = a + j * t
+            k = nearest(places, at)
+            worst_v = max(worst_v, slowness[k] * speed)
+            square, product, cube = speed * speed, speed * acceleration, speed * speed * speed
+            p = parts[k]
+            for n in range(p.shape[1]):
+                worst_a = max(worst_a, abs(p[0, n] * acceleration + p[1, n] * square))
+                worst_j = max(worst_j, abs(p[2, n] * j + p[3, n] * product + p[4, n] * cube))
+            if worst_v > most or worst_a > most_a or worst_j > most_j:
+                return np.inf
+        s += h * (v + h * (0.5 * a + h * j / 6.0))
+        v += h * (a + 0.5 * h * j)
+        a += j * h
+    worst: float = max(worst_v, max(worst_a**0.5, worst_j ** (1.0 / 3.0)))
+    return worst
+
+
+def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:
+    """Factor by which a ramp must be slowed to keep the limits."""
+    duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
+    shape = (duration, peak, ramp.rise, ramp.fall)
+    return float(ramp_ratio(what.s, what.slowness, what.parts, ramp.s0, ramp.v0, shape, count, np.inf))
+
+
+def phases_of(ramp: Ramp) -> Array:
+    """Durations and jerks (3, 2) of a ramp; one phase (1, 2) where its speed does not change."""
+    duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
+    if ramp.v0 == ramp.v1:
+        return np.array([[duration, 0.0]])
+    rise, fall = ramp.rise * duration, ramp.fall * duration
+    return np.array([[rise, peak / rise], [duration - rise - fall, 0.0], [fall, -peak / fall]])
+
+
+def law_of(ramps: list[Ramp], phases: list[Array]) -> PPoly:
+    """s(t) through ramps, from their phases (·, 2) of durations and jerks."""
+    rows, lengths = [], []
+    for ramp, each in zip(ramps, phases, strict=True):
+        s, v, a = ramp.s0, ramp.v0, 0.0
+        for h, j in each:
+            rows.append((j / 6.0, 0.5 * a, v, s))
+            lengths.append(h)
+            s, v, a = s + h * (v + h * (0.5 * a + h * j / 6.0)), v + h * (a + 0.5 * h * j), a + h * j
+    return PPoly(np.array(rows).T, np.concatenate([[0.0], np.cumsum(lengths)]), extrapolate=True)
+
+
+class Worst(NamedTuple):
+    """Largest of what a motion asks over what it may: the factor by which it would have to be slowed, and where."""
+
+    factor: float
+    s: float
+    joint: str | None
+    limit: str
+
+
+def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
+    """Judge a motion along s by the chain rule, at states (k,); a jerk of NaN is not judged."""
+    s = np.clip(s, 0.0, joint_path.end)
+    p = parts(joint_path, limits, *(joint_path(s, order) for order in (1, 2, 3)))
+    bound = limits.arrays(joint_path.robot.n)
+    v1, a1, j1 = v[:, None], a[:, None], j[:, None]
+    joints = np.stack(
+        [
+            np.abs(joint_path(s, 1) * v1) / bound["velocity"],
+            np.sqrt(np.abs(p[:, 0] * a1 + p[:, 1] * v1**2)),
+            np.cbrt(np.abs(p[:, 2] * j1 + p[:, 3] * v1 * a1 + p[:, 4] * v1**3)),
+        ]
+    )
+    k, i, n = np.unravel_index(int(np.nanargmax(joints)), joints.shape)
+    tool = np.abs(v) / speed_bound(joint_path, limits, s)
+    m = int(tool.argmax())
+    if tool[m] > joints[k, i, n] * (1.0 + 1e-12):  # the bound holds the joints' velocities too: it is the tool's here
+        return Worst(float(tool[m]), float(s[m]), None, "tool or rotation speed")
+    names = ("velocity", "acceleration", "jerk")
+    return Worst(float(joints[k, i, n]), float(s[i]), joint_path.robot.joint_names[n], names[k])
+
+
+def states(law: PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
+    """s, ṡ, s̈, s⃛ (k,) of a law at `count` + 1 instants of each piece, one-sided at its ends."""
+    u = np.diff(law.x)[:, None] * np.linspace(0.0, 1.0, count + 1)
+    out, c = [], law.c
+    for _ in range(4):
+        value = np.zeros_like(u)
+        for row in c:
+            value = value * u + row[:, None]
+        out.append(value.ravel())
+        degree = np.arange(len(c))[::-1][:, None]
+        c = (c * degree)[:-1] if len(c) > 1 else np.zeros_like(c)
+    return out[0], out[1], out[2], out[3]

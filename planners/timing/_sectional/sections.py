@@ -1,0 +1,316 @@
+"""Sections of a path and the speeds at their ends: dynamic programming over places and speeds, then a local search."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.compiled import compiled
+from planners.timing import _sweep
+from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST, Ramp, Table, profile, ramp_ratio
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PLACES = 14
+"""Intervals between candidate ends of sections; twice as many are no faster on lines (T / T* 1.036 for 1.037)."""
+LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
+"""Candidate speeds at a place, over the greatest that the limits could allow there."""
+SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
+"""Candidate shares of a ramp in which its acceleration rises and falls."""
+REACH = 24
+"""Most intervals that one section spans."""
+BRIEF = 4.0
+"""Least time at full speed between two ends of sections that are given, over the shortest phase of a ramp."""
+REACHED = 4
+"""Trial from which on candidate speeds are at most half above those of a motion swept along the path."""
+SEARCH = ((4, 15), (6, 15))
+"""Sharpness (a power of two) and rounds of the local search, in turn."""
+
+
+def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
+    """Ramps from rest to rest along the whole table, nearly as fast as its limits allow.
+
+    Parameters
+    ----------
+    what : Table
+        The path and its limits.
+    breaks : (k,) array
+        Places that ends of sections should meet.
+    duration : float
+        Of any motion that keeps the limits [s].
+
+    Returns
+    -------
+    list of Ramp
+        They may exceed the limits a little, or leave room: a uniform scaling in time is left to the caller.
+    """
+    fastest = _fastest(what.slowness, what.parts, what.s)
+    shortest = min(SHORTEST, 0.01 * duration)
+    nodes, open_since = _candidates(what, fastest, breaks, BRIEF * shortest)
+    speeds = fastest[nodes][:, None] * LEVELS
+    speeds[[0, -1]] = -1.0
+    speeds[[0, -1], 0] = 0.0
+    most = 1.0 + 1e-9  # candidates that stand exactly on a limit are in, however they round
+    tried = 0
+    while True:
+        tried += 1
+        if tried == REACHED:  # beside a slow corner few of these speeds can be reached at all
+            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * LEVELS
+        found = _programme(what.s, what.slowness, what.parts, what.s[nodes], open_since, speeds, SHAPES, most, shortest)
+        if found.shape[0] or most > 1e6:
+            break
+        most *= 1.3  # no candidate speed is low enough: take a motion that is too fast, and let it be slowed
+    fixed = np.isin(found[:, 2], what.s[nodes[open_since[1:]]])
+    for sharpness, rounds in SEARCH:
+        slow = max(_ratio(what, ramp) for ramp in found)
+        _search(what.s, what.slowness, what.parts, found, fixed, rounds, sharpness, slow, shortest / slow)
+    return [Ramp(*map(float, row)) for row in found]
+
+
+def _reached(what: Table) -> Array:
+    """Speeds at the places of a motion that nearly keeps all limits; with each joint's acceleration counted in its limit."""
+    parts = what.parts
+    size = np.abs(parts).max(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        jerk = np.where(size[2] > 0.0, size[0] / size[2], np.inf)
+        q3 = np.where(np.isfinite(jerk), parts[:, 4] * jerk, 0.0)
+    most = 1e3 / np.abs(parts[:, 0]).max(axis=1).mean(), 1e3 / np.abs(parts[:, 2]).max(axis=1).mean()
+    along = _sweep.Along(
+        what.s, parts[:, 0].copy(), parts[:, 1].copy(), q3, np.ones(jerk.size), jerk,
+        np.minimum(1.0 / np.maximum(what.slowness, 1e-12), 1e12), (float(most[0]), float(most[1])),
+    )  # fmt: skip
+    top, motion = np.empty(what.s.size), np.empty((4, what.s.size))
+    _sweep.tops(along, 0.8, 0.6, top)
+    _sweep.swept(along, top, 6, 1.1, motion)
+    return np.asarray(motion[1])
+
+
+def _ratio(what: Table, ramp: Array) -> float:
+    s0, v0, s1, v1, rise, fall = ramp
+    duration, peak = profile(s1 - s0, v0, v1, rise, fall)
+    return float(ramp_ratio(what.s, what.slowness, what.parts, s0, v0, (duration, peak, rise, fall), 16, np.inf))
+
+
+def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
+    """About the greatest ṡ at each place: by the limits there, and by what can be reached from rest at either end."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.abs(parts).max(axis=2)
+        here = 1.0 / np.maximum(slowness, np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
+        accelerations, jerks = 1.0 / size[:, 0], 1.0 / size[:, 2]
+        for order in (slice(None), slice(None, None, -1)):
+            travelled = s if order.step is None else s[-1] - s[::-1]
+            cells = np.diff(travelled, prepend=0.0)
+            by_acceleration = np.sqrt(2.0 * np.cumsum(accelerations[order] * cells))
+            by_jerk = np.cbrt(4.5 * np.maximum.accumulate(jerks[order]) * travelled**2)
+            here[order] = np.fmin(here[order], np.fmin(by_acceleration, by_jerk))
+    finite = np.isfinite(here)
+    return np.asarray(np.where(finite, here, here[finite].max()))
+
+
+def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
+    """Indices (k,) of the places, and for each that of the last break before it.
+
+    Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
+    half by s and half by time; each piece between two breaks has its ends and its quarters besides.
+    """
+    s, last = what.s, what.s.size - 1
+    slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())
+    time = np.concatenate([[0.0], np.cumsum(0.5 * (slow[1:] + slow[:-1]) * np.diff(s))])
+    even = np.interp(np.linspace(0.0, 1.0, PLACES + 1), 0.5 * time / time[-1] + 0.5 * s / s[-1], s)
+    passed = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (fastest[1:] + fastest[:-1]))])
+    kept = [0.0]
+    for x in breaks[(breaks > 0.0) & (breaks < s[-1])]:
+        before, at, end = np.interp([kept[-1], x, s[-1]], s, passed)
+        if at - before >= brief and end - at >= brief:
+            kept.append(float(x))
+    breaks = np.array([*kept, s[-1]])
+    quarters = breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(4) / 4.0
+    pieces = quarters.ravel() if breaks.size > 2 else np.empty(0)
+    nodes = np.unique(_nearest(s, np.concatenate([even, pieces, [0.0, s[last]]])))
+    ends = np.unique(np.searchsorted(nodes, _nearest(s, breaks[:-1])))
+    return nodes, ends[np.maximum(np.searchsorted(ends, np.arange(nodes.size)) - 1, 0)]
+
+
+def _nearest(s: Array, x: Array) -> Indices:
+    """Indices of the places that are nearest to x (k,)."""
+    k = np.clip(np.searchsorted(s, x), 1, s.size - 1)
+    return np.where(x - s[k - 1] < s[k] - x, k - 1, k)
+
+
+@compiled
+def _programme(
+    places: Array,
+    slowness: Array,
+    parts: Array,
+    s: Array,
+    open_since: Indices,
+    speeds: Array,
+    shapes: Array,
+    most: float,
+    shortest: float,
+) -> Array:
+    """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6).
+
+    A ramp to place i starts at place open_since[i] or later.
+    """
+    count, levels = speeds.shape
+    best = np.full((count, levels), np.inf)
+    back = np.zeros((count, levels, 3), np.int64)
+    best[0, 0] = 0.0
+    for to in range(1, count):
+        for high in range(levels):
+            v1 = speeds[to, high]
+            for at in range(to - 1, max(to - 1 - REACH, open_since[to] - 1), -1):
+                for low in range(levels):
+                    v0 = speeds[at, low]
+                    if v1 < 0.0 or v0 < 0.0 or v0 + v1 <= 0.0 or best[at, low] >= best[to, high]:
+                        continue
+                    for shape in range(shapes.shape[0]):
+                        rise, fall = shapes[shape, 0], shapes[shape, 1]
+                        duration, peak = profile(s[to] - s[at], v0, v1, rise, fall)
+                        better = best[at, low] + duration < best[to, high] * (1.0 - 1e-12)  # ties: the first stays
+                        if not better or min(rise, fall) * duration < shortest:
+                            continue
+                        ramp = (duration, peak, rise, fall)
+                        if ramp_ratio(places, slowness, parts, s[at], v0, ramp, 4, most) <= most:
+                            best[to, high] = best[at, low] + duration
+                            back[to, high, 0], back[to, high, 1], back[to, high, 2] = at, low, shape
+    if not np.isfinite(best[-1, 0]):
+        return np.empty((0, 6))
+    chain = np.empty((count, 6))
+    to, high, k = count - 1, 0, count
+    while to > 0:
+        at, low, shape = back[to, high]
+        k -= 1
+        chain[k, 0], chain[k, 1], chain[k, 2], chain[k, 3] = s[at], speeds[at, low], s[to], speeds[to, high]
+        chain[k, 4], chain[k, 5] = shapes[shape, 0], shapes[shape, 1]
+        to, high = at, low
+    return chain[k:].copy()
+
+
+@compiled
+def _power(
+    places: Array, slowness: Array, parts: Array, row: Array, count: int, sharpness: int, slow: float
+) -> tuple[float, float]:
+    """Duration of a ramp, and the time integral over it of the sum of r^p over all limits, p = 3 · 2^sharpness.
+
+    r is each velocity's, acceleration's and jerk's ratio to its limit to the power 1, 1/2 and 1/3, after slowing by
+    `slow`.
+    """
+    duration, peak = profile(row[2] - row[0], row[1], row[3], row[4], row[5])
+    s, v, a, total = row[0], row[1], 0.0, 0.0
+    r1, r2, r3 = 1.0 / slow, 1.0 / slow**2, 1.0 / slow**3
+    for phase in range(3):
+        share = row[4] if phase == 0 else (1.0 - row[4] - row[5] if phase == 1 else row[5])
+        h = share * duration
+        j = peak / h if phase == 0 else (0.0 if phase == 1 else -peak / h)
+        integral = 0.0
+        for i in range(count + 1):
+            t = h * i / count
+            at = s + t * (v + t * (0.5 * a + t * j / 6.0))
+            speed, acceleration = v + t * (a + 0.5 * t * j), a + j * t
+            k = min(max(np.searchsorted(places, at) - 1, 0), slowness.size - 2)
+            f = (at - places[k]) / (places[k + 1] - places[k])
+            g = 1.0 - f
+            c0, c1 = acceleration * r2, speed * speed * r2
+            c2, c3, c4 = j * r3, speed * acceleration * r3, speed * speed * speed * r3
+            p, q = parts[k], parts[k + 1]
+            z = ((slowness[k] * g + slowness[k + 1] * f) * speed * r1) ** 3
+            for _ in range(sharpness):
+                z *= z
+            for n in range(p.shape[1]):
+                x = abs((p[0, n] * g + q[0, n] * f) * c0 + (p[1, n] * g + q[1, n] * f) * c1)
+                y = abs(
+                    (p[2, n] * g + q[2, n] * f) * c2
+                    + (p[3, n] * g + q[3, n] * f) * c3
+                    + (p[4, n] * g + q[4, n] * f) * c4
+                )
+                x *= x**0.5
+                for _ in range(sharpness):
+                    x *= x
+                    y *= y
+                z += x + y
+            integral += 0.5 * z if i == 0 or i == count else z
+        total += integral / count * h
+        s += h * (v + h * (0.5 * a + h * j / 6.0))
+        v += h * (a + 0.5 * h * j)
+        a += j * h
+    return duration, total
+
+
+@compiled
+def _search(
+    places: Array,
+    slowness: Array,
+    parts: Array,
+    ramps: Array,
+    fixed: NDArray[np.bool_],
+    rounds: int,
+    sharpness: int,
+    slow: float,
+    shortest: float,
+) -> None:
+    """Move the ends and shapes of ramps (k, 6), in place, one number at a time, while the scaled motion gets faster.
+
+    Those whose ends are fixed (k,) keep them.
+
+    The duration after a uniform scaling to the limits is (duration) · (largest r); a mean of order p stands for the
+    largest, so that every step that lets a ramp breathe counts, and not only those at the worst place.
+    """
+    count, order = len(ramps), 3.0 * 2.0**sharpness
+    lengths, samples = ramps[:, 2] - ramps[:, 0], 5
+    least = np.minimum(1e-3 * ramps[-1, 2], 0.25 * lengths)
+    time, power = np.empty(count), np.empty(count)
+    for k in range(count):
+        time[k], power[k] = _power(places, slowness, parts, ramps[k], samples, sharpness, slow)
+    best = np.log(time.sum()) + np.log(power.sum() / time.sum()) / order
+    left_time, left_power = np.zeros(count + 3), np.zeros(count + 3)  # sums over the ramps from each on
+    step = np.empty((count, 4))
+    step[:, 0], step[:, 1], step[:, 2], step[:, 3] = np.minimum(0.02 * ramps[-1, 2], 0.5 * lengths), 0.05, 0.1, 0.1
+    kept, kept_time, kept_power = np.empty((2, 6)), np.empty(2), np.empty(2)
+    for _ in range(rounds):
+        for k in range(count - 1, -1, -1):
+            left_time[k], left_power[k] = left_time[k + 1] + time[k], left_power[k + 1] + power[k]
+        done_time, done_power = 0.0, 0.0
+        for k in range(count):
+            for number in range(4):
+                junction = number < 2
+                if (junction and k == count - 1) or (number == 0 and fixed[k]):
+                    continue
+                end = k + 2 if junction else k + 1
+                better = False
+                for sign in (1.0, -1.0):
+                    for i in range(k, end):
+                        kept[i - k], kept_time[i - k], kept_power[i - k] = ramps[i], time[i], power[i]
+                    move = sign * step[k, number]
+                    if number == 0:
+                        ramps[k, 2] += move
+                        ramps[k + 1, 0] = ramps[k, 2]
+                    elif number == 1:
+                        ramps[k, 3] *= np.exp(move)
+                        ramps[k + 1, 1] = ramps[k, 3]
+                    else:
+                        other = ramps[k, 7 - number]
+                        ramps[k, 2 + number] = min(max(ramps[k, 2 + number] + move, 0.02), 1.0 - LEAST_FLAT - other)
+                    allowed = True
+                    for i in range(k, end):
+                        allowed = allowed and ramps[i, 2] - ramps[i, 0] > least[i]
+                    if allowed:
+                        for i in range(k, end):
+                            time[i], power[i] = _power(places, slowness, parts, ramps[i], samples, sharpness, slow)
+                            allowed = allowed and min(ramps[i, 4], ramps[i, 5]) * time[i] >= shortest
+                    if allowed:
+                        total, mean = done_time + left_time[k + 2], done_power + left_power[k + 2]
+                        for i in range(k, min(k + 2, count)):
+                            total, mean = total + time[i], mean + power[i]
+                        value = np.log(total) + np.log(mean / total) / order
+                        if value < best - 1e-12:
+                            best, better = value, True
+                            step[k, number] = 1.5 * move
+                            break
+                    for i in range(k, end):
+                        ramps[i], time[i], power[i] = kept[i - k], kept_time[i - k], kept_power[i - k]
+                if not better:
+                    step[k, number] *= 0.5
+            done_time, done_power = done_time + time[k], done_power + power[k]
