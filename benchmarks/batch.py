@@ -20,7 +20,8 @@ from benchmarks.fresh import fresh
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder, slug
 from benchmarks.speed_suite import BatchBlock
-from optik.arm.robot import Robot, load
+from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.registry import build_method
 

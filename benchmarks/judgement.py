@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -> pl.DataFrame:

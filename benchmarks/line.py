@@ -7,23 +7,22 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.suite import LineTask
 from optik import se3
-from optik.arm.robot import Robot, load
+from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.ik import make_solver
+from optik.types import Array
 from planners.certificate.certificate import plain
 from planners.certificate.continuity import steps
+from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
-from planners.timing.base import MotionLimits
-
-Array = NDArray[np.float64]
 
 INSTANTS = 1501
 """Instants of a motion that are kept for plots."""

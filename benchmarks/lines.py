@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.problems.base import smallest_singular_values
 from optik import se3
-from optik.arm.robot import Robot, load
+from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.paths.line import Line
-
-Array = NDArray[np.float64]
 
 KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}
 """Where the smallest singular value along the whole line lies, its least value judged."""

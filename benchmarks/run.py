@@ -26,11 +26,12 @@ from benchmarks.records import FORMAT, RunFolder, slug
 from benchmarks.speed import check_set, run_speed
 from benchmarks.suite import Block, Suite
 from benchmarks.timing import check_timing, run_timing
-from optik.arm.robot import Robot, load
+from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]
 
 MOST_WORKERS = 4096

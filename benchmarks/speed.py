@@ -22,8 +22,8 @@ from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.registry import load_method
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 PART = 2000

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from benchmarks.batch import batch_rows
 from benchmarks.first_use import first_use_rows
@@ -19,8 +18,7 @@ from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock
 from benchmarks.suite import Suite
 from benchmarks.timing_rows import measure_timing, timing_rows
 from benchmarks.timing_suite import TIMING_MEASURES, TimingBlock
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 WORDS = {
     "success": ("solved", "%"),

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from benchmarks.lines import DrawnLine, draw_line
 from benchmarks.peers.ik.base import Absent, version_of
@@ -20,17 +19,17 @@ from benchmarks.timing_example import run_example
 from benchmarks.timing_facts import SCHEMA, blank, facts_of
 from benchmarks.timing_suite import TIMING_PEERS, LawEntry, TimingBlock
 from optik import se3
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
 from planners.certificate.certificate import certify
 from planners.following.follow import Followed, JointPath, follow
+from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus, make_law, plan
-from planners.timing.base import MotionLimits, TimeLaw
+from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 PART = 5

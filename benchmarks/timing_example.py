@@ -12,11 +12,11 @@ from benchmarks.lines import DrawnLine
 from benchmarks.records import RunFolder
 from benchmarks.timing_suite import TimingBlock
 from optik.ik import make_solver
+from optik.types import Array
 from planners.following.follow import JointPath, follow
+from planners.limits import DERIVATIVES, MotionLimits
 from planners.plan import Plan, make_law, plan
-from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
-
-Array = NDArray[np.float64]
+from planners.timing.base import speed_bound
 
 INSTANTS = 1201
 """Of each motion that are kept."""

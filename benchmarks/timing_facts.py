@@ -8,11 +8,12 @@ import numpy as np
 import polars as pl
 
 from optik import se3
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
 from planners.certificate.certificate import Certificate
 from planners.fit import stretch
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.paths.base import Path
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.trajectory import Trajectory
 
 INSTANTS = 4999

@@ -12,7 +12,7 @@ from benchmarks.records import RunFolder, slug
 from benchmarks.settings import Target
 from benchmarks.timing_suite import TimingBlock
 from optik.errors import InvalidInput
-from planners.timing.base import DERIVATIVES
+from planners.limits import DERIVATIVES
 
 NANO = 1e-9
 """Deviations below a nanometre or nanoradian are rounding."""

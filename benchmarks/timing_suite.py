@@ -17,7 +17,7 @@ from benchmarks.settings import (
 )
 from optik.check import check_count
 from optik.errors import InvalidInput
-from planners.timing.base import ALL_LIMITS, MotionLimits
+from planners.limits import ALL_LIMITS, MotionLimits
 
 LAWS = "planners.timing"
 TIMING_PEERS = "benchmarks.peers.laws"

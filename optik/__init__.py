@@ -1,7 +1,10 @@
 """optik: where a serial arm's tool is, and which joints put it there."""
 
 from optik import errors, ik
-from optik.arm.robot import DHRow, JointLimits, Robot, load
+from optik.arm.library import load
+from optik.arm.limits import JointLimits
+from optik.arm.robot import Robot
+from optik.arm.tables import DHRow
 from optik.errors import OptikError
 from optik.ik import IKBatch, IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
 from optik.task import Task

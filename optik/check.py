@@ -7,11 +7,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.errors import InvalidInput
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 def real_array(value: Any, argument: str, expected: str) -> Array:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from optik.compiled import compiled
 from optik.linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 from optik.se3 import pose_error
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.compiled import compiled
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ORTHOGONAL = 1e-10

@@ -8,13 +8,12 @@ from __future__ import annotations
 from math import atan2, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 ROTATION_TOLERANCE = 1e-6
 """Largest departure from RᵀR = I that still counts as a rotation (measured poses come with 1e-7 of noise)."""

@@ -16,8 +16,8 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.kinematics import frames, tool_pose
 from optik.se3 import log_rotation, pose_error
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 FRAMES = ("target", "base")

@@ -7,6 +7,7 @@ from planners.curve import Curve
 from planners.files.motion_file import load_motion, save
 from planners.files.ros import from_ros, to_ros
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
+from planners.limits import MotionLimits
 from planners.motion import Motion
 from planners.paths import Path, path_of, paths
 from planners.paths.arc import Arc
@@ -15,7 +16,7 @@ from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, laws, make_law, plan
 from planners.replan import replan
-from planners.timing.base import MotionLimits, TimeLaw
+from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
 
 __all__ = [

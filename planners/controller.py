@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.hermite import through
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")
 """Through positions; positions and velocities; positions, velocities and accelerations."""

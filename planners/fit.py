@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from planners.certificate.tool_speed import tool_speed
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from planners.limits import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] = ALL_LIMITS) -> float:

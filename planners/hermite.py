@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Array, Array]) -> Any:

@@ -10,8 +10,8 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.coverage import check_span
+from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path
-from planners.timing.base import ALL_LIMITS, MotionLimits
 from planners.trajectory import Trajectory
 
 if TYPE_CHECKING:

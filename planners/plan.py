@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.check import check_number
@@ -20,14 +20,13 @@ from planners.certificate.certificate import Certificate, certify, check_toleran
 from planners.files.motion_file import save
 from planners.fit import fitted, stretch
 from planners.following.follow import FollowStatus, JointPath, Stop, follow
+from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
-from planners.timing.base import SAME_SPEED, MotionLimits, TimeLaw
+from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate are there to be looked at"
 

@@ -7,18 +7,18 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
 from planners.certificate.certificate import check_tolerance
 from planners.following.follow import JointPath
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.plan import Asked, Plan, make_law
 from planners.splice import State, begun, joined, rest_of
-from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, TimeLaw
+from planners.timing.base import PathState, TimeLaw
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 OFF_PATH = 1e-6
 """How far a measured state may be from the path, as a share of a radian or metre, and of the greatest velocity and

@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from optik.types import Array
 from planners.hermite import quintic
-from planners.timing.base import MotionLimits
+from planners.limits import MotionLimits
 from planners.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
 """q, q̇ and q̈ (n,)."""
 

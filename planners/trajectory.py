@@ -6,15 +6,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.curve import Curve
 from planners.extrema import piece_ends, piece_extrema
-
-Array = NDArray[np.float64]
 
 
 class Extrema(NamedTuple):

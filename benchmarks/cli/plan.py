@@ -383,7 +383,7 @@ SMOOTH = {
 
 def print_certificate(planned: Any) -> None:
     """Print what a plan keeps, for people."""
-    from planners.timing.base import ALL_LIMITS, DERIVATIVES
+    from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = planned.certificate, planned.certificate.path_error
     way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"

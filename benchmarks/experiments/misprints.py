@@ -10,11 +10,13 @@ from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.suite import load_suite
 from optik import se3
-from optik.arm.robot import DHRow, Robot, load
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.arm.tables import DHRow
 from optik.ik.dls import DLS
+from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import plan
-from planners.timing.base import MotionLimits
 
 _LINE = load_suite("paper").line
 assert _LINE is not None

@@ -7,13 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from scipy import stats
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
 from benchmarks.records import RunFolder
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 BLOCK = "workspace"
 TWO_MM = 2e-3

@@ -10,12 +10,12 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
-from optik.arm.robot import Robot, load
+from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.registry import build_method
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 SETS = "benchmarks.problems"
 

@@ -9,8 +9,7 @@ from benchmarks.problems.base import ProblemSet, smallest_singular_values, start
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 WRIST, ELBOW = 4, 2
 """The joints of a six-joint arm that bend its wrist and its elbow."""

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import GRID, HOVER, MUTED, lean, line_3d
 from benchmarks.report.run import Run
-from optik.arm.robot import load
+from optik.arm.library import load
+from optik.types import Array
 
 DISTANCE = 2.4
 """Of the eye, in units of the scene."""
@@ -51,7 +51,7 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
     return {"boards": [board], "length": plan["length"], "start": start, "goal": goal}
 
 
-def _scene(gravity: NDArray[np.float64], direction: NDArray[np.float64], points: NDArray[np.float64]) -> Json:
+def _scene(gravity: Array, direction: Array, points: Array) -> Json:
     """A scene that holds all pictures, seen from the side of the line and a little above, up as up is."""
     up = -gravity
     side = np.cross(up, direction)
@@ -91,7 +91,7 @@ def _arm(pictures: Json) -> Json:
     )  # fmt: skip
 
 
-def _points(points: list[NDArray[np.float64]], **options: Any) -> Json:
+def _points(points: list[Array], **options: Any) -> Json:
     x, y, z = np.array(points).T
     name = options.pop("name")
     mode = options.pop("mode", "markers")
@@ -99,7 +99,7 @@ def _points(points: list[NDArray[np.float64]], **options: Any) -> Json:
     return line_3d(x=lean(x), y=lean(y), z=lean(z), mode=mode, name=name, hovertemplate=hover, **options)
 
 
-def _words(direction: NDArray[np.float64]) -> str:
+def _words(direction: Array) -> str:
     i = int(np.argmax(np.abs(direction)))
     if abs(direction[i]) < 1.0 - 1e-9:
         return "the direction (" + ", ".join(f"{d:.2f}" for d in direction) + ")"

@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
-from optik.arm.robot import LIMIT_TOLERANCE
+from optik.arm.limits import LIMIT_TOLERANCE
 
 FIELDS = ("velocity", "acceleration", "jerk")
 

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import BAND, HOVER, axis, colour, lean, line, log_axis
 from benchmarks.report.laws import worst
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from optik.arm.robot import load
+from optik.arm.library import load
+from optik.types import Array
 
 ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
 LIMITS, DATA = "limits in view", "whole curves"
@@ -210,7 +210,7 @@ def _tool_board(run: Run, rows: pl.DataFrame) -> Board:
     )  # fmt: skip
 
 
-def _envelope(t: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
     """Largest of every few instants: a deviation is zero at the samples of the path and swings in between."""
     k = len(t) // WINDOW * WINDOW
     return t[:k].reshape(-1, WINDOW).mean(axis=1), np.maximum(y[:k].reshape(-1, WINDOW).max(axis=1), 1e-16)

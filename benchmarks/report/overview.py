@@ -14,7 +14,7 @@ from benchmarks.report.laws import broken_limits
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import BlockRows, Run, TimingRows
 from benchmarks.targets import outcomes
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.errors import UnknownName
 
 

@@ -15,7 +15,7 @@ from benchmarks.report.speed import outcome_row, share
 from benchmarks.report.timing_example import example_boards
 from benchmarks.targets import timing_outcomes
 from benchmarks.timing_rows import in_group
-from planners.timing.base import DERIVATIVES
+from planners.limits import DERIVATIVES
 
 EVERY = "every line"
 CURVE = np.linspace(0.0, 1.0, 201)

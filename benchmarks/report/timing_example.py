@@ -8,7 +8,7 @@ import polars as pl
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import BAND, HOVER, INK, MUTED, axis, lean, line, log_axis
 from benchmarks.report.run import Run, TimingRows
-from planners.timing.base import ALL_LIMITS, DERIVATIVES
+from planners.limits import ALL_LIMITS, DERIVATIVES
 
 AT_ITS_LIMIT = 0.99
 """A limit says no where the motion comes this near to it."""

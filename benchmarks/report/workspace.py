@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from benchmarks.problems.base import start_of
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, heatmap, iterations, lean, line
 from benchmarks.report.run import BlockRows, Run
-from optik.arm.robot import load
+from optik.arm.library import load
+from optik.types import Array
 
 ITERATIONS, ERROR = "iterations to 1e−6 m and rad", "position error"
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
@@ -110,14 +110,14 @@ def _empty(b: BlockRows, plane: str, sheet: Sheet) -> Plot:
 class Squares:
     """The squares of a sheet [mm], and rows laid out on them."""
 
-    us: NDArray[np.float64]
-    vs: NDArray[np.float64]
+    us: Array
+    vs: Array
 
     @property
     def options(self) -> Json:
         """Where a heat map stands."""
 
-        def step(ticks: NDArray[np.float64]) -> float:
+        def step(ticks: Array) -> float:
             return float(round((ticks[-1] - ticks[0]) / (len(ticks) - 1), 4)) if len(ticks) > 1 else 1.0
 
         us, vs = self.us, self.vs

@@ -19,8 +19,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 COUNT = 40
 """Configurations that are compared: far more numbers than the unknowns of any explanation."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from optik.arm.robot import JointLimits, Robot
+from optik.arm.limits import JointLimits
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 INFINITE = {"inf": np.inf, "-inf": -np.inf}
 """JSON has no number for infinity: these words stand for it."""

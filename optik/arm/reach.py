@@ -5,13 +5,11 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.task import Task
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 def reach_bound(robot: Robot, task: Task) -> Array:

@@ -4,128 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
+from optik.arm.limits import JointLimits, frozen
+from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
 from optik.check import check_flag, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
-from optik.registry import data_file
+from optik.types import Array
 
 if TYPE_CHECKING:
     from optik.arm.compare import Comparison
-
-Array = NDArray[np.float64]
-
-DEGREE = pi / 180.0
-
-LIMIT_TOLERANCE = 1e-9
-"""How far past a position limit a joint may stand and still count as inside [rad or m]: rounding, not room."""
-
-
-class DHRow(NamedTuple):
-    """One row of a Denavit–Hartenberg table, by name, so that no column can be taken for another.
-
-    Lengths in metres, angles in radians. ``theta`` (revolute) or ``d`` (prismatic) is the joint's offset at q = 0.
-    """
-
-    a: float = 0.0
-    alpha: float = 0.0
-    d: float = 0.0
-    theta: float = 0.0
-    prismatic: bool = False
-
-
-def _frozen(value: ArrayLike, argument: str) -> Array:
-    array = real_array(value, argument, "an array of numbers").copy()
-    array.setflags(write=False)
-    return array
-
-
-@dataclass(frozen=True, eq=False)
-class JointLimits:
-    """Limits of every joint; position always, the rest where known.
-
-    Parameters
-    ----------
-    lower, upper : (n,) array
-        Position limits [rad, or m for prismatic joints]; equal values lock a joint, infinite ones leave it free.
-    velocity, acceleration, jerk : scalar or (n,) array, optional
-        Symmetric limits [rad/s, rad/s², rad/s³, or metres].
-
-    Raises
-    ------
-    InvalidInput
-        NaN, lower above upper, wrong lengths, or a dynamic limit that is not positive.
-    """
-
-    lower: Array
-    upper: Array
-    velocity: Array | None = None
-    acceleration: Array | None = None
-    jerk: Array | None = None
-
-    def __post_init__(self) -> None:
-        lower, upper = _frozen(self.lower, "limits.lower"), _frozen(self.upper, "limits.upper")
-        if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
-            raise InvalidInput(
-                "limits", f"shapes {lower.shape} and {upper.shape}", "lower and upper of one length n ≥ 1"
-            )
-        if np.isnan(lower).any() or np.isnan(upper).any():
-            raise InvalidInput("limits", "NaN", "numbers (infinity where a joint is free)")
-        if (lower == np.inf).any() or (upper == -np.inf).any():
-            raise InvalidInput(
-                "limits", "a lower limit of +∞ or an upper one of −∞", "limits that some joint value meets"
-            )
-        if (lower > upper).any():
-            i = int(np.argmax(lower > upper))
-            raise InvalidInput(
-                "limits", f"lower {lower[i]:.6g} above upper {upper[i]:.6g} at joint {i + 1}", "lower ≤ upper"
-            )
-        object.__setattr__(self, "lower", lower)
-        object.__setattr__(self, "upper", upper)
-        for field in ("velocity", "acceleration", "jerk"):
-            value = getattr(self, field)
-            if value is not None:
-                object.__setattr__(self, field, positive(value, lower.size, field))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return JointLimits, (self.lower, self.upper, self.velocity, self.acceleration, self.jerk)
-
-    def contains(self, q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether configurations (..., n) stand inside, within 1e-9."""
-        q = np.asarray(q, dtype=np.float64)
-        inside = (q >= self.lower - LIMIT_TOLERANCE) & (q <= self.upper + LIMIT_TOLERANCE)
-        return np.asarray(inside.all(axis=-1))
-
-    def clip(self, q: ArrayLike) -> Array:
-        """Nearest configurations inside."""
-        return np.clip(np.asarray(q, dtype=np.float64), self.lower, self.upper)
-
-
-def positive(value: ArrayLike, n: int, argument: str) -> Array:
-    """Return a limit as a read-only (n,) array.
-
-    Raises
-    ------
-    InvalidInput
-        Not a scalar or (n,), or not above zero (infinity is allowed).
-    """
-    array = real_array(value, argument, f"a positive number or {n} of them")
-    if array.ndim == 0:
-        array = np.full(n, float(array))
-    if array.shape != (n,):
-        raise InvalidInput(argument, f"shape {array.shape}", f"a positive number or {n} of them")
-    if not (array > 0.0).all():
-        raise InvalidInput(argument, np.array2string(array, precision=6), "limits above 0")
-    return _frozen(array, argument)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +64,7 @@ class Robot:
                 raise InvalidInput(field, repr(getattr(self, field))[:60], "a word")
         if not isinstance(self.limits, JointLimits):
             raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
-        fixed = _frozen(self.fixed, "fixed")
+        fixed = frozen(self.fixed, "fixed")
         n = fixed.shape[0] if fixed.ndim == 3 else 0
         if fixed.shape != (n, 4, 4) or n == 0:
             raise RobotModelError(self.name, f"fixed transforms of shape {fixed.shape}, expected (n, 4, 4)")
@@ -178,7 +73,7 @@ class Robot:
                 se3.check_pose(fixed[i], f"joint {i + 1}")
             except InvalidInput as error:
                 raise RobotModelError(self.name, str(error)) from None
-        fixed = _frozen([se3.nearest_pose(T) for T in fixed], "fixed")
+        fixed = frozen([se3.nearest_pose(T) for T in fixed], "fixed")
         if self.limits.lower.size != n:
             raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
         given = np.asarray(self.prismatic, dtype=object)
@@ -189,17 +84,17 @@ class Robot:
         joint_names = check_words(self.joint_names, "joint_names") or tuple(f"joint{i + 1}" for i in range(n))
         if len(set(joint_names)) != n:
             raise RobotModelError(self.name, f"{n} joints need {n} different names, got {joint_names}")
-        gravity = _frozen(self.gravity, "gravity")
+        gravity = frozen(self.gravity, "gravity")
         if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
             raise RobotModelError(self.name, "gravity is no direction (3,)")
         object.__setattr__(self, "fixed", fixed)
         object.__setattr__(self, "prismatic", prismatic)
-        object.__setattr__(self, "tool", _frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"))
+        object.__setattr__(self, "tool", frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"))
         object.__setattr__(self, "joint_names", joint_names)
         norm = float(np.linalg.norm(gravity))
         if abs(norm - 1.0) > 1e-14:  # a direction is kept to the last bit, so that a copy of the robot equals it
             gravity = gravity / norm
-        object.__setattr__(self, "gravity", _frozen(gravity, "gravity"))
+        object.__setattr__(self, "gravity", frozen(gravity, "gravity"))
 
     # ------------------------------------------------------------ conventions
 
@@ -221,8 +116,8 @@ class Robot:
         RobotModelError
             Not a serial arm.
         """
-        table = _rows(rows)
-        fixed = [_screw_x(r.alpha, r.a) @ _screw_z(r.theta, r.d) for r in table]
+        table = rows_of(rows)
+        fixed = [screw_x(r.alpha, r.a) @ screw_z(r.theta, r.d) for r in table]
         return _assemble(fixed, np.eye(4), table, limits, options)
 
     @staticmethod
@@ -243,9 +138,9 @@ class Robot:
         RobotModelError
             Not a serial arm.
         """
-        table = _rows(rows)
-        before = [np.eye(4), *(_screw_x(r.alpha, r.a) for r in table)]
-        fixed = [b @ _screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
+        table = rows_of(rows)
+        before = [np.eye(4), *(screw_x(r.alpha, r.a) for r in table)]
+        fixed = [b @ screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
         return _assemble(fixed, before[-1], table, limits, options)
 
     @staticmethod
@@ -474,89 +369,6 @@ class Robot:
         from optik.arm.compare import compare_robots
 
         return compare_robots(self, other, position=position, rotation=rotation)
-
-
-def load(name: str) -> Robot:
-    """Load a robot that comes with optik, by name.
-
-    Raises
-    ------
-    UnknownName
-        No such robot; the nearest names are offered.
-    """
-    with data_file("optik.robots", name, "robot").open("rb") as file:
-        data = tomllib.load(file)
-    joints = data["joints"]
-    rows = [_row(joint) for joint in joints]
-    ranges = np.array([_range(joint) for joint in joints])
-    dynamic = {
-        k: np.broadcast_to(np.asarray(v, float), (len(rows),)) for k, v in data.get("dynamic_limits", {}).items()
-    }
-    if all("speed_deg" in j or "speed_mm" in j for j in joints):
-        dynamic["velocity"] = np.array(
-            [j["speed_mm"] / 1000.0 if "speed_mm" in j else j["speed_deg"] * DEGREE for j in joints]
-        )
-    build = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}[data["convention"]]
-    return build(
-        rows,
-        JointLimits(ranges[:, 0], ranges[:, 1], **dynamic),
-        name=name,
-        base=_placed(data.get("base", {})),
-        tool=_placed(data.get("tool", {})),
-        gravity=data.get("gravity", (0.0, 0.0, -1.0)),
-        source=data["source"],
-    )
-
-
-def _row(joint: Mapping[str, Any]) -> DHRow:
-    return DHRow(
-        a=joint.get("a_mm", 0.0) / 1000.0,
-        alpha=joint.get("alpha_deg", 0.0) * DEGREE,
-        d=joint.get("d_mm", 0.0) / 1000.0,
-        theta=joint.get("theta_deg", 0.0) * DEGREE,
-        prismatic=joint.get("type") == "prismatic",
-    )
-
-
-def _range(joint: Mapping[str, Any]) -> Array:
-    """Position limits (2,) [rad or m], written in degrees, radians or millimetres."""
-    for unit, scale in (("range_deg", DEGREE), ("range_rad", 1.0), ("range_mm", 1e-3)):
-        if unit in joint:
-            return np.array(joint[unit]) * scale
-    raise KeyError("range_deg, range_rad or range_mm")
-
-
-def _placed(pose: Mapping[str, Any]) -> Array:
-    xyz = np.array(pose.get("xyz_mm", (0.0, 0.0, 0.0))) / 1000.0
-    return se3.from_xyz_rpy(xyz, pose.get("rpy_deg", (0.0, 0.0, 0.0)))
-
-
-def _screw_x(angle: float, length: float) -> Array:
-    return se3.pose(se3.exp_so3([angle, 0.0, 0.0]), (length, 0.0, 0.0))
-
-
-def _screw_z(angle: float, length: float) -> Array:
-    return se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, length))
-
-
-def _rows(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
-    table = []
-    if not isinstance(rows, Iterable):
-        raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")
-    for i, row in enumerate(rows):
-        try:
-            named = row if isinstance(row, DHRow) else DHRow(**row)
-        except TypeError:
-            wanted = "a DHRow, or a mapping with a, alpha, d, theta, prismatic"
-            raise InvalidInput(f"rows[{i}]", repr(row)[:80], wanted) from None
-        for field in ("a", "alpha", "d", "theta"):
-            value = getattr(named, field)
-            real = isinstance(value, int | float | np.integer | np.floating)
-            if not real or not np.isfinite(value):
-                raise RobotModelError("table", f"joint {i + 1}: {field} is {value!r}, expected a finite number")
-        check_flag(named.prismatic, f"rows[{i}].prismatic")
-        table.append(named)
-    return table
 
 
 def _assemble(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
+from optik.types import Array
 
 
-def per(arm: Robot) -> NDArray[np.float64]:
+def per(arm: Robot) -> Array:
     """How many degrees are a radian, or millimetres a metre, joint by joint (n,)."""
     return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
 

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.robot import JointLimits, Robot
+from optik.arm.limits import JointLimits
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, RobotModelError
 from optik.files import write_whole
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 LARGEST = 32 * 2**20
 """Longest description that is read [bytes]: a hundred times any arm's, and little enough to parse at once."""

@@ -9,8 +9,8 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.kinematics import cholesky_solve, copy_vector, frames, jacobian_from, tool_pose
 from optik.task import Task, task_error, task_rows
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 

@@ -16,8 +16,8 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.kinematics import cholesky_solve, copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.task import Task, task_error, task_rows
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 PREFERENCES: Mapping[str, str] = {

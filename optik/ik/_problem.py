@@ -5,16 +5,16 @@ from __future__ import annotations
 import zlib
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.ik._lm.packed import draw_configurations
 from optik.se3 import check_pose, is_pose
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array, Array]:

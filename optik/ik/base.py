@@ -12,16 +12,16 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.reach import outside_reach, reach_bound
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.content import content, equal
 from optik.errors import InvalidInput
 from optik.ik._closest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
 from optik.task import Task, as_task, judge
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 MOST_TRIES = 1_000_000_000
 """Iterations of an attempt, and restarts: more would not end, nor be counted in the integers of compiled code."""

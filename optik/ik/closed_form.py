@@ -17,8 +17,8 @@ from optik.ik._lm.packed import draw_configurations
 from optik.ik._problem import check_start
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.se3 import check_pose, exp_so3, pose
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 BACKENDS = ("auto", "ssik", "eaik", "enumeration")

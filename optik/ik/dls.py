@@ -14,8 +14,8 @@ from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.se3 import pose_error
 from optik.task import keep_rows, task_error, task_rows
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _SOLVED, _MAX_ITERATIONS, _SINGULAR = 0, 1, 2

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
@@ -22,8 +22,7 @@ from optik.ik._preference import Preference
 from optik.ik._problem import check_start
 from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.se3 import check_pose
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 LEAST_DAMPING = 1e-12
 """λ² never falls below it. It must be negligible: 1e-8 leaves 0.2 % of near targets unsolved, 1e-4 leaves 5 %."""

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
+from optik.types import Array
 from planners.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 BINOMIAL = np.array([[comb(k, i) for i in range(6)] for k in range(6)], dtype=np.float64)

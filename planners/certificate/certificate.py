@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik import kinematics
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.continuity import jumps as find_jumps
 from planners.certificate.continuity import rest, steps
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.path_error import PathError, path_error
 from planners.certificate.tool_speed import tool_speed
+from planners.limits import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.paths.base import Path
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 COVERED = (1e-5, 1e-5)
 """How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given."""

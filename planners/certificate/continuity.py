@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from optik.types import Array
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 JUMP = 1e-5
 """A joint's derivative jumps where its one-sided values differ by more than this part of its own greatest value…"""

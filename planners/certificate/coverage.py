@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import se3
 from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.certificate.path_error import Passage
 from planners.paths.base import Path
-
-Array = NDArray[np.float64]
 
 FALLS = 100
 """Stretches between two instants on which a motion goes back that are measured, the longest first."""

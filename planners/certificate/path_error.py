@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
+from optik.types import Array
 from planners.certificate.bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
 from planners.certificate.progress import BEND, Nearest, Places, places_along
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Side = TypeVar("Side", Instants, Places)
 

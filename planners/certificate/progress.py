@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.compiled import compiled
+from optik.types import Array
 from planners.certificate.bounds import Instants
 from planners.paths._nearest import chords, embedded
 from planners.paths.base import Path
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 TURN = 0.1

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
+from optik.types import Array
 from planners.certificate.bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 LOOSE = 1e-6
 """A bound may be so much above the largest value found, as a share of it."""

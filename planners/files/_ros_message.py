@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, MissingDependency
+from optik.types import Array
 from planners.controller import interpolated, points_of, states
 from planners.files._reading import parsed
 from planners.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 SECOND = 1_000_000_000

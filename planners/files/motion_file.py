@@ -13,23 +13,21 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.arm.plain import numbers, plain_numbers, record, word, words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, OptikError
 from optik.files import write_whole
+from optik.types import Array
 from planners.files._reading import content_of, parsed, suffix_of, text_of
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.motion import Motion, motion_of
 from planners.paths import path_of
-from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from planners.plan import Plan
-
-Array = NDArray[np.float64]
 
 FORMAT = "optik-motion/1"
 HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")

@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import kinematics
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
 from optik.ik import Tolerance
+from optik.types import Array
 from planners.following import march
 from planners.following.course import Course, unguided
 from planners.following.singular import departures, roots
 from planners.following.track import Ended, Track, track
 from planners.paths.base import Path
-
-Array = NDArray[np.float64]
 
 STATIONS = 31
 """Equal samples along the path on which branches are compared; more are put between them where they are needed."""

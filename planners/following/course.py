@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from optik.compiled import compiled
 from optik.ik import Tolerance
+from optik.types import Array
 from planners.following.joint_path import APART, fourth_bounds
 from planners.paths.base import Path
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 SHARE = 0.2

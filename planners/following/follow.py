@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics
+from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.reach import reach_bound
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
 from optik.ik._problem import check_start
 from optik.task import POSE
+from optik.types import Array
 from planners.following import march
 from planners.following.branches import branches
 from planners.following.course import Course, Nodes, unguided
@@ -29,7 +31,6 @@ from planners.paths.base import Path
 
 __all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 START_TOLERANCE = 1e-4

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import kinematics, se3
 from optik.arm.robot import Robot
+from optik.types import Array
 from planners.curve import Curve
 from planners.following import march
 from planners.hermite import through
 from planners.paths.base import Path
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 APART = 2e-4

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from optik.compiled import compiled
 from optik.kinematics import derivatives_at, frames, put_on, tool_motion, tool_pose
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 LARGEST_STEP = 0.25

@@ -14,13 +14,13 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik import IKSolver, make_solver
 from optik.ik._lm.packed import draw_configurations
+from optik.types import Array
 from planners.following import smoothing
 from planners.following.branches import MOTION, SINGULAR, START
 from planners.following.course import Guide
 from planners.following.smoothing import EDGE, LARGEST_EDGE, REACHED, ROOM
 from planners.paths.base import Path
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STATIONS = 25

@@ -13,15 +13,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.ik.closed_form import ClosedForm
+from optik.types import Array
 from planners.following import march
 from planners.following.course import Course
-
-Array = NDArray[np.float64]
 
 CLEAR = 1e-4
 """Smallest singular value of a place ahead of a singular start: its derivatives q'' are exact to 1e-3 / m²."""

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from optik.compiled import compiled
 from optik.kinematics import cholesky_solve, damped_step, frames, jacobian_from, tool_pose
 from optik.se3 import pose_error
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 LARGEST_EDGE = 0.7

@@ -7,19 +7,17 @@ from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 import optik
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.ik._lm.packed import draw_configurations
+from optik.types import Array
 from planners.following import march
 from planners.following.singular import smallest
 from planners.following.track import Ended
 from planners.paths.base import Path
-
-Array = NDArray[np.float64]
 
 NEARLY_SINGULAR = 1e-2
 """A branch that ends where the smallest singular value is above this did not end at a singularity."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import kinematics
-from optik.arm.robot import LIMIT_TOLERANCE, Robot
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
 from optik.ik import Tolerance
+from optik.types import Array
 from planners.following import march
 from planners.following.course import Course, Nodes, part
 from planners.following.joint_path import APART, deviation_bounds
 from planners.following.singular import At, beyond, departures, smallest
-
-Array = NDArray[np.float64]
 
 LEAST_STEP = 1e-6
 """Shortest step, as a share of the path's length: so sharply the end of a branch is found."""

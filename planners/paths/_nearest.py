@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from optik.types import Array
 from planners.paths._rotation import vector_of
 
 if TYPE_CHECKING:
     from planners.paths.base import Path
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 TURN = 1e-3

@@ -5,12 +5,10 @@ from __future__ import annotations
 from math import degrees, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import se3
 from optik.errors import InvalidInput
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 NO_MOTION = 1e-12
 """Chords [m] and angles [rad] below this are rounding, not motion."""

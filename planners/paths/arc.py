@@ -7,17 +7,16 @@ from math import ceil, pi
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.paths._nearest import TURN
 from planners.paths._rotation import poses, shortest_turn, turned
 from planners.paths.base import Path, fields
-
-Array = NDArray[np.float64]
 
 SAME_PLACE = 1e-9
 """Nearer to each other than this [m], two points give no direction."""

@@ -7,15 +7,14 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.curve import Curve
 from planners.paths._nearest import nearest_places
-
-Array = NDArray[np.float64]
 
 
 class Path(Curve):

@@ -7,18 +7,17 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
 from optik.ik._problem import check_start
+from optik.types import Array
 from planners.curve import Curve
 from planners.paths._rotation import turning
 from planners.paths.base import Path, fields
-
-Array = NDArray[np.float64]
 
 SAMPLES = 32
 """For the bounds: in a radian or metre, and at least."""

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.robot import Robot
+from optik.types import Array
 from planners.paths._rotation import NO_MOTION, angle_about, poses, shortest_turn, turned
 from planners.paths.base import Path, fields
-
-Array = NDArray[np.float64]
 
 
 class Line(Path):

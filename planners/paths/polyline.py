@@ -12,10 +12,10 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.paths._rotation import poses, shortest_turn
 from planners.paths.base import Path, fields
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 METRES_PER_RADIAN = 0.1

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 GROWTH = 1.25
 """Times the length of its neighbour, at most, that a cell has."""

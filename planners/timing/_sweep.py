@@ -13,11 +13,9 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 LEFT = 0.1
 """Least share of a limit that is left to s̈ and s⃛, whatever the path's bends use of it."""

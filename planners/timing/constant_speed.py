@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
 from planners.fit import fitted, stretch
 from planners.following.follow import JointPath
 from planners.hermite import quintic, through
+from planners.limits import ALL_LIMITS, MotionLimits
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST,
@@ -27,11 +28,9 @@ from planners.timing._sectional.ramps import (
     states,
     worst,
 )
-from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit, speed_bound
+from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 CELLS, PER_PIECE, STEEP = 1024, 16, 0.1
 """Least intervals of the path and of each of its pieces, and what ln |v| may change over one, where s(x) is a spline."""

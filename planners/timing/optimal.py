@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from optik.check import check_count
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.fit import fitted
 from planners.following.follow import JointPath
 from planners.hermite import through
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.splice import begun
 from planners.timing._optimal import iteration
 from planners.timing._optimal.derivatives import derivatives, distances
@@ -20,10 +22,8 @@ from planners.timing._optimal.newton import Problem
 from planners.timing._optimal.programme import Programme, divided, gentle, programme
 from planners.timing._optimal.restart import ROUNDING, stopping_places, straight_stop
 from planners.timing._optimal.start import briefest, start
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, MotionLimits, PathState, TimeLaw
+from planners.timing.base import PathState, TimeLaw
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 GAP = 1e-5
 """How far from the optimum of the programme its answer may be, as a share of the duration."""
@@ -55,11 +55,11 @@ BETWEEN = 1.00005
 class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
 
-    Start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._optimal.start`);
-    the programme is solved by an interior-point iteration of its own (`planners.timing._optimal.iteration`). Then the motion
-    is refitted, and where its exact extrema pass a limit between the places, the limit is tightened there and the
-    programme solved again from where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. Both sweeps and iteration cost
-    what the path is long.
+    The start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._optimal.start`); the
+    programme is solved by an interior-point iteration of its own (`planners.timing._optimal.iteration`). Then the motion is
+    refitted, and where its exact extrema pass a limit between the places, the limit is tightened there and the programme
+    solved again from where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. The time of
+    both sweeps and iteration grows linearly with the length of the path.
 
     Parameters
     ----------

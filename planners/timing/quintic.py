@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.fit import stretch
 from planners.following.follow import JointPath
 from planners.hermite import through
-from planners.timing.base import MotionLimits, TimeLaw
+from planners.limits import MotionLimits
+from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class Quintic(TimeLaw):

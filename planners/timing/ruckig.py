@@ -5,22 +5,21 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
 from planners.fit import fitted
 from planners.following.follow import JointPath
+from planners.limits import ALL_LIMITS, MotionLimits
 from planners.timing._ruckig import velocity_control
 from planners.timing._sectional.ramps import Ramp, adapted, law_of, phases_of, profile
 from planners.timing._sectional.sections import sections
 from planners.timing._sectional.stop import stop_from
-from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit
+from planners.timing.base import TimeLaw, refit
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class RuckigLaw(TimeLaw):

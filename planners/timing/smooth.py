@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
 from planners.fit import fitted
 from planners.following.follow import JointPath
-from planners.timing.base import ALL_LIMITS, MotionLimits, TimeLaw, refit, speed_bound
+from planners.limits import ALL_LIMITS, MotionLimits
+from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""

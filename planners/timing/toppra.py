@@ -7,18 +7,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 import toppra
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 from toppra.interpolator import AbstractGeometricPath
 
 from optik.check import check_count
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.following.follow import JointPath
-from planners.timing.base import TOOL_SPEEDS, MotionLimits, TimeLaw, refit, speed_bound
+from planners.limits import TOOL_SPEEDS, MotionLimits
+from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 BETWEEN = 1e-5
 """By how much limits may be passed between grid points before the grid is made finer there."""

@@ -8,19 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
+from optik.types import Array
 from planners import Arc, JointLine, Line, Path, Polyline, follow, path_of, paths
 from tests import oracles
 from tests.contract import test_plans
 from tests.oracles import PAPER
 from tests.planners.cases import START, paper6r
-
-Array = NDArray[np.float64]
 
 TURN = 1e-3
 """What a turn of 1 rad counts beside a metre where a path says which place is nearest."""

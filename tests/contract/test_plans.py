@@ -8,16 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import optik
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan, replan
 from tests import oracles
-
-Array = NDArray[np.float64]
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "panda", "irb120", "kr6", "gen3lite", "iiwa14", "irb910sc", "wx200")
 PATHS = ("line", "arc", "polyline", "joint_line")

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import optik
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import (
     Arc,
     JointLine,
@@ -35,8 +35,6 @@ from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
-
-Array = NDArray[np.float64]
 
 ROBOTS = ("iiwa14", "panda", "ur5e", "paper6r", "kr6", "irb120")
 LAWS = ("optimal", "optimal", "ruckig", "smooth")

@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
 from planners import JointPath, Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, laws, make_law, plan
-from planners.timing.base import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
+from planners.limits import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, paper6r, random_joint_paths
-
-Array = NDArray[np.float64]
 
 LINES = range(5)
 SETS = {"fast": (2.0, 10.0, 100.0), "slow": (1.0, 2.0, 20.0)}

@@ -10,7 +10,8 @@ import pytest
 
 import optik
 from optik import IKStatus, Tolerance
-from optik.arm.robot import JointLimits, Robot
+from optik.arm.limits import JointLimits
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik import make_solver
 from optik.ik.closed_form import METHOD, ClosedForm

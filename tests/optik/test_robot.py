@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, JointLimits, Robot
-from optik.arm.robot import positive
+from optik.arm.limits import positive
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from tests import oracles
 

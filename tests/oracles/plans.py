@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.robot import LIMIT_TOLERANCE
+from optik.arm.limits import LIMIT_TOLERANCE
 from planners import Plan
 from tests.oracles.kinematics import fk, jacobian, smallest
 from tests.oracles.motions import Joints, piece_values

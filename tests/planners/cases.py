@@ -6,15 +6,13 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 import optik
 from optik.ik import make_solver
+from optik.types import Array
 from planners import JointPath, Line, Trajectory, follow
 from tests.oracles import moved
-
-Array = NDArray[np.float64]
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
 MOVE = np.array([-0.12, 0.0, 0.20])

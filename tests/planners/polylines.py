@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import optik
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import MotionLimits, Polyline
-
-Array = NDArray[np.float64]
 
 ARMS = ("iiwa14", "irb120", "kr6", "panda", "paper6r", "puma560", "ur5e", "ur10e")
 REDRAWN = 200

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
+from optik.types import Array
 from planners import Arc, Line, Path, Polyline, Trajectory
 from planners.certificate import path_error as deviation
 from planners.certificate import tool_speed as speeds
@@ -25,8 +25,6 @@ from planners.certificate.path_error import PieceBounds, path_error, path_rates,
 from planners.hermite import through
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1.0 + 1e-10
 SAMPLES = 100_000

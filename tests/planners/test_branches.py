@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.special import comb
 
 from optik import Robot
-from optik.arm.robot import DHRow, JointLimits, load
+from optik.arm.library import load
+from optik.arm.limits import JointLimits
+from optik.arm.tables import DHRow
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm
+from optik.types import Array
 from planners import FollowStatus, JointPath, Line, follow
 from planners.following.branches import branches
 from planners.following.joint_path import APART, apart
@@ -25,7 +27,6 @@ from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_line, paper6r
 
-Array = NDArray[np.float64]
 ROBOTS = ("paper6r", "ur5e", "puma560", "gen3lite", "panda", "iiwa14")
 
 

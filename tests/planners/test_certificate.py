@@ -7,21 +7,20 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, certify, make_law
 from planners.hermite import through
+from planners.limits import DERIVATIVES
 from planners.paths.base import Path
-from planners.timing.base import DERIVATIVES
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
-Array = NDArray[np.float64]
 ROBOT = paper6r()
 ROOMY = MotionLimits(1e6, 1e9, 1e12)
 NAMES = [f"joint{i + 1}" for i in range(6)]

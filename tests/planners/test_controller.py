@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import MotionLimits, Trajectory, certify, make_law
 from planners.controller import executed, states
 from tests import oracles
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, default_line, paper6r
 
-Array = NDArray[np.float64]
 ORDERS = {"linear": 1, "cubic": 2, "quintic": 3}
 
 

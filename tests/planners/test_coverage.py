@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput
@@ -15,7 +14,6 @@ from planners import Arc, Certificate, JointLine, MotionLimits, Trajectory, cert
 from planners.hermite import through
 from tests.planners.cases import START, default_line, paper6r
 
-Array = NDArray[np.float64]
 ROBOT = paper6r()
 LINE = default_line()
 LIMITS = MotionLimits(2.0, 10.0, 100.0)

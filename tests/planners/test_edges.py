@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import Arc, JointLine, Line, MotionLimits, Plan, PlanStatus, Polyline, laws, make_law, plan
-from planners.timing.base import ALL_LIMITS
+from planners.limits import ALL_LIMITS
 from tests.planners.cases import START, paper6r
 
-Array = NDArray[np.float64]
 ROBOT = paper6r()
 HERE = ROBOT.fk(START)
 NUMBERS = pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("-inf")])

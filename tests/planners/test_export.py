@@ -18,7 +18,6 @@ import polars as pl
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 import optik
@@ -28,13 +27,12 @@ from planners import Line, MotionLimits, Plan, Trajectory, plan
 from planners.files import motion_file
 from planners.files._reading import parsed
 from planners.files.motion_file import load_motion, save
+from planners.limits import ALL_LIMITS
 from planners.motion import Motion, motion_of
-from planners.timing.base import ALL_LIMITS
 from tests import oracles
 from tests.planners import cases
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 
-Array = NDArray[np.float64]
 SUFFIXES = (".npz", ".json", ".csv")
 each_format = pytest.mark.parametrize("suffix", SUFFIXES)
 

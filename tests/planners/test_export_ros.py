@@ -16,11 +16,11 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
+from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, certify, make_law, plan
 from planners.files._ros_message import LONGEST, SECOND, _to_yaml
 from planners.files.ros import NEAR, from_ros, to_ros
@@ -29,7 +29,6 @@ from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact
 
-Array = NDArray[np.float64]
 each_suffix = pytest.mark.parametrize("suffix", [".yml", ".json"])
 
 # trajectory_msgs/msg/JointTrajectory.msg and what it is made of, in ROS 2

@@ -7,22 +7,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from optik import Robot
-from optik.arm.robot import DHRow, JointLimits, load
+from optik.arm.library import load
+from optik.arm.limits import JointLimits
+from optik.arm.tables import DHRow
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, Tolerance, make_solver
 from optik.ik.base import Attempt, IKStatus
 from optik.ik.dls import DLS
+from optik.types import Array
 from planners import Followed, FollowStatus, JointPath, Line, follow
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases
 from tests.planners.cases import MOVE, START, default_joint_path, default_line, paper6r, random_joint_paths
 
-Array = NDArray[np.float64]
 ROBOT = paper6r()
 LIMITS = ROBOT.limits
 REACH = 0.472 + np.hypot(0.055, 0.470)

@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from optik import Robot
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.errors import InvalidInput
 from optik.ik import Tolerance, make_solver
+from optik.types import Array
 from planners import Line, Polyline, follow
 from planners.following.course import Course, thin, unguided
 from planners.following.joint_path import APART, fourth_bounds
 from tests import oracles
-
-Array = NDArray[np.float64]
 
 
 class Pieces(Line):

@@ -12,13 +12,13 @@ import ruckig
 import toppra
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 import planners.timing._ruckig as ruckig_call
 import planners.timing._sectional.stop as stop_law
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
+from optik.types import Array
 from planners import JointPath, Line, MotionLimits, Polyline, Trajectory, certify, follow, make_law
 from planners.paths.base import Path
 from planners.timing import base
@@ -34,7 +34,6 @@ from tests.oracles import PAPER
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, default_line, paper6r, random_joint_paths
 
-Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 SETS = [LIMITS, MotionLimits(1.0, 2.0, 20.0)]
 SETS_OF = {id(LIMITS): (2.0, 10.0, 100.0), id(SETS[1]): (1.0, 2.0, 20.0)}

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import optik
+from optik.types import Array
 from planners import MotionLimits, Plan, Polyline, plan
 
-Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 
 

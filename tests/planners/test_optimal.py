@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
 from optik.errors import InvalidInput, NoSolution
 from planners import JointPath, MotionLimits, Trajectory, laws, make_law
+from planners.limits import DERIVATIVES
 from planners.timing import optimal
 from planners.timing._optimal import iteration, newton
 from planners.timing._optimal.derivatives import derivatives, distances
-from planners.timing.base import DERIVATIVES, PathState
+from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
 from tests.planners.cases import default_joint_path, random_joint_paths
 
-Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 SLOW = MotionLimits(1.0, 2.0, 20.0)
 

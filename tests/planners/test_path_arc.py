@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import Arc
 from tests import oracles
-
-Array = NDArray[np.float64]
 
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vectors = st.tuples(number, number, number).map(np.array)

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, UnknownName
+from optik.types import Array
 from planners import JointLine, path_of
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, paper6r
-
-Array = NDArray[np.float64]
 
 ROBOT = paper6r()
 GOAL = START + np.array([0.3, -0.2, 0.25, 0.4, -0.3, 0.5])

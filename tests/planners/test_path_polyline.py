@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from optik import se3
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import Line, Polyline
 from tests import oracles
-
-Array = NDArray[np.float64]
 
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vectors = st.tuples(number, number, number).map(np.array)

@@ -7,10 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import optik
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OutputError, UnknownName
 from optik.ik import make_solver
 from planners import (
@@ -33,7 +32,6 @@ from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
-Array = NDArray[np.float64]
 ROBOT = paper6r()
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Plan, PlanStatus, plan
-from planners.timing.base import DERIVATIVES
+from planners.limits import DERIVATIVES
 from tests import oracles
 from tests.planners.polylines import draw
 

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from optik import se3
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners import Arc, Line, Polyline
 from planners.certificate.bounds import Instants
 from planners.certificate.progress import Nearest, places_along
 from planners.paths.base import Path
 
-Array = NDArray[np.float64]
 quick = settings(
     max_examples=30, deadline=None, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck)
 )

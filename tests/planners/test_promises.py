@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 from scipy.optimize import minimize_scalar
 
 from planners import Certificate, JointLine, MotionLimits, Trajectory, certify
-from planners.timing.base import DERIVATIVES
+from planners.limits import DERIVATIVES
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, paper6r
 
-Array = NDArray[np.float64]
 ROBOT = paper6r()
 
 

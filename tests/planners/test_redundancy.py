@@ -7,17 +7,18 @@ import pytest
 from numpy.typing import NDArray
 
 from optik import Robot, kinematics
-from optik.arm.robot import DHRow, JointLimits, load
+from optik.arm.library import load
+from optik.arm.limits import JointLimits
+from optik.arm.tables import DHRow
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.se3 import exp_so3
+from optik.types import Array
 from planners import FollowStatus, Line, follow
 from planners.following import smoothing
 from planners.following.redundancy import free_motions
 from planners.paths.arc import Arc
 from tests import oracles
-
-Array = NDArray[np.float64]
 
 
 def arm(robot: Robot) -> tuple[Array, NDArray[np.bool_], Array]:

@@ -6,19 +6,18 @@ from itertools import count
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import optik
 from optik import Robot, kinematics
-from optik.arm.robot import load
+from optik.arm.library import load
 from optik.ik import Tolerance, make_solver
+from optik.types import Array
 from planners import Followed, FollowStatus, JointPath, Line, follow
 from planners.following import march
 from planners.following.joint_path import CLOSE, deviation_bounds
 from tests import oracles
 
-Array = NDArray[np.float64]
 ARMS = ("irb120", "paper6r", "puma560", "kr6")
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from planners import MotionLimits, Trajectory
 from planners.splice import LITTLE, begun, held, joined, rest_of
 
-Array = NDArray[np.float64]
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 
 

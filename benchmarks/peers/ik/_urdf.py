@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from math import atan2, hypot
 
-import numpy as np
-from numpy.typing import NDArray
-
 from optik.arm.robot import Robot
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 def urdf(robot: Robot) -> str:

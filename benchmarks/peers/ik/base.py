@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.speed_suite import PEERS
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import load_method
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 class Peer(ABC):

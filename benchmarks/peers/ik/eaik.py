@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Array, Peer, need_revolute, none, zero_frames
+from benchmarks.peers.ik.base import Peer, need_revolute, none, zero_frames
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.types import Array
 
 
 class EAIK(Peer):

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Array, Peer, one
+from benchmarks.peers.ik.base import Peer, one
 from optik.arm.robot import Robot
 from optik.se3 import log_so3
+from optik.types import Array
 
 
 class PlainCasADi(Peer):

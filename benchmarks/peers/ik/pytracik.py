@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.ik._urdf import urdf
-from benchmarks.peers.ik.base import Array, Peer, need_revolute, none, one
+from benchmarks.peers.ik.base import Peer, need_revolute, none, one
 from optik.arm.robot import Robot
+from optik.types import Array
 
 SECONDS, CLOSE = 0.02, 1e-7
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Array, Peer, one
+from benchmarks.peers.ik.base import Peer, one
 from optik.arm.robot import Robot
+from optik.types import Array
 
 
 class RoboticsToolbox(Peer):

@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import PPoly
 
-from benchmarks.peers.laws.base import Array, TimingPeer
+from benchmarks.peers.laws.base import TimingPeer
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.following.follow import JointPath
-from planners.timing.base import DERIVATIVES, refit
+from planners.limits import DERIVATIVES
+from planners.timing.base import refit
 from planners.trajectory import Trajectory
 
 PLACES = 50

@@ -5,16 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from benchmarks.peers.ik.base import Absent, built_or_absent
 from benchmarks.timing_suite import TIMING_PEERS
 from optik.registry import load_method
+from optik.types import Array
 from planners.following.follow import JointPath
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class TimingPeer(ABC):

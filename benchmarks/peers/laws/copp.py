@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.peers.laws.base import Array, TimingPeer
+from benchmarks.peers.laws.base import TimingPeer
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.timing.base import refit

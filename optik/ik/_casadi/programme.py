@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from optik.arm.robot import LIMIT_TOLERANCE, JointLimits, Robot
+from optik.arm.limits import LIMIT_TOLERANCE, JointLimits
+from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
 from optik.errors import InvalidInput
@@ -22,8 +23,7 @@ from optik.ik._preference import nothing_free, read_posture, read_weights
 from optik.ik.base import Attempt, IKResult, IKSolver, IKStatus
 from optik.se3 import is_pose
 from optik.task import judge
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 _STOPPED = "User_Requested_Stop"
 

@@ -7,12 +7,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.task import Task
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 DAMPING = 0.3
 """c in the Hessian JᵀJ + c·E·I, E the sum of squares: 0.1 to 1 measured alike."""

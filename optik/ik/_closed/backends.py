@@ -17,8 +17,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik._lm.packed import draw_configurations
 from optik.se3 import pose
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 EXTRA = "closed-form"
 

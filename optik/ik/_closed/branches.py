@@ -20,8 +20,8 @@ from optik.ik._preference import descend
 from optik.kinematics import cholesky_solve, copy_vector, damped_step, frames, jacobian_from, tool_pose
 from optik.se3 import pose_error
 from optik.task import POSE
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 SAME = 1e-5

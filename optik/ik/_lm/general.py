@@ -9,8 +9,8 @@ from optik.compiled import compiled
 from optik.ik._lm.winding import inside_winding
 from optik.kinematics import damped_step, frames, jacobian_from, tool_pose
 from optik.task import task_error, task_rows
+from optik.types import Array
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 SOLVED, MAX_ITERATIONS, STALLED, OUTSIDE_LIMITS = 0, 1, 2, 4

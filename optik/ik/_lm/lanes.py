@@ -10,14 +10,12 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import inlined
 from optik.ik._lm.fma import fma
 from optik.ik._lm.packed import COS_A, GAIN, LEAST_DAMPING, MOVES, PX, PY, PZ, SIN_A, SLIDES, TOOL_P, ZERO
 from optik.se3 import log_rotation
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 # Rows of the work array w (ROWS, L): what the lanes hold, for at most 12 joints. All in the frame of the first joint at
 # rest. A step ends within [LOW, HIGH] and leaves out the joints that HOLDS names, one bit each; GOAL is the target's

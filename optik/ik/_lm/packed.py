@@ -6,12 +6,10 @@ from functools import lru_cache
 from math import atan2, cos, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.se3 import inverse
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 # Where things stand in the one flat array that the kernels take: options, reach bound (8), base rotation (9) and position
 # (3), tool rotation (9) and position (3), joints to spare, the joints, the seeds' poses (13, NEAR) and configurations

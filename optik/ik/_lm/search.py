@@ -15,10 +15,9 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from optik.arm.limits import LIMIT_TOLERANCE as SLACK
 from optik.arm.reach import outside_reach
-from optik.arm.robot import LIMIT_TOLERANCE as SLACK
 from optik.compiled import compiled, inlined, parallel
 from optik.ik._lm.lanes import (
     ABOUT,
@@ -70,8 +69,7 @@ from optik.ik._lm.stack import stack
 from optik.ik._lm.starts import begin, put
 from optik.ik._lm.winding import inside_winding
 from optik.se3 import is_pose
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 SOLVED, MAX_ITERATIONS, STALLED, OUTSIDE_LIMITS, UNREACHABLE = 0, 1, 2, 4, 5
 """Answers, by their position in IKStatus."""

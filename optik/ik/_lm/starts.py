@@ -9,7 +9,6 @@ they leave six joints, whose solutions stand alone and are found from nearby. So
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import inlined
 from optik.ik._lm.lanes import (
@@ -29,8 +28,7 @@ from optik.ik._lm.lanes import (
 )
 from optik.ik._lm.packed import LOWER, MOVES, NEAR, SEED_POSES, SEEDS, SPARE, UPPER
 from optik.ik._lm.stack import stack
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 NEAREST = 16
 """Seeds that are tried in the order of their poses' distance; the others follow in a fixed order."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
+from optik.types import Array
 from planners.following.follow import JointPath
-
-Array = NDArray[np.float64]
 
 
 def derivatives(joint_path: JointPath, s: Array) -> Array:

@@ -15,12 +15,10 @@ from __future__ import annotations
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled, inlined
+from optik.types import Array
 from planners.timing._optimal.newton import Iterate, Problem, back, first, forth
-
-Array = NDArray[np.float64]
 
 MET = 1e-5
 """What the dynamics of an interval may leave at the end, over its length."""

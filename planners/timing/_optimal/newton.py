@@ -9,11 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled, inlined
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 TERMINAL = 1e4
 """Weight of the state at the end in the sweep, in the units of the last interval; its multiplier takes up what it leaves.

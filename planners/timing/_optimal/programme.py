@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.following.follow import JointPath
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.timing._optimal import iteration, reach
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.newton import Problem
-from planners.timing.base import DERIVATIVES, TOOL_SPEEDS, MotionLimits, PathState, speed_bound
+from planners.timing.base import PathState, speed_bound
 from planners.timing.smooth import QUINTIC, least_duration
-
-Array = NDArray[np.float64]
 
 UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""

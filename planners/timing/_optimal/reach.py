@@ -9,11 +9,9 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-
-Array = NDArray[np.float64]
+from optik.types import Array
 
 
 @compiled

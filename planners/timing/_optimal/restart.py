@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.errors import NoSolution
 from planners.fit import stretch
 from planners.following.follow import JointPath
 from planners.hermite import quintic
+from planners.limits import DERIVATIVES, MotionLimits
 from planners.splice import begun
 from planners.timing._ruckig import velocity_control
-from planners.timing.base import DERIVATIVES, MotionLimits, PathState
+from planners.timing.base import PathState
 from planners.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 SHORTEST = 1e-6
 """Shortest way to rest, as a share of the path, for which a programme is solved: below it the joint path is straight."""

@@ -6,15 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.following.follow import JointPath
+from planners.limits import DERIVATIVES, MotionLimits
 from planners.timing import _sweep
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.programme import Programme, numbers
 from planners.timing._places import graded
-from planners.timing.base import DERIVATIVES, MotionLimits, speed_bound
+from planners.timing.base import speed_bound
 from planners.timing.smooth import NO_MOTION
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PLACES, PER_PIECE = 300, 12

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.compiled import compiled
+from optik.types import Array
 from planners.following.follow import JointPath
+from planners.limits import MotionLimits
 from planners.paths.base import Path
 from planners.timing._places import graded
-from planners.timing.base import MotionLimits, speed_bound
-
-Array = NDArray[np.float64]
+from planners.timing.base import speed_bound
 
 INTERVALS, PER_PIECE = (1024, 16384), 12
 """Least and most intervals of a table, and those of the path's shortest piece."""

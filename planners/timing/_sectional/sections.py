@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.compiled import compiled
+from optik.types import Array
 from planners.timing import _sweep
 from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST, Ramp, Table, profile, ramp_ratio
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PLACES = 14

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from optik.compiled import compiled
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.following.follow import JointPath
+from planners.limits import MotionLimits
 from planners.timing._ruckig import velocity_control
 from planners.timing._sectional.ramps import SHORTEST, Table, states, table, worst
-from planners.timing.base import MotionLimits
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """By how much a limit may be passed before it counts: a start that stands exactly on it comes with rounding."""
