@@ -18,11 +18,11 @@ from optik import se3
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.errors import InvalidInput, RobotModelError
-from optik.files import write_whole
+from optik.files import content_of, write_whole
 from optik.types import Array
 
-LARGEST = 32 * 2**20
-"""Longest description that is read [bytes]: a hundred times any arm's, and little enough to parse at once."""
+MOST_URDF_BYTES = 32 * 2**20
+"""Longest description that is read [bytes]: a hundred times that of any arm, and small enough to be parsed at once."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -98,16 +98,11 @@ def _content(source: object) -> bytes:
     elif isinstance(source, str | os.PathLike):
         if Path(source).suffix == ".xacro":
             _refuse_xacro(str(source))
-        try:
-            with Path(source).open("rb") as file:
-                content = file.read(LARGEST + 1)
-        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-            reason = getattr(error, "strerror", None) or error
-            raise InvalidInput("source", f"{str(source)[:120]!r} ({reason})", wanted) from None
+        return content_of(Path(source), argument="source", expected=wanted, most=MOST_URDF_BYTES)
     else:
         raise InvalidInput("source", repr(source)[:60], wanted)
-    if len(content) > LARGEST:
-        raise InvalidInput("source", f"more than {LARGEST // 2**20} MB", "the description of an arm")
+    if len(content) > MOST_URDF_BYTES:
+        raise InvalidInput("source", f"more than {MOST_URDF_BYTES // 2**20} MB", wanted)
     return content
 
 
