@@ -429,6 +429,8 @@ class Robot(ArmModel):
             Limits for another number of joints.
         """
         new = self.limits if limits is None else limits
+        if not isinstance(new, JointLimits):
+            raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
         return replace(self, limits=new.replaced(**fields) if fields else new)
 
     def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:

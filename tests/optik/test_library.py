@@ -13,7 +13,7 @@ import optik
 from optik import DHRow, JointLimits, Robot
 from optik.arm import library
 from optik.arm.library import robot_from_toml
-from optik.errors import InvalidInput, OptikError, RobotModelError
+from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from tests import oracles
 
 ARM = {
@@ -183,3 +183,152 @@ def test_one_value_of_any_kind_makes_an_arm_or_a_named_error(way, value, tmp_pat
 def test_the_robots_that_come_with_optik_are_such_files(name):
     file = oracles.REPOSITORY / "optik" / "robots" / f"{name}.toml"
     assert robot_from_toml(file) == optik.load(name)
+
+
+# ---------------------------------------------------------------- the robots that come with optik
+
+
+def test_the_papers_arm_at_zero_has_its_tool_where_the_paper_puts_it():
+    T = optik.load("paper6r").fk(np.zeros(6))
+    assert np.abs(T[:3, 3] - (0.527, 0.731, 0.0)).max() < 1e-12
+    assert np.abs(T[:3, :3] - [[1, 0, 0], [0, 0, 1], [0, -1, 0]]).max() < 1e-15
+
+
+def test_the_default_line_begins_and_ends_at_the_papers_notes():
+    robot = optik.load("paper6r")
+    start, end = np.radians([[20, -35, 40, 25, 50, -30], [52.74, -34.83, 37.15, 57.57, 53.29, -29.81]])
+    T, goal = robot.fk(start), robot.fk(end)
+    assert np.abs(T[:3, 3] - (0.1640, 0.3536, 0.1496)).max() < 0.5e-4
+    # the end's angles are given to 0.01°, which is 2e-4 m at this reach
+    assert np.abs(goal[:3, 3] - T[:3, 3] - (-0.12, 0.0, 0.20)).max() < 2e-4
+    assert np.abs(robot.errors(end, T)[3:]).max() < 5e-4
+    assert robot.limits.contains(np.array([start, end])).all()
+
+
+def test_the_papers_arm_has_the_papers_ranges_and_gravity_along_plus_y():
+    robot = optik.load("paper6r")
+    assert np.abs(np.degrees(robot.limits.upper) - [180, 85, 90, 90, 90, 120]).max() < 1e-12
+    assert (robot.limits.lower == -robot.limits.upper).all()
+    assert (robot.gravity == (0, 1, 0)).all()
+    assert [set(x) for x in (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)] == [{2}, {10}, {100}]
+
+
+def test_the_papers_arm_is_singular_at_zero():
+    assert np.linalg.svd(optik.load("paper6r").jacobian(np.zeros(6)))[1][-1] < 1e-14
+
+
+@pytest.mark.parametrize("name", optik.robots())
+def test_a_robot_is_its_file(name):
+    robot, arm = optik.load(name), oracles.table(name)
+    assert robot.name == name
+    assert robot.n == arm.n
+    assert robot.source
+    assert np.abs(robot.limits.lower - arm.lower).max() < 1e-15
+    assert np.abs(robot.limits.upper - arm.upper).max() < 1e-15
+    assert abs(np.linalg.norm(robot.gravity) - 1.0) < 1e-15
+    for q in oracles.configurations(arm, 20, 3):
+        assert np.abs(robot.fk(q) - oracles.fk(arm, q)).max() < 1e-14
+
+
+def test_a_robots_speeds_are_those_of_its_data_sheet():
+    def degrees(name):
+        return np.degrees(optik.load(name).limits.velocity)
+
+    assert np.abs(degrees("ur10e") - [120, 120, 180, 180, 180, 180]).max() < 1e-12
+    assert np.abs(degrees("iiwa14") - [85, 85, 100, 75, 130, 135, 135]).max() < 1e-12
+    assert np.abs(degrees("irb910sc")[[0, 1, 3]] - [415, 659, 2400]).max() < 1e-11
+    assert optik.load("irb910sc").limits.velocity[2] == 1.02
+    panda = optik.load("panda").limits
+    assert panda.velocity.tolist() == [2.175] * 4 + [2.61] * 3
+    assert panda.acceleration.tolist() == [15, 7.5, 10, 12.5, 15, 20, 20]
+    assert panda.jerk.tolist() == [7500, 3750, 5000, 6250, 7500, 10000, 10000]
+
+
+FLANGE_X = oracles.rot_z(0.0)[:, [2, 1, 0, 3]] @ np.diag([-1.0, 1.0, 1.0, 1.0])  # x of link_6 is z of tool0
+SSIK = {
+    # name: module, before its base, after its tip, and how far its file rounds right angles
+    "ur10e": ("universal_robots.ur10e_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), np.eye(4), 2e-9),
+    "panda": ("franka.panda_ik", np.eye(4), np.eye(4), 1e-12),
+    "iiwa14": ("kuka.iiwa14_ik", np.eye(4), np.eye(4), 1e-12),
+    "irb120": ("abb.irb120_ik", np.eye(4), FLANGE_X, 1e-12),
+    "kr6": ("kuka.kr6_r900_ik", np.eye(4), FLANGE_X, 1e-12),
+    "gen3lite": ("kinova.gen3_lite_ik", np.eye(4), np.eye(4), 2e-5),
+}
+
+
+@pytest.mark.parametrize("name", SSIK)
+def test_a_robots_table_is_ssiks(name):
+    module, base, tool, tolerance = SSIK[name]
+    theirs = pytest.importorskip(f"ssik.prebuilt.{module}")
+    q = oracles.configurations(oracles.table(name), 30, 15)
+    assert np.abs(optik.load(name).fk(q) - base @ [theirs.fk(x) for x in q] @ tool).max() < tolerance
+
+
+def test_the_wx200_is_its_urdf():
+    # interbotix_xsarm_descriptions/urdf/wx200.urdf.xacro: where each joint stands in the one before, and its axis
+    steps = [
+        ((0, 0, 0.072), "z"),
+        ((0, 0, 0.03865), "y"),
+        ((0.05, 0, 0.2), "y"),
+        ((0.2, 0, 0), "y"),
+        ((0.065, 0, 0), "x"),
+    ]
+    robot = optik.load("wx200")
+    for q in oracles.configurations(oracles.table("wx200"), 20, 16):
+        T = np.eye(4)
+        for (position, axis), angle in zip(steps, q, strict=True):
+            T = T @ oracles.pose(angle * np.eye(3)["xyz".index(axis)], position)
+        assert np.abs(robot.fk(q) - T @ oracles.trans(x=0.043)).max() < 1e-15
+
+
+def test_the_scara_reaches_its_arms_lengths_and_goes_down_as_it_slides():
+    robot = optik.load("irb910sc")
+    assert robot.prismatic.tolist() == [False, False, True, False]
+    T = robot.fk([0, 0, 0, 0])
+    assert np.abs(T[:3, 3] - (0.65, 0, 0)).max() < 1e-15
+    assert np.abs(T[:3, 2] - (0, 0, -1)).max() < 1e-15  # the tool points down
+    assert np.abs(robot.fk([0, 0, 0.18, 0])[:3, 3] - (0.65, 0, -0.18)).max() < 1e-15
+    elbow = robot.fk([np.pi / 2, -np.pi / 2, 0, 0])[:3, 3]
+    assert np.abs(elbow - (0.25, 0.4, 0)).max() < 1e-15
+    assert np.abs(robot.fk([0, 0, 0, np.pi / 2])[:3, 0] - (0, -1, 0)).max() < 1e-15  # seen from above, clockwise
+
+
+def axes_of(name):
+    frames = optik.load(name).frames(np.zeros(6))[:-1]
+    return frames[:, :3, 3], frames[:, :3, 2]
+
+
+def meet(points, directions):
+    """How far three lines are from one common point: the residual of the point nearest to them."""
+    across = [np.eye(3) - np.outer(d, d) for d in directions]
+    A, b = np.vstack(across), np.concatenate([a @ p for a, p in zip(across, points, strict=True)])
+    return np.linalg.norm(A @ np.linalg.lstsq(A, b, rcond=None)[0] - b)
+
+
+def parallel(directions):
+    return max(np.linalg.norm(np.cross(directions[0], d)) for d in directions[1:]) < 1e-9
+
+
+PIEPER = {"paper6r": True, "puma560": True, "irb120": True, "kr6": True, "ur5e": True, "ur10e": True, "gen3lite": False}
+
+
+@pytest.mark.parametrize(("name", "expected"), PIEPER.items())
+def test_only_the_general_arm_has_no_three_axes_that_meet_or_are_parallel(name, expected):
+    points, directions = axes_of(name)
+    triples = [slice(i, i + 3) for i in range(4)]
+    special = [parallel(directions[t]) or meet(points[t], directions[t]) < 1e-9 for t in triples]
+    assert any(special) == expected
+    if not expected:  # nor nearly
+        assert min(meet(points[t], directions[t]) for t in triples) > 0.02
+
+
+def test_an_unknown_robot_is_answered_with_the_nearest_names():
+    with pytest.raises(UnknownName) as caught:
+        optik.load("paper6")
+    error = caught.value
+    assert error.nearest[0] == "paper6r"
+    assert error.known == optik.robots()
+    assert error.kind == "robot"
+    assert "did you mean paper6r" in str(error)
+    assert isinstance(error, LookupError)
+    assert "paper6r" not in UnknownName("robot", "zzz", ["paper6r"]).nearest
