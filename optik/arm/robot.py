@@ -190,7 +190,7 @@ class Robot(ArmModel):
         OutputError
             The file cannot be written.
         """
-        from optik.arm.urdf import write_urdf
+        from optik.arm.urdf_writer import write_urdf
 
         return write_urdf(self, path)
 
