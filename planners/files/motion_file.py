@@ -18,9 +18,8 @@ from scipy.interpolate import PPoly
 from optik.arm.plain import numbers, plain_numbers, record, word, words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, OptikError
-from optik.files import write_whole
+from optik.files import content_of, parsed, suffix_of, text_of, write_whole
 from optik.types import Array
-from planners.files._reading import content_of, parsed, suffix_of, text_of
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.motion import Motion, motion_of
 from planners.paths import path_of

@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.files import write_whole
+from optik.files import content_of, suffix_of, text_of, write_whole
 from optik.types import Array
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.continuity import JUMP
 from planners.controller import POINTS, points_of
-from planners.files._reading import content_of, suffix_of, text_of
 from planners.files._ros_message import LONGEST, SECOND, Form, Times, controlled, from_text, message_of, quoted, to_text
 from planners.fit import stretch
 from planners.limits import DERIVATIVES, SAME_SPEED, TOOL_SPEEDS

@@ -23,9 +23,9 @@ from scipy.interpolate import PPoly
 import optik
 from optik import JointLimits, Robot, se3
 from optik.errors import InvalidInput, NoSolution, OptikError, OutputError
+from optik.files import parsed
 from planners import Line, MotionLimits, Plan, Trajectory, plan
 from planners.files import motion_file
-from planners.files._reading import parsed
 from planners.files.motion_file import load_motion, save
 from planners.limits import ALL_LIMITS
 from planners.motion import Motion, motion_of
@@ -203,7 +203,7 @@ NAN, INF = float("nan"), float("inf")
 KEYS = ("format", "robot", "path", "limits", "law", "keeps", "knots", "coefficients")
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     **{f"no {key}": (lambda d, key=key: d.pop(key), key) for key in KEYS},
-    "a key too many": (set_to("colour", value=1), "colour not known"),
+    "a key too many": (set_to("colour", value=1), "colour unknown"),
     "another format": (set_to("format", value="optik-plan/1"), "expected 'optik-motion/1'; got 'optik-plan/1'"),
     "a later format": (set_to("format", value="optik-motion/2"), "optik-motion/2"),
     "no robot": (set_to("robot", value=None), "robot"),
@@ -216,7 +216,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "a path without its goal": (lambda d: d["path"].pop("goal"), "goal"),
     "a path from no pose": (set_to("path", "start", value=[[1.0]]), "start"),
     "no path": (set_to("path", value=[]), "path"),
-    "limits of another name": (set_to("limits", "force", value=1.0), "force not known"),
+    "limits of another name": (set_to("limits", "force", value=1.0), "force unknown"),
     "a limit below 0": (set_to("limits", "velocity", value=-1.0), "velocity"),
     "a limit in words": (set_to("limits", "velocity", value="fast"), "limits.velocity"),
     "limits of two joints": (set_to("limits", "jerk", value=[1.0, 1.0]), "limits.jerk"),
@@ -468,7 +468,7 @@ def test_a_name_of_no_format_is_refused(file: Any) -> None:
 def test_what_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "folder.json").mkdir()
     for name in ("missing.json", "folder.json", "no\0name.json", "none/motion.csv"):
-        with pytest.raises(InvalidInput, match="nothing that can be read"):
+        with pytest.raises(InvalidInput, match="readable file"):
             load_motion(tmp_path / name)
         if name != "missing.json":
             with pytest.raises(OutputError):
