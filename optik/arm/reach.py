@@ -1,4 +1,4 @@
-"""Reach of an arm: a bound that every configuration inside the limits keeps, so a target beyond it is provably unreachable."""
+"""Reach of an arm: bounds that hold for every configuration inside the limits, so a target beyond is unreachable."""
 
 from __future__ import annotations
 
