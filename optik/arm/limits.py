@@ -105,6 +105,13 @@ class JointLimits:
         """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a side is infinite."""
         return frozen(0.5 * self.upper - 0.5 * self.lower, "half")
 
+    @cached_property
+    def ranged(self) -> Flags:
+        """Which joints (n,) move between two finite limits: neither locked nor free on a side."""
+        flags = np.isfinite(self.half) & (self.half > 0.0)
+        flags.setflags(write=False)
+        return flags
+
     def contains(self, q: ArrayLike) -> Flags:
         """Whether configurations satisfy the position limits, within 1e-9.
 
@@ -150,9 +157,8 @@ class JointLimits:
         (n,) or (..., n) array
             Positions [1]; 0 for a joint that is locked or has an infinite limit.
         """
-        ranged = np.isfinite(self.half) & (self.half > 0.0)
         offset = np.asarray(q, dtype=np.float64) - self.middle
-        return np.asarray(np.where(ranged, offset, 0.0) / np.where(ranged, self.half, 1.0))
+        return np.asarray(np.where(self.ranged, offset, 0.0) / np.where(self.ranged, self.half, 1.0))
 
     def draw(
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = pi

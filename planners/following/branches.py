@@ -142,7 +142,6 @@ def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tupl
             first = last = int(np.ceil((low - q) / turn) if np.isinf(high) else np.floor((high - q) / turn))
     else:
         first, last = int(np.ceil((low - 1e-9 - q) / turn)), int(np.floor((high + 1e-9 - q) / turn))
-    finite = np.isfinite(low) and np.isfinite(high) and low < high
     steps = np.gradient(way.s) / (way.s[-1] - way.s[0])
     out = []
     for k in range(first, last + 1):
@@ -150,7 +149,7 @@ def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tupl
         shift[i] = k * turn
         lower, upper = robot.limits.lower - shift - LIMIT_TOLERANCE, robot.limits.upper - shift + LIMIT_TOLERANCE
         leaves = march.leaves(way.s, way.q, way.dq, lower, upper, i)
-        x = (way.q[:, i] + k * turn - 0.5 * (low + high)) / (0.5 * (high - low)) if finite else np.zeros(len(way.s))
+        x = robot.limits.normalised(way.q + shift)[:, i]
         cost = LIMITS * float(x**2 @ steps)
         away = START * abs(q + k * turn - near[i]) if near is not None else 0.0
         out.append((leaves, cost + away, cost, k))

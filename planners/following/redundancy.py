@@ -85,7 +85,7 @@ class FreeMotion:
         self.robot, self.path, self.held = robot, path, held
         self.arm = robot.fixed, robot.prismatic, robot.tool
         self.middle = robot.limits.middle
-        self.half = np.where(robot.limits.half > 0.0, robot.limits.half, np.inf)  # a locked joint has no room to keep
+        self.half = np.where(robot.limits.ranged, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, ROOM
         self._carry(s[len(way) :])
