@@ -27,7 +27,8 @@ class Copp(TimingPeer):
     package = "copp_py"
     settings = (
         f"{COPP_STATIONS} equal stations with exact q', q'', q'''; topp2_ra, then topp3_socp linearised at its profile, "
-        "then once more at its own result (a and b): two passes; s(t) at the stations from s_to_t_topp3, its own polynomials between"
+        "then once more at its own result (a and b): two passes; s(t) at the stations from s_to_t_topp3, its own polynomials "
+        "between"
     )
     keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
 
