@@ -23,15 +23,15 @@ def frozen(value: ArrayLike, argument: str) -> Array:
 
     Parameters
     ----------
-    value : array
-        Numbers of any shape and unit.
+    value : array of any shape
+        Numbers [rad, m or 1].
     argument : str
         What an error calls them.
 
     Returns
     -------
-    array
-        The copy, in the shape and unit that were given.
+    array of the same shape
+        The copy [as value].
 
     Raises
     ------
@@ -122,7 +122,7 @@ class JointLimits:
 
         Returns
         -------
-        () or (...) array of bool
+        scalar or (...,) array of bool
             False for NaN.
         """
         q = np.asarray(q, dtype=np.float64)
@@ -235,7 +235,7 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
     Parameters
     ----------
     value : scalar or (n,) array
-        The limit, in its own unit.
+        A limit of the velocity [rad/s, m/s], acceleration [rad/s², m/s²] or jerk [rad/s³, m/s³].
     n : int
         Number of joints.
     argument : str
@@ -244,7 +244,7 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
     Returns
     -------
     (n,) array
-        The limit of every joint, in its own unit.
+        The limit of every joint [as value].
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -221,6 +222,11 @@ class Robot(ArmModel):
         """
         return _robot(arm_from_dict(data))
 
+    @cached_property
+    def chain(self) -> kinematics.Chain:
+        """The arm as compiled kernels take it: (fixed, prismatic, tool)."""
+        return self.fixed, self.prismatic, self.tool
+
     # ------------------------------------------------------------ kinematics
 
     def fk(self, q: ArrayLike) -> Array:
@@ -243,7 +249,7 @@ class Robot(ArmModel):
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 4, 4))
-        kinematics.fk_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), out.reshape(-1, 4, 4))
+        kinematics.fk_batch(self.chain, q.reshape(-1, self.n), out.reshape(-1, 4, 4))
         return out
 
     def frames(self, q: ArrayLike) -> Array:
@@ -267,7 +273,7 @@ class Robot(ArmModel):
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], self.n + 1, 4, 4))
         flat = out.reshape(-1, self.n + 1, 4, 4)
-        kinematics.frames_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), flat)
+        kinematics.frames_batch(self.chain, q.reshape(-1, self.n), flat)
         return out
 
     def jacobian(self, q: ArrayLike) -> Array:
@@ -281,7 +287,8 @@ class Robot(ArmModel):
         Returns
         -------
         (6, n) or (..., 6, n) array
-            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections) [m/rad, 1 for prismatic joints; ω 1].
+            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections): rows of v [m/rad] for revolute and [1]
+            for prismatic joints, rows of ω [1] for revolute joints and 0 for prismatic ones.
 
         Raises
         ------
@@ -290,9 +297,7 @@ class Robot(ArmModel):
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 6, self.n))
-        kinematics.jacobian_batch(
-            self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), out.reshape(-1, 6, self.n)
-        )
+        kinematics.jacobian_batch(self.chain, q.reshape(-1, self.n), out.reshape(-1, 6, self.n))
         return out
 
     def singular_values(self, q: ArrayLike) -> Array:
@@ -310,7 +315,7 @@ class Robot(ArmModel):
         Returns
         -------
         (min(6, n),) or (..., min(6, n)) array
-            In descending order [metres and radians of the tool per radian or metre of the joints].
+            In descending order, of mixed unit [m/rad or 1].
 
         Raises
         ------
@@ -347,7 +352,7 @@ class Robot(ArmModel):
         except ValueError:
             raise InvalidInput("targets", f"shape {poses.shape}", f"poses of shape (4, 4) or {shape}") from None
         out = np.empty((*q.shape[:-1], 6))
-        kinematics.errors_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
+        kinematics.errors_batch(self.chain, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
         return out
 
     def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
