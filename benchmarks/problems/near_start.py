@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.problems.base import ProblemSet, smallest_singular_values
+from benchmarks.problems.base import ProblemSet
 from optik.arm.robot import Robot
 from optik.check import check_count
 
@@ -38,8 +38,8 @@ def near_start(
     check_count(count, "count", 1)
     rng = np.random.default_rng((seed, 2))
     if len(singular_edges):
-        pool = rng.uniform(robot.limits.lower, robot.limits.upper, (200 * count, robot.n))
-        sigma = smallest_singular_values(robot, pool)
+        pool = robot.limits.draw(rng, 200 * count)
+        sigma = robot.singular_values(pool)[:, -1]
         strata = [
             (f"{low:g} ≤ σ < {high:g}", np.flatnonzero((sigma >= low) & (sigma < high))[:count])
             for low, high in pairwise(singular_edges)
@@ -47,7 +47,7 @@ def near_start(
         q = np.concatenate([pool[chosen] for _, chosen in strata])
         names = np.concatenate([np.full(len(chosen), name) for name, chosen in strata])
     else:
-        q = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+        q = robot.limits.draw(rng, count)
         names = np.full(count, "")
     noise = rng.normal(size=q.shape)
     parts = [(robot.limits.clip(q + spread * noise), spread) for spread in spreads]
@@ -58,7 +58,7 @@ def near_start(
         np.concatenate([p for p, _ in parts]),
         np.tile(names, n) if len(singular_edges) else group,
         np.ones(n * k, dtype=bool),
-        np.tile(smallest_singular_values(robot, q), n),
+        np.tile(robot.singular_values(q)[:, -1], n),
         np.repeat(np.asarray(spreads, dtype=float), k),
     )
 

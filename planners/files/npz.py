@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optik.errors import InvalidInput
-from planners.files._reading import parsed
+from optik.files import parsed
 from planners.files.base import Format, Parts, from_parts, to_parts
 from planners.motion import Motion
 

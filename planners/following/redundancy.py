@@ -13,7 +13,6 @@ from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik import IKSolver, make_solver
-from optik.ik._lm.packed import draw_configurations
 from optik.types import Array
 from planners.following import smoothing
 from planners.following.branches import MOTION, SINGULAR, START
@@ -85,10 +84,8 @@ class FreeMotion:
     def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
         self.robot, self.path, self.held = robot, path, held
         self.chain = robot.chain
-        lower, upper = robot.limits.lower, robot.limits.upper
-        finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
-        self.middle = np.where(finite, 0.5 * (np.where(finite, lower, 0.0) + np.where(finite, upper, 0.0)), 0.0)
-        self.half = np.where(finite, 0.5 * (np.where(finite, upper, 1.0) - np.where(finite, lower, -1.0)), np.inf)
+        self.middle = robot.limits.middle
+        self.half = np.where(robot.limits.half > 0.0, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, ROOM
         self._carry(s[len(way) :])
@@ -162,7 +159,7 @@ def _reach(robot: Robot, poses: Array, q: Array) -> NDArray[np.bool_]:
 def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
     """The cheapest ways (k, n) from station to station, by dynamic programming; shorter ones where none goes all the way."""
     solver, rng = _solver(robot), np.random.default_rng(0)
-    starts = draw_configurations(robot, rng, DRAWN * len(poses))
+    starts = robot.limits.draw(rng, DRAWN * len(poses))
     drawn = solver.solve_batch(np.repeat(poses, DRAWN, axis=0), starts, threads=1)
     layers: list[Array] = []
     costs: list[Array] = []
@@ -237,10 +234,7 @@ def _standing(robot: Robot, q: Array) -> Array:
     """Cost (k,) of standing at configurations (k, n)."""
     sigma = np.empty(len(q))
     kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), sigma)
-    lower, upper = robot.limits.lower, robot.limits.upper
-    finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
-    low, high = np.where(finite, lower, -1.0), np.where(finite, upper, 1.0)
-    x = np.where(finite, np.minimum(np.abs(2.0 * q - low - high) / (high - low), EDGE), 0.0)
+    x = np.minimum(np.abs(robot.limits.normalised(q)), EDGE)
     return np.asarray(-ROOM * np.log(1.0 - x**2).sum(axis=1) - SINGULAR * np.log(np.maximum(sigma, 1e-9)))
 
 

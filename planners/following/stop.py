@@ -12,7 +12,6 @@ import optik
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
-from optik.ik._lm.packed import draw_configurations
 from optik.types import Array
 from planners.following import march
 from planners.following.singular import smallest
@@ -81,8 +80,8 @@ def unit(robot: Robot, joint: int) -> str:
 @lru_cache(maxsize=16)
 def rank_of(robot: Robot) -> int:
     """Greatest rank of the Jacobian at drawn configurations: that of almost all."""
-    q = draw_configurations(robot, np.random.default_rng(0), DRAWN)
-    sigma = np.linalg.svd(robot.jacobian(q), compute_uv=False)
+    q = robot.limits.draw(np.random.default_rng(0), DRAWN)
+    sigma = robot.singular_values(q)
     return int((sigma > ZERO * sigma[:, :1]).sum(axis=1).max())
 
 

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.files import write_whole
+from optik.files import content_of, suffix_of, text_of, write_whole
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.continuity import JUMP
-from planners.files._reading import content_of, suffix_of, text_of
 from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
 from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
 from planners.limits import DERIVATIVES

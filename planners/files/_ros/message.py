@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, MissingDependency
+from optik.files import parsed
 from optik.types import Array
 from planners.controller import interpolated, points_of, states
-from planners.files._reading import parsed
 from planners.trajectory import Trajectory
 
 Times = NDArray[np.int64]
