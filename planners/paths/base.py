@@ -21,7 +21,7 @@ class Path(Curve):
     """A curve of tool poses T_base_tool over s, in metres, or in radians where the tool only turns.
 
     ``path(s)`` is the pose (4, 4); ``path(s, 1)`` the twist (v, ω) per unit of s in the base frame, ``path(s, 2)`` and
-    ``path(s, 3)`` its derivatives, all (6,). Pose, twist and its first derivative are continuous.
+    ``path(s, 3)`` its derivatives, all (6,). All of them are continuous.
 
     A path is one module with a subclass of `Path` and the line ``METHOD = <the class>``. The subclass needs
 
@@ -32,7 +32,7 @@ class Path(Curve):
     - ``derivative_bounds``, which must hold, since certificates rest on them;
     - ``to_dict`` and ``from_dict``, plain data for files and back.
 
-    ``breaks`` and ``piece_bounds`` are for paths whose third derivatives jump, ``turns_only`` and ``unit = "rad"`` for those
+    ``breaks`` and ``piece_bounds`` are for paths of several pieces, ``turns_only`` and ``unit = "rad"`` for those
     whose tool only turns, ``_nearest`` for those with a closed form of it. A whole path, in a file ``wave.py``::
 
         import numpy as np
@@ -96,7 +96,7 @@ class Path(Curve):
 
     @property
     def breaks(self) -> Array:
-        """Places (k,) between which the path is smooth, both ends included; ``path(s, 3)`` may jump there."""
+        """Places (k,) between which the path is smooth, both ends included; ``path(s, 3)`` is continuous there, too."""
         return np.array([0.0, self.end])
 
     @abstractmethod
