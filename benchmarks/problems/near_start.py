@@ -73,7 +73,7 @@ def _stratified(
     robot: Robot, rng: np.random.Generator, count: int, edges: Sequence[float]
 ) -> tuple[Array, NDArray[np.str_]]:
     """At most `count` random configurations in each stratum of the smallest singular value, and their strata."""
-    pool = rng.uniform(robot.limits.lower, robot.limits.upper, (POOL * count, robot.n))
+    pool = robot.limits.draw(rng, POOL * count)
     sigma = robot.singular_values(pool)[:, -1]
     strata = {f"{low:g} ≤ σ < {high:g}": pool[(sigma >= low) & (sigma < high)][:count] for low, high in pairwise(edges)}
     return np.concatenate(list(strata.values())), np.repeat(list(strata), [len(q) for q in strata.values()])

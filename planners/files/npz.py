@@ -76,10 +76,9 @@ class Npz(Format):
 
 
 def _arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
-    """Arrays of an NPZ file.
-
-    An array is refused before it is unpacked where it has more than `UNPACKED` bytes, or a shape of more than it holds.
-    """
+    """Arrays of an NPZ file."""
+    # An array is refused before it is unpacked where it has more than `UNPACKED` bytes, or a shape of more than it
+    # holds.
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = [archive.getinfo(f"{name}.npy") for name in names]
         size = sum(member.file_size for member in members)

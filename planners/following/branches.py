@@ -89,10 +89,9 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
 
 
 def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:
-    """Configurations (k, n) inside the limits at the path's start, each with one winding.
-
-    All regular ones; of singular ones, which meet the pose along whole curves, those from which a smooth motion starts.
-    """
+    """Configurations (k, n) inside the limits at the path's start, each with one winding."""
+    # All regular ones; of singular ones, which meet the pose along whole curves, those from which a smooth motion
+    # starts.
     start = near if near is not None and robot.limits.contains(near) else None
     found, singular = roots(robot, pose, march.REGULAR, start)
     if singular:
@@ -132,10 +131,8 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
 
 
 def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
-    """Windings of joint i that start inside its limits: where it leaves them, two costs, and the number of turns.
-
-    It leaves them at infinity where it stays inside. The first cost includes the distance from a given start.
-    """
+    """Windings of joint i that start inside its limits: where it leaves them, two costs, and the number of turns."""
+    # It leaves them at infinity where it stays inside. The first cost includes the distance from a given start.
     low, high, half = robot.limits.lower[i], robot.limits.upper[i], robot.limits.half[i]
     q, turn = way.q[0, i], 2.0 * np.pi
     if robot.prismatic[i] or low == high:

@@ -112,7 +112,7 @@ def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
     ----------
     s : (k,) array
         Increasing places [m, or rad].
-    step : (k − 1,) array
+    step : (k - 1,) array
         Longest step from each place to the next [m, or rad].
     preferred : (k,) array of bool
         Places to keep rather than their neighbours.
@@ -163,6 +163,6 @@ def unguided(n: int) -> Guide:
     Returns
     -------
     Guide
-        One without rows.
+        A function of s (k,) whose rows (k, 4, 0, n) and values (k, 4, 0) are empty [1].
     """
     return lambda s: (np.empty((s.size, 4, 0, n)), np.empty((s.size, 4, 0)))

@@ -285,10 +285,8 @@ def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch:
 
 
 def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Flags]:
-    """Knots, q, derivatives, and which of the knots are nodes; other samples are solved from the nodes around them.
-
-    At a singular configuration, which the nodes step over, a sample is interpolated between them.
-    """
+    """Knots, q, derivatives, and which of the knots are nodes; other samples are solved from the nodes around them."""
+    # At a singular configuration, which the nodes step over, a sample is interpolated between them.
     more = np.setdiff1d(samples, way.s, assume_unique=True) if len(way.s) > 1 else samples[:0]
     tracked = way.s, way.q, way.dq
     node = np.arange(len(way.s) + len(more)) < len(way.s)
@@ -311,12 +309,10 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
 def _solve_samples(
     solver: IKSolver, path: Path, samples: Array, tracked: Array, q_start: Array
 ) -> tuple[IKRecord, Stop | None]:
-    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch.
-
-    Answers may drift along self-motion manifolds, of a redundant arm everywhere and of others at singular configurations.
-    There the initial guess is the tracked configuration of the sample before; or that of the sample itself where the first
-    answer is far away, since the null-space motion is given by the tracked branch.
-    """
+    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch."""
+    # Answers may drift along self-motion manifolds, of a redundant arm everywhere and of others at singular
+    # configurations. There the initial guess is the tracked configuration of the sample before; or that of the sample
+    # itself where the first answer is far away, since the null-space motion is given by the tracked branch.
     robot, stop = solver.robot, None
     solve, redundant = solver.solve, robot.n > 6
     results: list[Any] = []

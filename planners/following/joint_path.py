@@ -151,13 +151,13 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
     q : (k, n) array
         Configurations there [rad, m].
     dq : (k, 3, n) array
-        Their derivatives per unit of s.
+        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
     pieces : (p, 2, 4) array, optional
-        The path's `piece_bounds`, where they are known already.
+        The path's `piece_bounds`, where they are known already [1, 1/m, 1/m², 1/m³].
 
     Returns
     -------
-    (k − 1, 2) array
+    (k - 1, 2) array
         Distances [m] and angles [rad].
     """
 
@@ -202,12 +202,12 @@ def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
     s : (k,) array
         Nodes [m, or rad].
     pieces : (p, 2, 4) array, optional
-        The path's `piece_bounds`, where they are known already.
+        The path's `piece_bounds`, where they are known already [1, 1/m, 1/m², 1/m³].
 
     Returns
     -------
     (k, 2) array
-        Bounds per unit of s to the fourth.
+        Bounds on position and rotation [1/m³, 1/m⁴].
     """
     breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])
     first = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(fourth) - 1)

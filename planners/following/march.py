@@ -42,7 +42,7 @@ def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Arra
     q, q1 : (n,) array
         Configurations at its ends [rad, m].
     dq, dq1 : (3, n) array
-        Their derivatives per unit of s; the third is not used.
+        Their derivatives per unit of s; the third is not used [rad/m, rad/m², rad/m³].
     b : (n, 6) array
         Result, in place [rad, m].
     """
@@ -73,7 +73,7 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
     b : (n, 6) array
         Bézier points of the joints [rad, m].
     fourth : (2,) array
-        Bounds on the fourth derivatives of the path's position and rotation, per unit of s to the fourth.
+        Bounds on the fourth derivatives of the path's position and rotation [1/m³, 1/m⁴].
 
     Returns
     -------
@@ -129,13 +129,13 @@ def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Ar
     q : (n,) array
         Configuration [rad, m].
     dq : (3, n) array
-        Its derivatives per unit of s.
+        Its derivatives per unit of s [rad/m, rad/m², rad/m³].
     pose : (4, 4) array
-        The path's T_base_tool.
+        The path's T_base_tool [m].
     twist : (6,) array
-        The path's twist per unit of s.
+        The path's twist per unit of s [1, rad/m].
     out : (4,) array
-        Result, in place [m, 1, and per unit of s].
+        Result, in place [m, 1, 1, 1/m].
     """
     n = q.shape[0]
     frame, T, made = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((3, 6))
@@ -171,7 +171,7 @@ def widened(bound: tuple[float, float], h: float, left: Array, right: Array) -> 
     h : float
         Length of the piece in s [m, or rad].
     left, right : (4,) array
-        Deviations of its ends, from `misfit` [m, 1, and per unit of s].
+        Deviations of its ends, from `misfit` [m, 1, 1, 1/m].
 
     Returns
     -------
@@ -199,14 +199,14 @@ def pieces_bound(
     q : (k, n) array
         Configurations [rad, m].
     dq : (k, 3, n) array
-        Their derivatives per unit of s.
+        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
     poses : (k, 4, 4) array
-        The path's T_base_tool at the nodes.
+        The path's T_base_tool at the nodes [m].
     twists : (k, 6) array
-        The path's twists per unit of s.
+        The path's twists per unit of s [1, rad/m].
     fourth : (k, 2) array
-        Bounds on the path's fourth derivatives from each node to the next.
-    out : (k − 1, 2) array
+        Bounds on the path's fourth derivatives from each node to the next [1/m³, 1/m⁴].
+    out : (k - 1, 2) array
         Result, in place [m, rad].
     """
     b, left, right = np.empty((q.shape[1], 6)), np.empty(4), np.empty(4)
@@ -294,7 +294,7 @@ def march(
     rows, values : (k, 4, d, n), (k, 4, d) array
         The free motion at the nodes, as for `derivatives_at` [1].
     fourth : (k, 2) array
-        Bounds on the fourth derivatives of the path's position and rotation, from each node to the next.
+        Bounds on the fourth derivatives of the path's position and rotation, from each node to the next [1/m³, 1/m⁴].
     tolerance : (2,) array
         Largest bound on distance [m] and angle [rad].
     least : float
@@ -385,7 +385,7 @@ def leaves(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int
     q : (k, n) array
         Configurations [rad, m].
     dq : (k, 3, n) array
-        Their derivatives per unit of s.
+        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
     lower, upper : (n,) array
         Limits [rad, m].
     joint : int

@@ -44,11 +44,11 @@ def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
     chain : Chain
         The arm.
     target : (4, 4) array
-        T_base_tool.
+        T_base_tool [m].
     q : (n,) array
         Configuration, changed in place [rad, m].
     J : (6, n) array
-        Becomes the Jacobian there [m, rad per rad or m].
+        Becomes the Jacobian there [m/rad, 1].
 
     Returns
     -------
@@ -86,7 +86,7 @@ def free_directions(J: Array, before: Array, N: Array) -> float:
     Parameters
     ----------
     J : (6, n) array
-        Jacobian [m, rad per rad or m].
+        Jacobian [m/rad, 1].
     before : (n, d) array
         The given basis [1].
     N : (n, d) array
@@ -173,7 +173,7 @@ def carry(
     middle, half : (n,) array
         Middle and half of the joints' ranges [rad, m].
     poses : (k, 4, 4) array
-        T_base_tool at the stations.
+        T_base_tool at the stations [m].
     shares : (k,) array
         The stations as shares of the path [1].
     N : (n, d) array
@@ -342,7 +342,7 @@ def smooth(
     middle, half : (n,) array
         Middle and half of the joints' ranges [rad, m].
     poses : (k, 4, 4) array
-        T_base_tool at the stations.
+        T_base_tool at the stations [m].
     shares : (k,) array
         The stations as shares of the path [1].
     first : (n, d) array

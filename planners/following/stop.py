@@ -142,7 +142,7 @@ def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) ->
     path : Path
         The path.
     reach : (8,) array
-        Bounds of the arm's reach, from `reach_bound`.
+        Bounds of the arm's reach, from `reach_bound` [m].
     ended : Ended
         How tracking ended.
     q : (n,) array

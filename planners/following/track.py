@@ -234,10 +234,8 @@ class _Tracker:
     # ------------------------------------------------------------ singular configurations
 
     def _step_over(self, nodes: Nodes, i: int, value: float) -> tuple[bool, bool]:
-        """Step over the node after node i, with this singular value, between regular nodes or to the path's end.
-
-        Returns whether the step was proved, and if not, whether a shorter one might be.
-        """
+        """Step over the node after node i, with this singular value, between regular nodes or to the path's end."""
+        # Returns whether the step was proved, and if not, whether a shorter one might be.
         middle, coarse, back = float(nodes.s[i + 1]), False, min(self.count, 64)
         sigma = self.robot.singular_values(self.q[self.count - back : self.count])[:, -1]
         for away in STEP_OVER_FROM:
@@ -268,11 +266,9 @@ class _Tracker:
         return False, coarse
 
     def _softened(self, k: int, left: At, right: At) -> list[At] | None:
-        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is accepted.
-
-        Near a singular configuration that the path passes a little beside, exact second derivatives describe the detour of
-        the joints around it, not the step over it. The proof needs pose and twist only.
-        """
+        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is accepted."""
+        # Near a singular configuration that the path passes a little beside, exact second derivatives describe the
+        # detour of the joints around it, not the step over it. The proof needs pose and twist only.
         h, (v0, v1) = right.s - left.s, (left.dq[0], right.dq[0])
         slope = (right.q - left.q) / h
         third = 6.0 * (v0 + v1 - 2.0 * slope) / h**2

@@ -46,7 +46,7 @@ class PosesAlong(Protocol):
         Returns
         -------
         (k, 4, 4) array
-            T_base_tool.
+            T_base_tool [m].
         """
 
     def twist(self, s: ArrayLike, order: int = 1) -> Array:
@@ -62,7 +62,7 @@ class PosesAlong(Protocol):
         Returns
         -------
         (k, 6) array
-            Linear before angular part, per unit of s.
+            Linear before angular part, per unit of s [1, rad/m].
         """
 
 
@@ -77,7 +77,7 @@ def nearest_places(path: PosesAlong, poses: Array) -> Array:
     path : Path
         The path, with a length above 0.
     poses : (k, 4, 4) array
-        T_base_tool.
+        T_base_tool [m].
 
     Returns
     -------
@@ -135,7 +135,7 @@ def embedded(poses: Array, turn: float) -> Array:
     Parameters
     ----------
     poses : (k, 4, 4) array
-        T_base_tool.
+        T_base_tool [m].
     turn : float
         Distance that a rotation by 1 rad counts for [m/rad].
 

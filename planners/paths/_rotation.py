@@ -23,7 +23,7 @@ def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
     Parameters
     ----------
     start, goal : (4, 4) array
-        T_base_tool at both ends.
+        T_base_tool at both ends [m].
     argument : str
         Name of the goal in messages.
 
@@ -55,7 +55,7 @@ def turned(R: Array, w: Array, s: Array) -> Array:
     Parameters
     ----------
     R : (3, 3) array
-        Rotation at s = 0.
+        Rotation at s = 0 [1].
     w : (3,) array
         Rotation vector per unit of s, in the base frame [rad/m, or 1].
     s : (k,) array
@@ -64,7 +64,7 @@ def turned(R: Array, w: Array, s: Array) -> Array:
     Returns
     -------
     (k, 3, 3) array
-        Rotations.
+        Rotations [1].
     """
     if not w.any():
         return np.broadcast_to(R, (s.size, 3, 3))
@@ -77,14 +77,14 @@ def poses(R: Array, p: Array) -> Array:
     Parameters
     ----------
     R : (k, 3, 3) array
-        Rotations.
+        Rotations [1].
     p : (k, 3) array
         Positions [m].
 
     Returns
     -------
     (k, 4, 4) array
-        Homogeneous matrices.
+        Homogeneous matrices [m].
     """
     out = np.zeros((len(p), 4, 4))
     out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p, 1.0
@@ -117,7 +117,7 @@ def angle_about(axis: Array, R: Array) -> Array:
     axis : (3,) array
         Unit vector [1].
     R : (k, 3, 3) array
-        Rotations.
+        Rotations [1].
 
     Returns
     -------
@@ -134,12 +134,12 @@ def turning(w: Array, w1: Array, w2: Array) -> Array:
     Parameters
     ----------
     w, w1, w2 : (k, 3) array
-        Angular velocity per unit of s, and its first two derivatives [rad/m, rad/m², rad/m³; or 1].
+        Angular velocity per unit of s, and its first two derivatives [rad/m, rad/m², rad/m³].
 
     Returns
     -------
     (k, 3) array
-        Spectral norms, in units of 1/m, 1/m² and 1/m³, or [1].
+        Spectral norms [1/m, 1/m², 1/m³].
     """
     A, A1, A2 = (_crossing(v) for v in (w, w1, w2))
     second = A1 + A @ A

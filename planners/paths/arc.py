@@ -62,7 +62,7 @@ class Arc(Path):
         Parameters
         ----------
         start, goal : (4, 4) array
-            T_base_tool at both ends.
+            T_base_tool at both ends [m].
         via : (3,) or (4, 4) array
             A point [m] on the arc; of a pose, only the position counts.
 
@@ -91,7 +91,7 @@ class Arc(Path):
         Parameters
         ----------
         start : (4, 4) array
-            T_base_tool at s = 0.
+            T_base_tool at s = 0 [m].
         centre : (3,) array
             A point [m] on the axis.
         axis : (3,) array
@@ -100,7 +100,7 @@ class Arc(Path):
             Angle [rad], negative for the other direction, at most 10 turns.
         orientation : str or (3, 3) array
             ``"fixed"``: the tool keeps its orientation. ``"arc"``: it turns with the arc, as if held by the axis. A
-            rotation matrix: that of the goal, reached by the shortest rotation from the start's.
+            rotation matrix [1]: that of the goal, reached by the shortest rotation from the start's.
 
         Returns
         -------

@@ -138,7 +138,7 @@ class Path(Curve):
         Parameters
         ----------
         poses : (k, 4, 4) array
-            T_base_tool.
+            T_base_tool [m].
 
         Returns
         -------
@@ -218,7 +218,7 @@ class Path(Curve):
         Returns
         -------
         (4, 4) or (k, 4, 4) array
-            T_base_tool.
+            T_base_tool [m].
         """
         return self(s)
 
@@ -235,7 +235,7 @@ class Path(Curve):
         Returns
         -------
         (6,) or (k, 6) array
-            Per unit of s [1, rad/m; or m/rad, 1 where s is in radians].
+            Per unit of s [1, rad/m].
         """
         return self(s, order)
 
@@ -250,9 +250,9 @@ class Path(Curve):
         Returns
         -------
         poses : (k, 4, 4) array
-            T_base_tool.
+            T_base_tool [m].
         twists : (k, 6) array
-            Per unit of s, as `twist`.
+            Per unit of s [1, rad/m].
         """
         return self._evaluate(s, 0), self._evaluate(s, 1)
 

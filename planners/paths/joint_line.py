@@ -86,7 +86,7 @@ class JointLine(Path):
         q_start : (n,) array
             Configuration inside the limits [rad, m].
         pose : (4, 4) array
-            T_base_tool at the goal.
+            T_base_tool at the goal [m].
         solver : str
             A name from `optik.ik.solvers`.
         **options
@@ -171,11 +171,9 @@ class JointLine(Path):
         return twists
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4): the largest sample, plus what the bound above allows between samples.
-
-        The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance of
-        the samples times the bound above it.
-        """
+        """Bounds (2, 4): the largest sample, plus what the bound above allows between samples."""
+        # The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance
+        # of the samples times the bound above it.
         return self._bounds.copy()
 
     @cached_property
@@ -195,11 +193,10 @@ class JointLine(Path):
         return bounds
 
     def _by_reach(self) -> Array:
-        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it.
-
-        A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
-        since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'| Wᵏ⁻¹.
-        """
+        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it."""
+        # A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
+        # since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'|
+        # Wᵏ⁻¹.
         robot, rate = self.robot, np.abs(self._joints.rate)
         W = np.concatenate([[0.0], np.cumsum(np.where(robot.prismatic, 0.0, rate))])  # before joint i
         links = np.concatenate([robot.fixed, robot.tool[None]])[:, :3, 3]

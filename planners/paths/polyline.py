@@ -181,11 +181,9 @@ class Polyline(Path):
         return out
 
     def piece_bounds(self) -> Array:
-        """Bounds (pieces, 2, 4) on the derivatives of position and rotation.
-
-        With |w₂ − exp(w₂ b) w₁| = |w₂ − w₁| and |w₂ × exp(w₂ b) w₁| = |w₂ × w₁| the derivatives of ω are bounded term by
-        term, those of R by the Bell polynomials of the bounds on |ω|, |ω'|, |ω''|, |ω'''|.
-        """
+        """Bounds (pieces, 2, 4) on the derivatives of position and rotation."""
+        # With |w₂ − exp(w₂ b) w₁| = |w₂ − w₁| and |w₂ × exp(w₂ b) w₁| = |w₂ × w₁| the derivatives of ω are bounded term
+        # by term, those of R by the Bell polynomials of the bounds on |ω|, |ω'|, |ω''|, |ω'''|.
         c = self._pieces
         rate = np.where(c.corner, 1.0 / c.width, 0.0)
         f1, f2, f3 = 1.875 * rate, 10.0 / np.sqrt(3.0) * rate**2, 60.0 * rate**3  # the greatest |f'|, |f''|, |f'''|
@@ -271,11 +269,10 @@ def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
 
 
 def _merged(waypoints: Array, blend: Array, blend_rotation: Array) -> tuple[list[int], Array]:
-    """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use.
-
-    An inner waypoint near the last one kept is merged with it; those near the end are merged with the end. So every waypoint
-    left out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses the rest.
-    """
+    """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use."""
+    # An inner waypoint near the last one kept is merged with it; those near the end are merged with the end. So every
+    # waypoint left out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses the
+    # rest.
     last = len(waypoints) - 1
     room = np.vstack([np.full(2, np.inf), np.stack([blend, blend_rotation], axis=1), np.full(2, np.inf)])
     near = np.clip(MERGED * room, SAME_POSE, SMALLEST)
