@@ -29,7 +29,7 @@ from planners.trajectory import Trajectory
 
 __all__ = ["Asked", "Plan", "PlanStatus", "make_law", "path_to", "plan"]
 
-UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate are there to be looked at"
+UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
 """Advice for a motion whose certificate does not hold."""
 
 FOLLOWED = 0.95
@@ -74,7 +74,7 @@ class Plan:
     prefix : JointPath or None
         The joint path, or on failure the good part of it.
     stop : Stop or None
-        Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion all the same.
+        Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion, too.
     slowed : float
         Factor by which the law's motion was slowed to keep the limits that the law promises; 1 where it kept them itself.
     span : (2,) tuple of float, or None

@@ -64,7 +64,9 @@ class Npz(Format):
         except InvalidInput:
             raise
         except Exception as error:  # zipfile and NumPy raise a dozen types on bytes that are not theirs
-            raise InvalidInput("content", f"{type(error).__name__}: {str(error)[:120]}", "an NPZ file, whole") from None
+            raise InvalidInput(
+                "content", f"{type(error).__name__}: {str(error)[:120]}", "a complete NPZ file"
+            ) from None
         for name, array, kind in (("header", header, "U"), ("knots", knots, "f"), ("coefficients", coefficients, "f")):
             if array.dtype.kind != kind or (kind == "f" and array.dtype.itemsize != 8):
                 raise InvalidInput(name, f"an array of {array.dtype}", "JSON text" if kind == "U" else "float64")

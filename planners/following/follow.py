@@ -357,10 +357,10 @@ def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
     if robot.n > 6:
         return f'branch="best" may find other free motion; {shorter}'
     if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
-        return f"no branch goes all the way: no configuration was found for the path's end; {shorter}"
+        return f"no branch reaches the end of the path: no configuration was found there; {shorter}"
     ways = branches(robot, path)
     if ways and ways[0].ended is None:
         start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
-        return f'branch="best": another start configuration goes all the way, {start}; or {shorter}'
+        return f'branch="best": the start configuration {start} reaches the end of the path; or {shorter}'
     farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > stop.s + 1e-3 * path.end else ""
-    return f"{farther}no branch goes all the way; {shorter}"
+    return f"{farther}no branch reaches the end of the path; {shorter}"

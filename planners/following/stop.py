@@ -248,7 +248,7 @@ def jumped(solver: IKSolver, s: float, step: Array, before: Array) -> Stop:
     robot, i = solver.robot, int(np.argmax(np.abs(step)))
     name = robot.joint_names[i]
     reason = (
-        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} stands {step[i]:.3g} {unit(robot, i)} away "
+        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} is {step[i]:.3g} {unit(robot, i)} away "
         "from where the motion leads"
     )
     advice = "another method, such as lm, or more samples: the branch itself goes on there"

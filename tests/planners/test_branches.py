@@ -262,7 +262,7 @@ def test_advice_of_another_branch_is_true() -> None:
         if stop is None:
             continue
         best = follow(solver, line)
-        assert bool(best) is ("goes all the way" in stop.advice and "no branch goes" not in stop.advice)
+        assert bool(best) is ("reaches the end of the path" in stop.advice and "no branch reaches" not in stop.advice)
         seen += bool(best)
         if stop.status is FollowStatus.UNREACHABLE:
             beyond = solver.solve(line.pose(min(stop.s + 1e-3 * line.end, line.end)), robot.limits.clip(q))

@@ -234,7 +234,7 @@ def _from_yaml(text: str) -> Any:
     try:
         documents = [d for d in yaml.load_all(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) if d is not None]
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # the last three: dates, keys, nesting
-        raise InvalidInput("content", " ".join(str(error).split())[:160], "YAML, whole") from None
+        raise InvalidInput("content", " ".join(str(error).split())[:160], "complete YAML") from None
     if len(documents) != 1:
         raise InvalidInput("content", f"{len(documents)} documents", "one message")
     return documents[0]
