@@ -17,7 +17,7 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
 
     Parameters
     ----------
-    value : array of any shape and unit
+    value : array of any shape
         What was passed; returned itself if it is such an array already.
     argument : str
         Name of the argument, for the error.
@@ -26,8 +26,8 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
 
     Returns
     -------
-    array of the same shape and unit
-        The numbers.
+    array of the same shape
+        The numbers [as value].
 
     Raises
     ------

@@ -356,12 +356,10 @@ def _offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: 
 
 
 def _angle_about(pair: _Pair, signs: Array, R: Array, i: int, *, to_tool: bool) -> float:
-    """Signed angle about joint i's axis of the other arm that takes the next axis of the first arm to the other's.
-
-    R (3, 3) is the rotation that all joints before i apply to the first arm's axes at q = 0. The angle follows from the
-    direction of the next axis, or from its position if it is parallel; a parallel prismatic joint does not determine
-    it. After the last joint it follows from the tool.
-    """
+    """Signed angle about joint i's axis of the other arm that takes the next axis of the first arm to the other's."""
+    # R (3, 3) is the rotation that all joints before i apply to the first arm's axes at q = 0. The angle follows from the
+    # direction of the next axis, or from its position if it is parallel; a parallel prismatic joint does not determine
+    # it. After the last joint it follows from the tool.
     axis = pair.axes_other[i]
     for k in range(i + 1, pair.n):
         v, target = signs[k] * (R @ pair.axes[k]), pair.axes_other[k]
@@ -387,11 +385,9 @@ def _turn(axis: Array, v: Array, target: Array) -> float:
 def _lengths(
     pair: _Pair, signs: Array, X: Array, offsets: Array, slides: NDArray[np.intp], *, base: bool, tool: bool
 ) -> tuple[Array, Array]:
-    """Translations of base and tool (3,), (3,); offsets of prismatic joints are written into `offsets`.
-
-    The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. If the solution is not unique, it is the
-    one of least norm.
-    """
+    """Translations of base and tool (3,), (3,); offsets of prismatic joints are written into `offsets`."""
+    # The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. If the solution is not unique, it is the
+    # one of least norm.
     T = pair.first.fk(signs * pair.q + offsets)
     rest = (pair.target[:, :3, 3] - T[:, :3, 3] @ X.T).reshape(-1)
     columns = []

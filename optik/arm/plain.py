@@ -27,8 +27,8 @@ def plain_numbers(values: ArrayLike) -> Any:
 
     Parameters
     ----------
-    values : array of any shape and unit
-        Real numbers.
+    values : array of any shape
+        Real numbers [rad, m or 1].
 
     Returns
     -------
@@ -59,7 +59,7 @@ def numbers(data: Any, shape: tuple[int, ...], argument: str) -> Array:
     Returns
     -------
     array of that shape
-        The numbers, in the unit in which they were written.
+        The numbers [as data].
 
     Raises
     ------

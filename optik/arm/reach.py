@@ -1,4 +1,4 @@
-"""Reach of an arm: a bound that every configuration inside the limits keeps, so a target beyond it is provably unreachable."""
+"""Reach of an arm: bounds that hold for every configuration inside the limits, so a target beyond is unreachable."""
 
 from __future__ import annotations
 
@@ -72,11 +72,9 @@ def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
 
 
 def _shortest(robot: Robot, whole: bool) -> Array:
-    """Place (n,) of each joint's point on its axis [m] that makes the sum of the distances between them smallest.
-
-    The sum is minimised by least squares with weights 1 / distance (Weiszfeld 1937). Any places give a valid bound; the
-    smaller the sum, the tighter it is.
-    """
+    """Place (n,) of each joint's point on its axis [m] that makes the sum of the distances between them smallest."""
+    # The sum is minimised by least squares with weights 1 / distance (Weiszfeld 1937). Any places give a valid bound;
+    # the smaller the sum, the tighter it is.
     n, middle = robot.n, robot.limits.middle
     rows = n - 1 + (not whole)
     A, b = np.zeros((3 * rows, n)), np.zeros(3 * rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -286,7 +287,8 @@ class Robot(ArmModel):
         Returns
         -------
         (6, n) or (..., 6, n) array
-            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections) [m/rad, 1 for prismatic joints; ω 1].
+            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections): rows of v [m/rad] for revolute and [1]
+            for prismatic joints, rows of ω [1] for revolute joints and 0 for prismatic ones.
 
         Raises
         ------
@@ -313,7 +315,7 @@ class Robot(ArmModel):
         Returns
         -------
         (min(6, n),) or (..., min(6, n)) array
-            In descending order [metres and radians of the tool per radian or metre of the joints].
+            In descending order, of mixed unit [m/rad or 1].
 
         Raises
         ------

@@ -202,7 +202,8 @@ def test_a_real_description_is_read_as_its_table():
 
 def test_reading_loads_xml_and_importing_optik_does_not():
     code = (
-        "import sys, optik\nassert not {'defusedxml', 'optik.arm.urdf', 'optik.arm.urdf_writer', 'optik.arm.compare'} & set(sys.modules)\n"
+        "import sys, optik\nlater = {'defusedxml', 'optik.arm.urdf', 'optik.arm.urdf_writer', 'optik.arm.compare'}\n"
+        "assert not later & set(sys.modules)\n"
         "optik.Robot.from_urdf(sys.argv[1], 'tool0')\nassert 'defusedxml' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code, PLAIN], check=True, cwd=oracles.REPOSITORY)
