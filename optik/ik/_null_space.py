@@ -10,7 +10,7 @@ from optik.compiled import compiled
 from optik.kinematics import Chain, Range, Workspace, forward, jacobian_at, workspace
 from optik.linear import cholesky_solve, copy_vector, damped_step
 from optik.task import Goal, goal_error, task_error, task_rows
-from optik.types import Array
+from optik.types import Array, Indices
 
 Wish = tuple[Array, Array]
 """What kernels minimise: weights (3,) of posture, limits and manipulability [1], and the posture (n,) [rad, m]."""
@@ -101,7 +101,7 @@ def cost(limits: Range, wish: Wish, q: Array, J: Array, flags: Array, g: Array) 
 
 
 @compiled
-def _pseudo_inverse(J: Array, rows: Array, m: int, pseudo: Array) -> float:
+def _pseudo_inverse(J: Array, rows: Indices, m: int, pseudo: Array) -> float:
     """J⁺ = Jᵀ (J Jᵀ)⁻¹ of the first m of `rows` into pseudo (n, 6), row by row; returns log √det(J Jᵀ)."""
     n = J.shape[1]
     A, L, y = np.empty((m, m)), np.empty((m, m)), np.empty(m)

@@ -7,7 +7,8 @@ from math import asin, sin
 import numpy as np
 
 from optik.compiled import compiled
-from optik.kinematics import Chain, derivatives_at, frames, put_on, tool_motion, tool_pose
+from optik.kinematics import Chain, frames, tool_motion, tool_pose
+from optik.newton import derivatives_at, put_on
 from optik.types import Array
 
 LARGEST_STEP = 0.25

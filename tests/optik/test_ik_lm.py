@@ -293,12 +293,12 @@ def test_settling_ends_at_the_nearest_winding_and_stays_there(seed):
         for _ in range(rng.integers(4)):
             x = np.nextafter(x, rng.choice([-inf, inf]))
         q = np.array([x])
-        arguments = np.array([False]), np.array([lower]), np.array([upper]), np.array([start])
-        _general.settle(*arguments, q)
+        arguments = np.array([False]), (np.array([lower]), np.array([upper])), np.array([start])
+        _general.settle_inside(*arguments, q)
         assert lower <= q[0] <= upper
         best = nearest_winding(x, start, lower, upper)
         assert best is None or abs(abs(q[0] - start) - abs(best - start)) < 1e-8
-        assert any(_general.settle(*arguments, q) for _ in range(3)), (lower, upper, start, x)
+        assert any(_general.settle_inside(*arguments, q) for _ in range(3)), (lower, upper, start, x)
 
 
 HALF_TURN = """
