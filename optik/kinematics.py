@@ -15,7 +15,7 @@ from math import cos, sin
 
 import numpy as np
 
-from optik.compiled import compiled
+from optik.compiled import compiled, inlined
 from optik.linear import smallest_singular_value
 from optik.se3 import pose_error
 from optik.types import Array, Flags
@@ -147,7 +147,7 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
             J[3, i], J[4, i], J[5, i] = zx, zy, zz
 
 
-@compiled
+@inlined
 def workspace(n: int) -> Workspace:
     """Allocate what `forward` and `jacobian_at` fill.
 
@@ -164,7 +164,7 @@ def workspace(n: int) -> Workspace:
     return np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
 
 
-@compiled
+@inlined
 def forward(chain: Chain, q: Array, at: Workspace) -> None:
     """Joint frames and tool pose of one configuration.
 
@@ -182,7 +182,7 @@ def forward(chain: Chain, q: Array, at: Workspace) -> None:
     tool_pose(chain, frame, T)
 
 
-@compiled
+@inlined
 def jacobian_at(chain: Chain, at: Workspace) -> None:
     """Geometric Jacobian of the configuration that `forward` was called with.
 
@@ -197,7 +197,7 @@ def jacobian_at(chain: Chain, at: Workspace) -> None:
     jacobian_from(chain, frame, T, J)
 
 
-@compiled
+@inlined
 def squares(e: Array) -> tuple[float, float]:
     """Squared norms of the two parts of an error.
 
@@ -214,7 +214,7 @@ def squares(e: Array) -> tuple[float, float]:
     return e[0] * e[0] + e[1] * e[1] + e[2] * e[2], e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
 
 
-@compiled
+@inlined
 def error_of_pose(chain: Chain, target: Array, q: Array, at: Workspace, e: Array) -> tuple[float, float]:
     """Error twist of one configuration, and what forward kinematics finds on the way.
 

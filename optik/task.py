@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optik.check import real_array
-from optik.compiled import compiled
+from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Range, Workspace, forward, jacobian_at, squares, workspace
 from optik.se3 import log_rotation, pose_error
@@ -247,7 +247,7 @@ def keep_rows(flags: Array, J: Array, e: Array) -> int:
     return m
 
 
-@compiled
+@inlined
 def whole_pose(flags: Array) -> bool:
     """Whether a task asks for the whole pose, exactly: `Task.is_pose` for kernels.
 
@@ -267,7 +267,7 @@ def whole_pose(flags: Array) -> bool:
     return pose
 
 
-@compiled
+@inlined
 def goal_error(chain: Chain, goal: Goal, q: Array, at: Workspace, e: Array, w: Array) -> tuple[float, float]:
     """Error of one configuration against a goal, and what forward kinematics finds on the way.
 
@@ -297,7 +297,7 @@ def goal_error(chain: Chain, goal: Goal, q: Array, at: Workspace, e: Array, w: A
     return squares(e)
 
 
-@compiled
+@inlined
 def goal_jacobian(chain: Chain, goal: Goal, at: Workspace, w: Array) -> None:
     """Jacobian of the error that `goal_error` found.
 

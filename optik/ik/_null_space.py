@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 
-from optik.compiled import compiled
+from optik.compiled import compiled, inlined
 from optik.kinematics import Chain, Range, Workspace, forward, jacobian_at, workspace
 from optik.linear import cholesky_solve, copy_vector, damped_step
 from optik.task import Goal, goal_error, task_error, task_rows
@@ -38,7 +38,7 @@ SUFFICIENT = 1e-4
 """Share of the decrease that the slope predicts that a step must bring [1] (Armijo; Nocedal and Wright 2006, §3.1)."""
 
 
-@compiled
+@inlined
 def normalised(x: float, low: float, high: float) -> tuple[float, float]:
     """Position of a joint relative to its range, as `JointLimits.normalised` has it.
 

@@ -29,15 +29,6 @@ from optik.ik._lm.packed import (
 from optik.se3 import log_rotation
 from optik.types import Array
 
-Lower = tuple[
-    float, float, float, float, float, float, float, float, float, float, float,
-    float, float, float, float, float, float, float, float, float, float,
-]  # fmt: skip
-"""Lower part of a symmetric 6 × 6 matrix, row by row: scalars stay in registers, one for each lane."""
-
-Six = tuple[float, float, float, float, float, float]
-"""A vector of six scalars."""
-
 # Rows of the work array w (ROWS, L), what the lanes hold for at most 12 joints, in the frame of the first joint at rest:
 # the configuration Q, between LOW and HIGH where every step ends, the BEST so far, sines and cosines of the joint angles.
 Q, LOW, HIGH, BEST, SIN, COS = 0, 12, 24, 36, 48, 60
@@ -315,128 +306,131 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
 
 
 @inlined
-def normal_matrix(J: Array, n: int, l: int, t: float) -> Lower:
-    """Lower part of J Jᵀ + t I of one lane.
-
-    Parameters
-    ----------
-    J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1].
-    n : int
-        Number of joints.
-    l : int
-        Lane.
-    t : float
-        Damping λ² [m², rad²].
-
-    Returns
-    -------
-    Lower
-        The matrix [m²].
-    """
-    a00, a11, a22, a33, a44, a55 = t, t, t, t, t, t
-    a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = 0.0
-    for i in range(n):
-        j0, j1, j2 = J[6 * i, l], J[6 * i + 1, l], J[6 * i + 2, l]
-        j3, j4, j5 = J[6 * i + 3, l], J[6 * i + 4, l], J[6 * i + 5, l]
-        a00 = fma(j0, j0, a00)
-        a10 = fma(j1, j0, a10)
-        a11 = fma(j1, j1, a11)
-        a20 = fma(j2, j0, a20)
-        a21 = fma(j2, j1, a21)
-        a22 = fma(j2, j2, a22)
-        a30 = fma(j3, j0, a30)
-        a31 = fma(j3, j1, a31)
-        a32 = fma(j3, j2, a32)
-        a33 = fma(j3, j3, a33)
-        a40 = fma(j4, j0, a40)
-        a41 = fma(j4, j1, a41)
-        a42 = fma(j4, j2, a42)
-        a43 = fma(j4, j3, a43)
-        a44 = fma(j4, j4, a44)
-        a50 = fma(j5, j0, a50)
-        a51 = fma(j5, j1, a51)
-        a52 = fma(j5, j2, a52)
-        a53 = fma(j5, j3, a53)
-        a54 = fma(j5, j4, a54)
-        a55 = fma(j5, j5, a55)
-    return (
-        a00, a10, a11, a20, a21, a22, a30, a31, a32, a33, a40, a41, a42, a43, a44, a50, a51, a52, a53, a54, a55
-    )  # fmt: skip
-
-
-@inlined
-def solved(A: Lower, b: Six) -> Six:
-    """Solve A y = b by the factors L D Lᵀ of A, whose entries become those of L, row by row.
-
-    Parameters
-    ----------
-    A : Lower
-        Positive definite matrix.
-    b : Six
-        Right-hand side.
-
-    Returns
-    -------
-    Six
-        y.
-    """
-    (a00, a10, a11, a20, a21, a22, a30, a31, a32, a33, a40, a41, a42, a43, a44, a50, a51, a52, a53, a54, a55) = A
-    # L D Lᵀ, row by row; the entries of A become those of L
-    d0 = 1.0 / a00
-    l10, l20, l30, l40, l50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
-    d1 = 1.0 / fma(-l10, a10, a11)
-    b21, b31, b41, b51 = fma(-l20, a10, a21), fma(-l30, a10, a31), fma(-l40, a10, a41), fma(-l50, a10, a51)
-    l21, l31, l41, l51 = b21 * d1, b31 * d1, b41 * d1, b51 * d1
-    d2 = 1.0 / fma(-l21, b21, fma(-l20, a20, a22))
-    b32 = fma(-l31, b21, fma(-l30, a20, a32))
-    b42 = fma(-l41, b21, fma(-l40, a20, a42))
-    b52 = fma(-l51, b21, fma(-l50, a20, a52))
-    l32, l42, l52 = b32 * d2, b42 * d2, b52 * d2
-    d3 = 1.0 / fma(-l32, b32, fma(-l31, b31, fma(-l30, a30, a33)))
-    b43 = fma(-l42, b32, fma(-l41, b31, fma(-l40, a30, a43)))
-    b53 = fma(-l52, b32, fma(-l51, b31, fma(-l50, a30, a53)))
-    l43, l53 = b43 * d3, b53 * d3
-    d4 = 1.0 / fma(-l43, b43, fma(-l42, b42, fma(-l41, b41, fma(-l40, a40, a44))))
-    b54 = fma(-l53, b43, fma(-l52, b42, fma(-l51, b41, fma(-l50, a40, a54))))
-    l54 = b54 * d4
-    d5 = 1.0 / fma(-l54, b54, fma(-l53, b53, fma(-l52, b52, fma(-l51, b51, fma(-l50, a50, a55)))))
-    y0 = b[0]
-    y1 = fma(-l10, y0, b[1])
-    y2 = fma(-l21, y1, fma(-l20, y0, b[2]))
-    y3 = fma(-l32, y2, fma(-l31, y1, fma(-l30, y0, b[3])))
-    y4 = fma(-l43, y3, fma(-l42, y2, fma(-l41, y1, fma(-l40, y0, b[4]))))
-    y5 = d5 * fma(-l54, y4, fma(-l53, y3, fma(-l52, y2, fma(-l51, y1, fma(-l50, y0, b[5])))))
-    y4 = fma(-l54, y5, y4 * d4)
-    y3 = fma(-l53, y5, fma(-l43, y4, y3 * d3))
-    y2 = fma(-l52, y5, fma(-l42, y4, fma(-l32, y3, y2 * d2)))
-    y1 = fma(-l51, y5, fma(-l41, y4, fma(-l31, y3, fma(-l21, y2, y1 * d1))))
-    y0 = fma(-l50, y5, fma(-l40, y4, fma(-l30, y3, fma(-l20, y2, fma(-l10, y1, y0 * d0)))))
-    return y0, y1, y2, y3, y4, y5
-
-
-@inlined
-def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
-    """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · E + least damping, clamped to the lane's bounds.
+def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
+    """Lower part of J Jᵀ + λ² I of every lane, row by row, with λ² = gain · E + least damping.
 
     Parameters
     ----------
     arm : (size,) array
         The arm [as `pack` writes it].
     w : (ROWS, L) array
-        Lanes [as the rows say]; Q is overwritten.
-    g : (GEOMETRY, L) array
-        Joint origins and axes [m, 1].
+        Lanes [as the rows say].
+    A : (21, L) array or larger
+        The matrices [m²]; overwritten.
     J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1]; overwritten.
+        Jacobians, by columns [m/rad, 1].
     n : int
         Number of joints.
     """
     gain, least = arm[AT_GAIN], arm[AT_LEAST_DAMPING]
-    jacobians(arm, w, g, J, n)
     for l in range(w.shape[1]):
-        A = normal_matrix(J, n, l, gain * w[E, l] + least)
-        y0, y1, y2, y3, y4, y5 = solved(A, (w[e, l], w[e + 1, l], w[e + 2, l], w[e + 3, l], w[e + 4, l], w[e + 5, l]))
+        t = gain * w[E, l] + least
+        a00, a11, a22, a33, a44, a55 = t, t, t, t, t, t
+        a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = 0.0
+        for i in range(n):
+            j0, j1, j2 = J[6 * i, l], J[6 * i + 1, l], J[6 * i + 2, l]
+            j3, j4, j5 = J[6 * i + 3, l], J[6 * i + 4, l], J[6 * i + 5, l]
+            a00 = fma(j0, j0, a00)
+            a10 = fma(j1, j0, a10)
+            a11 = fma(j1, j1, a11)
+            a20 = fma(j2, j0, a20)
+            a21 = fma(j2, j1, a21)
+            a22 = fma(j2, j2, a22)
+            a30 = fma(j3, j0, a30)
+            a31 = fma(j3, j1, a31)
+            a32 = fma(j3, j2, a32)
+            a33 = fma(j3, j3, a33)
+            a40 = fma(j4, j0, a40)
+            a41 = fma(j4, j1, a41)
+            a42 = fma(j4, j2, a42)
+            a43 = fma(j4, j3, a43)
+            a44 = fma(j4, j4, a44)
+            a50 = fma(j5, j0, a50)
+            a51 = fma(j5, j1, a51)
+            a52 = fma(j5, j2, a52)
+            a53 = fma(j5, j3, a53)
+            a54 = fma(j5, j4, a54)
+            a55 = fma(j5, j5, a55)
+        A[0, l], A[1, l], A[2, l] = a00, a10, a11
+        A[3, l], A[4, l], A[5, l] = a20, a21, a22
+        A[6, l], A[7, l], A[8, l], A[9, l] = a30, a31, a32, a33
+        A[10, l], A[11, l], A[12, l], A[13, l], A[14, l] = a40, a41, a42, a43, a44
+        A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l] = a50, a51, a52, a53, a54, a55
+
+
+@inlined
+def factorise(A: Array) -> None:
+    """Factors L D Lᵀ of every lane's matrix: the entries of L below the diagonal, and 1 / D on it.
+
+    Parameters
+    ----------
+    A : (21, L) array or larger
+        The matrices [m²]; overwritten by the factors [m², 1].
+    """
+    for l in range(A.shape[1]):
+        a00, a10, a11 = A[0, l], A[1, l], A[2, l]
+        a20, a21, a22 = A[3, l], A[4, l], A[5, l]
+        a30, a31, a32, a33 = A[6, l], A[7, l], A[8, l], A[9, l]
+        a40, a41, a42, a43, a44 = A[10, l], A[11, l], A[12, l], A[13, l], A[14, l]
+        a50, a51, a52, a53, a54, a55 = A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l]
+        # row by row; the entries of A become those of L
+        d0 = 1.0 / a00
+        l10, l20, l30, l40, l50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
+        d1 = 1.0 / fma(-l10, a10, a11)
+        b21, b31, b41, b51 = fma(-l20, a10, a21), fma(-l30, a10, a31), fma(-l40, a10, a41), fma(-l50, a10, a51)
+        l21, l31, l41, l51 = b21 * d1, b31 * d1, b41 * d1, b51 * d1
+        d2 = 1.0 / fma(-l21, b21, fma(-l20, a20, a22))
+        b32 = fma(-l31, b21, fma(-l30, a20, a32))
+        b42 = fma(-l41, b21, fma(-l40, a20, a42))
+        b52 = fma(-l51, b21, fma(-l50, a20, a52))
+        l32, l42, l52 = b32 * d2, b42 * d2, b52 * d2
+        d3 = 1.0 / fma(-l32, b32, fma(-l31, b31, fma(-l30, a30, a33)))
+        b43 = fma(-l42, b32, fma(-l41, b31, fma(-l40, a30, a43)))
+        b53 = fma(-l52, b32, fma(-l51, b31, fma(-l50, a30, a53)))
+        l43, l53 = b43 * d3, b53 * d3
+        d4 = 1.0 / fma(-l43, b43, fma(-l42, b42, fma(-l41, b41, fma(-l40, a40, a44))))
+        b54 = fma(-l53, b43, fma(-l52, b42, fma(-l51, b41, fma(-l50, a40, a54))))
+        l54 = b54 * d4
+        d5 = 1.0 / fma(-l54, b54, fma(-l53, b53, fma(-l52, b52, fma(-l51, b51, fma(-l50, a50, a55)))))
+        A[0, l], A[1, l], A[2, l] = d0, l10, d1
+        A[3, l], A[4, l], A[5, l] = l20, l21, d2
+        A[6, l], A[7, l], A[8, l], A[9, l] = l30, l31, l32, d3
+        A[10, l], A[11, l], A[12, l], A[13, l], A[14, l] = l40, l41, l42, l43, d4
+        A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l] = l50, l51, l52, l53, l54, d5
+
+
+@inlined
+def substitute(w: Array, A: Array, J: Array, n: int) -> None:
+    """Step Δq = Jᵀ A⁻¹ e of every lane by the factors of its matrix, clamped to the lane's bounds.
+
+    Parameters
+    ----------
+    w : (ROWS, L) array
+        Lanes [as the rows say]; Q is overwritten.
+    A : (21, L) array or larger
+        The factors [m², 1].
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1].
+    n : int
+        Number of joints.
+    """
+    for l in range(w.shape[1]):
+        d0, l10, d1 = A[0, l], A[1, l], A[2, l]
+        l20, l21, d2 = A[3, l], A[4, l], A[5, l]
+        l30, l31, l32, d3 = A[6, l], A[7, l], A[8, l], A[9, l]
+        l40, l41, l42, l43, d4 = A[10, l], A[11, l], A[12, l], A[13, l], A[14, l]
+        l50, l51, l52, l53, l54, d5 = A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l]
+        y0 = w[e, l]
+        y1 = fma(-l10, y0, w[e + 1, l])
+        y2 = fma(-l21, y1, fma(-l20, y0, w[e + 2, l]))
+        y3 = fma(-l32, y2, fma(-l31, y1, fma(-l30, y0, w[e + 3, l])))
+        y4 = fma(-l43, y3, fma(-l42, y2, fma(-l41, y1, fma(-l40, y0, w[e + 4, l]))))
+        y5 = d5 * fma(-l54, y4, fma(-l53, y3, fma(-l52, y2, fma(-l51, y1, fma(-l50, y0, w[e + 5, l])))))
+        y4 = fma(-l54, y5, y4 * d4)
+        y3 = fma(-l53, y5, fma(-l43, y4, y3 * d3))
+        y2 = fma(-l52, y5, fma(-l42, y4, fma(-l32, y3, y2 * d2)))
+        y1 = fma(-l51, y5, fma(-l41, y4, fma(-l31, y3, fma(-l21, y2, y1 * d1))))
+        y0 = fma(-l50, y5, fma(-l40, y4, fma(-l30, y3, fma(-l20, y2, fma(-l10, y1, y0 * d0)))))
         for i in range(n):
             q = fma(J[6 * i, l], y0, w[Q + i, l])
             q = fma(J[6 * i + 1, l], y1, q)
@@ -445,3 +439,27 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
             q = fma(J[6 * i + 4, l], y4, q)
             q = fma(J[6 * i + 5, l], y5, q)
             w[Q + i, l] = min(max(q, w[LOW + i, l]), w[HIGH + i, l])
+
+
+@inlined
+def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
+    """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; Q is overwritten.
+    g : (GEOMETRY, L) array
+        Joint origins and axes [m, 1]; overwritten.
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1]; overwritten.
+    n : int
+        Number of joints.
+    """
+    jacobians(arm, w, g, J, n)
+    # the geometry is not needed any more: its rows take the matrix
+    normal_matrix(arm, w, g, J, n)
+    factorise(g)
+    substitute(w, g, J, n)
