@@ -29,10 +29,6 @@ each joint at q = 0; prismatic (n,), which joints slide; tool (4, 4), the transf
 Range = tuple[Array, Array]
 """Position limits, or bounds of an iteration, as kernels take them: lower (n,) and upper (n,) [rad, m]."""
 
-Workspace = tuple[Array, Array, Array]
-"""Arrays that the kinematics of one configuration fills: joint frames (n, 4, 4) and tool pose (4, 4) in the base frame
-[1, m], and a Jacobian (6, n) [m/rad, 1]."""
-
 
 @compiled
 def multiply(A: Array, B: Array, out: Array) -> None:
@@ -148,8 +144,10 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
 
 
 @inlined
-def workspace(n: int) -> Workspace:
-    """Allocate what `forward` and `jacobian_at` fill.
+def workspace(n: int) -> tuple[Array, Array, Array]:
+    """Allocate joint frames, a tool pose and a Jacobian.
+
+    They are handed on one by one: as a tuple, each call that unpacks it would count references anew (a sixth slower).
 
     Parameters
     ----------
@@ -158,14 +156,18 @@ def workspace(n: int) -> Workspace:
 
     Returns
     -------
-    Workspace
-        Arrays (n, 4, 4), (4, 4) and (6, n), not yet written [units: those of `Workspace`].
+    frame : (n, 4, 4) array
+        Joint frames, not yet written [1, m].
+    T : (4, 4) array
+        Tool pose, not yet written [1, m].
+    J : (6, n) array
+        Jacobian, not yet written [m/rad, 1].
     """
     return np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
 
 
 @inlined
-def forward(chain: Chain, q: Array, at: Workspace) -> None:
+def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
     """Joint frames and tool pose of one configuration.
 
     Parameters
@@ -174,27 +176,13 @@ def forward(chain: Chain, q: Array, at: Workspace) -> None:
         The arm.
     q : (n,) array
         Configuration [rad, m].
-    at : Workspace
-        Its frames and tool pose are overwritten.
+    frame : (n, 4, 4) array
+        Joint frames in the base frame [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose in the base frame [1, m]; overwritten.
     """
-    frame, T, _J = at
     frames(chain, q, frame)
     tool_pose(chain, frame, T)
-
-
-@inlined
-def jacobian_at(chain: Chain, at: Workspace) -> None:
-    """Geometric Jacobian of the configuration that `forward` was called with.
-
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    at : Workspace
-        Its Jacobian is overwritten.
-    """
-    frame, T, J = at
-    jacobian_from(chain, frame, T, J)
 
 
 @inlined
@@ -215,7 +203,7 @@ def squares(e: Array) -> tuple[float, float]:
 
 
 @inlined
-def error_of_pose(chain: Chain, target: Array, q: Array, at: Workspace, e: Array) -> tuple[float, float]:
+def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array, e: Array) -> tuple[float, float]:
     """Error twist of one configuration, and what forward kinematics finds on the way.
 
     Parameters
@@ -226,8 +214,10 @@ def error_of_pose(chain: Chain, target: Array, q: Array, at: Workspace, e: Array
         Target pose in the base frame [1, m].
     q : (n,) array
         Configuration [rad, m].
-    at : Workspace
-        Its frames and tool pose are overwritten.
+    frame : (n, 4, 4) array
+        Joint frames in the base frame [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose in the base frame [1, m]; overwritten.
     e : (6,) array or longer
         The error twist (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad]; the first six entries are overwritten.
 
@@ -236,8 +226,8 @@ def error_of_pose(chain: Chain, target: Array, q: Array, at: Workspace, e: Array
     p2, r2 : float
         Square of the position error and of the rotation error, both scalars [m², rad²].
     """
-    forward(chain, q, at)
-    pose_error(at[1], target, e)
+    forward(chain, q, frame, T)
+    pose_error(T, target, e)
     return squares(e)
 
 
@@ -292,10 +282,9 @@ def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
     out : (k, 6, n) array
         Jacobians as `jacobian_from` writes them [m/rad, 1]; overwritten.
     """
-    at = workspace(q.shape[1])
-    frame, T, _ = at
+    frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        forward(chain, q[k], at)
+        forward(chain, q[k], frame, T)
         jacobian_from(chain, frame, T, out[k])
 
 
@@ -314,9 +303,9 @@ def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
     out : (k, 6) array
         (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad]; overwritten.
     """
-    at = workspace(q.shape[1])
+    frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        error_of_pose(chain, targets[k], q[k], at, out[k])
+        error_of_pose(chain, targets[k], q[k], frame, T, out[k])
 
 
 @compiled
@@ -415,10 +404,9 @@ def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
     out : (k, 3, 6) array
         Twists and their derivatives [m, rad], per power of the parameter; overwritten.
     """
-    at = workspace(q.shape[1])
-    frame, T, _ = at
+    frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        forward(chain, q[k], at)
+        forward(chain, q[k], frame, T)
         tool_motion(chain, frame, T, q[k], dq[k], out[k])
 
 
@@ -435,8 +423,8 @@ def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
     out : (k,) array
         The smallest of n singular values where n < 6, else of 6 [m/rad, 1]; overwritten.
     """
-    at = workspace(q.shape[1])
+    frame, T, J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        forward(chain, q[k], at)
-        jacobian_at(chain, at)
-        out[k] = smallest_singular_value(at[2])
+        forward(chain, q[k], frame, T)
+        jacobian_from(chain, frame, T, J)
+        out[k] = smallest_singular_value(J)

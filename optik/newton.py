@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.compiled import compiled
-from optik.kinematics import Chain, error_of_pose, forward, jacobian_at, tool_motion, workspace
+from optik.kinematics import Chain, error_of_pose, forward, jacobian_from, tool_motion, workspace
 from optik.linear import copy_vector, damped_step, qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 from optik.types import Array
 
@@ -62,13 +62,13 @@ def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
         |r_nn / r_11| of the last system, a scalar [1]; 0 where rank is lost. 1 where the steps are the shortest.
     """
     n, d = q.shape[0], rows.shape[0]
-    at = workspace(n)
+    frame, T, J = workspace(n)
     shortest = d == 0 and n > 6
     A, beta, order = np.empty((6 + d, 6 if shortest else n)), np.empty(n), np.empty(n, np.int64)
     e, dq, best = np.empty(6 + d), np.empty(n), q.copy()
     smallest, worst, rank = np.inf, np.inf, 1.0
     for _ in range(steps + 1):
-        error_of_pose(chain, target, q, at, e)
+        error_of_pose(chain, target, q, frame, T, e)
         for i in range(d):
             e[6 + i] = values[i]
             for j in range(n):
@@ -84,12 +84,12 @@ def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
         # Newton squares the error: from 1e-9 it comes to rounding, and another step would only stir that
         if size < SQUARED_ROUNDING or (before < 1e-18 and size < 1e-26):
             break
-        jacobian_at(chain, at)
+        jacobian_from(chain, frame, T, J)
         if shortest:
-            if not damped_step(at[2], e, 0.0, A, beta[:6], dq):
+            if not damped_step(J, e, 0.0, A, beta[:6], dq):
                 break
         else:
-            _stack(at[2], rows, A)
+            _stack(J, rows, A)
             rank = qr_factor(A, beta, order)
             if rank == 0.0:
                 break
@@ -168,12 +168,11 @@ def derivatives_at(
         Smallest singular value of J, a scalar [m/rad, 1], or a lower bound on it that is above `floor`.
     """
     n, d = q.shape[0], rows.shape[1]
-    at = workspace(n)
-    frame, T, J = at
+    frame, T, J = workspace(n)
     A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
     e, made = np.empty(6 + d), np.empty((3, 6))
-    forward(chain, q, at)
-    jacobian_at(chain, at)
+    forward(chain, q, frame, T)
+    jacobian_from(chain, frame, T, J)
     _stack(J, rows[0], A)
     rank = qr_factor(A, beta, order)
     singular = 0.0
@@ -223,23 +222,23 @@ def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: A
         Largest component of the error left in pose and twist, a scalar [m, rad]; infinite where a step failed.
     """
     n = q.shape[0]
-    at = workspace(n)
+    frame, T, J = workspace(n)
     A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
     worst = 0.0
     for step in range(2 * steps):
         of_pose = step < steps
-        error_of_pose(chain, target, q, at, e)
-        jacobian_at(chain, at)
+        error_of_pose(chain, target, q, frame, T, e)
+        jacobian_from(chain, frame, T, J)
         if not of_pose:
             for i in range(6):
                 e[i] = twist[i]
                 for j in range(n):
-                    e[i] -= at[2][i, j] * v[j]
+                    e[i] -= J[i, j] * v[j]
         if step == steps - 1 or step == 2 * steps - 1:
             for i in range(6):
                 worst = max(worst, abs(e[i]))
             continue
-        if not damped_step(at[2], e, SETTLING_DAMPING * SETTLING_DAMPING, A, y, dq, 0.0):
+        if not damped_step(J, e, SETTLING_DAMPING * SETTLING_DAMPING, A, y, dq, 0.0):
             return np.inf
         for j in range(n):
             if of_pose:

@@ -13,7 +13,7 @@ import numpy as np
 from optik.check import real_array
 from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
-from optik.kinematics import Chain, Range, Workspace, forward, jacobian_at, squares, workspace
+from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
 from optik.se3 import log_rotation, pose_error
 from optik.types import Array
 
@@ -268,7 +268,7 @@ def whole_pose(flags: Array) -> bool:
 
 
 @inlined
-def goal_error(chain: Chain, goal: Goal, q: Array, at: Workspace, e: Array, w: Array) -> tuple[float, float]:
+def goal_error(chain: Chain, goal: Goal, q: Array, frame: Array, T: Array, e: Array, w: Array) -> tuple[float, float]:
     """Error of one configuration against a goal, and what forward kinematics finds on the way.
 
     Parameters
@@ -279,8 +279,10 @@ def goal_error(chain: Chain, goal: Goal, q: Array, at: Workspace, e: Array, w: A
         The task and its target.
     q : (n,) array
         Configuration [rad, m].
-    at : Workspace
-        Its frames and tool pose are overwritten.
+    frame : (n, 4, 4) array
+        Joint frames in the base frame [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose in the base frame [1, m]; overwritten.
     e : (6,) array
         Error as `task_error` writes it [m, rad]; overwritten.
     w : (3,) array
@@ -292,13 +294,13 @@ def goal_error(chain: Chain, goal: Goal, q: Array, at: Workspace, e: Array, w: A
         Square of the position error and of the rotation error, both scalars [m², rad²].
     """
     flags, target = goal
-    forward(chain, q, at)
-    task_error(at[1], target, flags, e, w)
+    forward(chain, q, frame, T)
+    task_error(T, target, flags, e, w)
     return squares(e)
 
 
 @inlined
-def goal_jacobian(chain: Chain, goal: Goal, at: Workspace, w: Array) -> None:
+def goal_jacobian(chain: Chain, goal: Goal, frame: Array, T: Array, w: Array, J: Array) -> None:
     """Jacobian of the error that `goal_error` found.
 
     Parameters
@@ -307,14 +309,18 @@ def goal_jacobian(chain: Chain, goal: Goal, at: Workspace, w: Array) -> None:
         The arm.
     goal : Goal
         The task and its target.
-    at : Workspace
-        Its Jacobian is overwritten, as by `task_rows`.
+    frame : (n, 4, 4) array
+        Joint frames that `goal_error` wrote [1, m].
+    T : (4, 4) array
+        Tool pose that `goal_error` wrote [1, m].
     w : (3,) array
         Rotation vector that `goal_error` wrote [rad].
+    J : (6, n) array
+        The Jacobian, as `task_rows` writes it [m/rad, 1]; overwritten.
     """
     flags, target = goal
-    jacobian_at(chain, at)
-    task_rows(target, flags, w, at[2])
+    jacobian_from(chain, frame, T, J)
+    task_rows(target, flags, w, J)
 
 
 @compiled
@@ -343,7 +349,8 @@ def judge(chain: Chain, limits: Range, goal: Goal, slack: float, q: Array) -> tu
     """
     lower, upper = limits
     e, w = np.empty(6), np.empty(3)
-    p2, r2 = goal_error(chain, goal, q, workspace(q.shape[0]), e, w)
+    frame, T, _J = workspace(q.shape[0])
+    p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
     inside = True
     for i in range(q.shape[0]):
         inside = inside and lower[i] - slack <= q[i] <= upper[i] + slack

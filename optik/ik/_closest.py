@@ -145,21 +145,21 @@ def descend_to_pose(chain: Chain, limits: Range, goal: Goal, max_iterations: int
         ½|e|² there [m², rad²].
     """
     n, (lower, upper) = q.shape[0], limits
-    at = workspace(n)
+    frame, T, J = workspace(n)
     e, w, A, g, dq, trial = np.empty(6), np.empty(3), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
-    p2, r2 = goal_error(chain, goal, q, at, e, w)
+    p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
     cost = 0.5 * (p2 + r2)
     damping, grow = FIRST_DAMPING, 2.0
     for _ in range(max_iterations):
-        goal_jacobian(chain, goal, at, w)
-        if hold_pushed(limits, q, at[2], e, g) <= FLATTEST * (1.0 + cost):
+        goal_jacobian(chain, goal, frame, T, w, J)
+        if hold_pushed(limits, q, J, e, g) <= FLATTEST * (1.0 + cost):
             break
         better = False
         while not better and damping < MOST_DAMPING:
-            if normal_step(at[2], g, damping, A, dq):
+            if normal_step(J, g, damping, A, dq):
                 for k in range(n):
                     trial[k] = min(max(q[k] + dq[k], lower[k]), upper[k])
-                p2, r2 = goal_error(chain, goal, trial, at, e, w)
+                p2, r2 = goal_error(chain, goal, trial, frame, T, e, w)
                 tried = 0.5 * (p2 + r2)
                 better = tried < cost
             if not better:

@@ -7,7 +7,7 @@ from math import log
 import numpy as np
 
 from optik.compiled import compiled, inlined
-from optik.kinematics import Chain, Range, Workspace, forward, jacobian_at, workspace
+from optik.kinematics import Chain, Range, forward, jacobian_from, workspace
 from optik.linear import cholesky_solve, copy_vector, damped_step
 from optik.task import Goal, goal_error, task_error, task_rows
 from optik.types import Array, Indices
@@ -228,10 +228,10 @@ def value_at(chain: Chain, limits: Range, goal: Goal, wish: Wish, q: Array) -> f
     float
         The weighted sum [1].
     """
-    at = workspace(q.shape[0])
-    forward(chain, q, at)
-    jacobian_at(chain, at)
-    return _preferred(limits, goal, wish, q, at[2], np.empty(q.shape[0]))
+    frame, T, J = workspace(q.shape[0])
+    forward(chain, q, frame, T)
+    jacobian_from(chain, frame, T, J)
+    return _preferred(limits, goal, wish, q, J, np.empty(q.shape[0]))
 
 
 @compiled
@@ -282,7 +282,9 @@ def free_direction(J: Array, g: Array, limits: Range, q: Array, d: Array) -> flo
 
 
 @compiled
-def correct(chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], q: Array, at: Workspace) -> bool:
+def correct(
+    chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], q: Array, frame: Array, T: Array, J: Array
+) -> bool:
     """Bring a configuration back onto the task, inside the limits, by a few Newton steps.
 
     Parameters
@@ -297,8 +299,12 @@ def correct(chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, flo
         Largest position and rotation error [m, rad].
     q : (n,) array
         Configuration [rad, m]; overwritten.
-    at : Workspace
-        Overwritten by the kinematics of q, the geometric Jacobian in the base frame included.
+    frame : (n, 4, 4) array
+        Joint frames at q [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose at q [1, m]; overwritten.
+    J : (6, n) array
+        Geometric Jacobian at q in the base frame [m/rad, 1]; overwritten.
 
     Returns
     -------
@@ -308,13 +314,13 @@ def correct(chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, flo
     n, (flags, target), (lower, upper) = q.shape[0], goal, limits
     A, y, dq, e, w, K = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), np.empty((6, n))
     for _ in range(MOST_CORRECTIONS):
-        p2, r2 = goal_error(chain, goal, q, at, e, w)
-        jacobian_at(chain, at)
+        p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
+        jacobian_from(chain, frame, T, J)
         if p2 <= (SHARE_OF_TOLERANCE * tolerance[0]) ** 2 and r2 <= (SHARE_OF_TOLERANCE * tolerance[1]) ** 2:
             return True
         for r in range(6):
             for k in range(n):
-                K[r, k] = at[2][r, k]
+                K[r, k] = J[r, k]
         task_rows(target, flags, w, K)
         if not damped_step(K, e, PROJECTION_DAMPING, A, y, dq, 0.0):
             return False
@@ -345,16 +351,16 @@ def descend(
         Configuration that meets the task [rad, m]; overwritten by the local minimum that is found.
     """
     n, (flags, target), (lower, upper) = q.shape[0], goal, limits
-    at = workspace(n)
+    frame, T, J = workspace(n)
     g, d, trial, e, w = np.empty(n), np.empty(n), q.copy(), np.empty(6), np.empty(3)
-    if not correct(chain, limits, goal, tolerance, trial, at):
+    if not correct(chain, limits, goal, tolerance, trial, frame, T, J):
         return
     copy_vector(trial, q)
-    value, step = _preferred(limits, goal, wish, q, at[2], g), 1.0
+    value, step = _preferred(limits, goal, wish, q, J, g), 1.0
     for _ in range(MOST_DESCENTS):
-        task_error(at[1], target, flags, e, w)
-        task_rows(target, flags, w, at[2])
-        size = free_direction(at[2], g, limits, q, d)
+        task_error(T, target, flags, e, w)
+        task_rows(target, flags, w, J)
+        size = free_direction(J, g, limits, q, d)
         if size < LEVEL:
             return
         better = False
@@ -362,8 +368,8 @@ def descend(
             reach = min(step, LONGEST_DESCENT / size)
             for k in range(n):
                 trial[k] = min(max(q[k] + reach * d[k], lower[k]), upper[k])
-            if correct(chain, limits, goal, tolerance, trial, at):
-                tried = _preferred(limits, goal, wish, trial, at[2], g)
+            if correct(chain, limits, goal, tolerance, trial, frame, T, J):
+                tried = _preferred(limits, goal, wish, trial, J, g)
                 better = tried < value - SUFFICIENT * reach * size * size
             if not better:
                 step = 0.5 * reach

@@ -11,7 +11,7 @@ from optik.check import check_flag, check_number
 from optik.compiled import compiled
 from optik.ik._status import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE
 from optik.ik.base import Attempt, IKSolver
-from optik.kinematics import Chain, Range, error_of_pose, jacobian_at, workspace
+from optik.kinematics import Chain, Range, error_of_pose, jacobian_from, workspace
 from optik.linear import copy_vector, damped_step
 from optik.task import Goal, goal_error, keep_rows, task_rows, whole_pose
 from optik.types import Array
@@ -57,15 +57,16 @@ def iterate(
         SOLVED, MAX_ITERATIONS, or STALLED where the system is singular.
     """
     damping, step, tolerance_p, tolerance_r, as_printed = options[0], options[1], options[2], options[3], options[4]
-    n, (flags, target), (lower, upper), at = q.shape[0], goal, limits, workspace(q.shape[0])
+    n, (flags, target), (lower, upper) = q.shape[0], goal, limits
+    frame, T, J = workspace(n)
     A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
     pose = whole_pose(flags)
     smallest, k = np.inf, 0
     while True:
         if pose:  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
-            p2, r2 = error_of_pose(chain, target, q, at, e)
+            p2, r2 = error_of_pose(chain, target, q, frame, T, e)
         else:
-            p2, r2 = goal_error(chain, goal, q, at, e, w)
+            p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
         if trace.shape[0] > 0:
             copy_vector(e, trace[k])
         if p2 + r2 < smallest:
@@ -78,8 +79,8 @@ def iterate(
             return k, MAX_ITERATIONS
         if as_printed != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
             e[3], e[4], e[5] = -e[3], -e[4], -e[5]
-        jacobian_at(chain, at)
-        J, m = at[2], 6
+        jacobian_from(chain, frame, T, J)
+        m = 6
         if not pose:
             task_rows(target, flags, w, J)
             m = keep_rows(flags, J, e)

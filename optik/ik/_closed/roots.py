@@ -7,7 +7,7 @@ from math import floor, pi, sqrt
 import numpy as np
 
 from optik.compiled import compiled
-from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_at, workspace
+from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, workspace
 from optik.linear import cholesky_solve, copy_vector, damped_step
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.types import Array, Flags
@@ -94,10 +94,10 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
         Errors left, both scalars [m, rad].
     """
     n, (low, high) = q.shape[0], bounds
-    at, e, dq, best = workspace(n), np.empty(6), np.empty(n), q.copy()
+    (frame, T, J), e, dq, best = workspace(n), np.empty(6), np.empty(n), q.copy()
     least, position, rotation, stalls, k = np.inf, np.inf, np.inf, 0, 0
     while True:
-        p2, r2 = error_of_pose(chain, target, q, at, e)
+        p2, r2 = error_of_pose(chain, target, q, frame, T, e)
         size = p2 + r2
         stalls = 0 if size < 0.5 * least else stalls + 1
         if size < least:
@@ -107,8 +107,8 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
         if least < 1e-28 or (k == 0 and least < 1e-24) or stalls == 4 or k == steps or not size < np.inf:
             copy_vector(best, q)
             return k, position, rotation
-        jacobian_at(chain, at)
-        if not push(at[2], e, 0.5 * GAIN * size + LEAST_DAMPING, bounds, q, dq):
+        jacobian_from(chain, frame, T, J)
+        if not push(J, e, 0.5 * GAIN * size + LEAST_DAMPING, bounds, q, dq):
             copy_vector(best, q)
             return k, position, rotation
         for i in range(n):
@@ -161,10 +161,9 @@ def flat(chain: Chain, bounds: Range, q: Array) -> bool:
         Whether a pivot of JᵀJ is below `FLAT_PIVOT`.
     """
     n, (low, high) = q.shape[0], bounds
-    at, A, y = workspace(n), np.empty((n, n)), np.zeros(n)
-    forward(chain, q, at)
-    jacobian_at(chain, at)
-    J = at[2]
+    (frame, T, J), A, y = workspace(n), np.empty((n, n)), np.zeros(n)
+    forward(chain, q, frame, T)
+    jacobian_from(chain, frame, T, J)
     for i in range(n):
         for j in range(i + 1):
             A[i, j] = 0.0
