@@ -3,10 +3,11 @@
 Every kernel that needs the arm takes it first, as one argument: a `Chain`. Joint frame i is reached from the one before
 by fixed_i followed by Rot(z, q_i), or Trans(z, q_i) where the joint slides. Outputs are written into the caller's arrays.
 
-A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike, and a kernel names the parts that it reads in
-its first line. To call a kernel with a plain tuple of arrays takes the same 0.65 µs as with the arrays themselves; a
-NamedTuple, whose type Numba finds anew at every call, takes 1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that
-belong together go from Python into a kernel as a plain tuple; NamedTuples are made and used inside kernels.
+A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike. To call a kernel with a plain tuple of arrays
+takes the same 0.65 µs as with the arrays themselves; a NamedTuple, whose type Numba finds anew at every call, takes
+1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that belong together go from Python into a kernel as a plain tuple;
+NamedTuples are made and used inside kernels. To unpack a tuple counts references to all of its arrays, 10 ns each: a
+kernel does so once, before its loops, and what it calls in them takes the arrays.
 """
 
 from __future__ import annotations
@@ -66,19 +67,8 @@ def copy_pose(A: Array, out: Array) -> None:
 
 
 @compiled
-def frames(chain: Chain, q: Array, out: Array) -> None:
-    """Pose of every joint frame, after the joint's own motion.
-
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    out : (n, 4, 4) array
-        Poses of the joint frames in the base frame [1, m]; overwritten.
-    """
-    fixed, prismatic, _tool = chain
+def _frames(fixed: Array, prismatic: Flags, q: Array, out: Array) -> None:
+    """`frames` of the parts of a chain: a kernel with loops that unpacks a tuple counts references to all of it."""
     before = np.empty((4, 4))
     for i in range(q.shape[0]):
         if i == 0:
@@ -97,7 +87,23 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
                 T[r, 1] = c * before[r, 1] - s * before[r, 0]
 
 
-@compiled
+@inlined
+def frames(chain: Chain, q: Array, out: Array) -> None:
+    """Pose of every joint frame, after the joint's own motion.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+    out : (n, 4, 4) array
+        Poses of the joint frames in the base frame [1, m]; overwritten.
+    """
+    _frames(chain[0], chain[1], q, out)
+
+
+@inlined
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     """Tool pose from the joint frames.
 
@@ -110,8 +116,7 @@ def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     out : (4, 4) array
         Pose of the tool in the base frame [1, m]; overwritten.
     """
-    _fixed, _prismatic, tool = chain
-    multiply(frame[frame.shape[0] - 1], tool, out)
+    multiply(frame[frame.shape[0] - 1], chain[2], out)
 
 
 @compiled
@@ -146,8 +151,6 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
 @inlined
 def workspace(n: int) -> tuple[Array, Array, Array]:
     """Allocate joint frames, a tool pose and a Jacobian.
-
-    They are handed on one by one: as a tuple, each call that unpacks it would count references anew (a sixth slower).
 
     Parameters
     ----------

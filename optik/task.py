@@ -268,15 +268,19 @@ def whole_pose(flags: Array) -> bool:
 
 
 @inlined
-def goal_error(chain: Chain, goal: Goal, q: Array, frame: Array, T: Array, e: Array, w: Array) -> tuple[float, float]:
-    """Error of one configuration against a goal, and what forward kinematics finds on the way.
+def goal_error(
+    chain: Chain, flags: Array, target: Array, q: Array, frame: Array, T: Array, e: Array, w: Array
+) -> tuple[float, float]:
+    """Error of one configuration against a task's target, and what forward kinematics finds on the way.
 
     Parameters
     ----------
     chain : Chain
         The arm.
-    goal : Goal
-        The task and its target.
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
     q : (n,) array
         Configuration [rad, m].
     frame : (n, 4, 4) array
@@ -293,22 +297,23 @@ def goal_error(chain: Chain, goal: Goal, q: Array, frame: Array, T: Array, e: Ar
     p2, r2 : float
         Square of the position error and of the rotation error, both scalars [m², rad²].
     """
-    flags, target = goal
     forward(chain, q, frame, T)
     task_error(T, target, flags, e, w)
     return squares(e)
 
 
 @inlined
-def goal_jacobian(chain: Chain, goal: Goal, frame: Array, T: Array, w: Array, J: Array) -> None:
+def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Array, w: Array, J: Array) -> None:
     """Jacobian of the error that `goal_error` found.
 
     Parameters
     ----------
     chain : Chain
         The arm.
-    goal : Goal
-        The task and its target.
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
     frame : (n, 4, 4) array
         Joint frames that `goal_error` wrote [1, m].
     T : (4, 4) array
@@ -318,7 +323,6 @@ def goal_jacobian(chain: Chain, goal: Goal, frame: Array, T: Array, w: Array, J:
     J : (6, n) array
         The Jacobian, as `task_rows` writes it [m/rad, 1]; overwritten.
     """
-    flags, target = goal
     jacobian_from(chain, frame, T, J)
     task_rows(target, flags, w, J)
 
@@ -347,10 +351,10 @@ def judge(chain: Chain, limits: Range, goal: Goal, slack: float, q: Array) -> tu
     inside : bool
         Whether every joint is inside its limits within the slack; False for NaN.
     """
-    lower, upper = limits
+    (lower, upper), (flags, target) = limits, goal
     e, w = np.empty(6), np.empty(3)
     frame, T, _J = workspace(q.shape[0])
-    p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
+    p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
     inside = True
     for i in range(q.shape[0]):
         inside = inside and lower[i] - slack <= q[i] <= upper[i] + slack

@@ -144,14 +144,14 @@ def descend_to_pose(chain: Chain, limits: Range, goal: Goal, max_iterations: int
     float
         ½|e|² there [m², rad²].
     """
-    n, (lower, upper) = q.shape[0], limits
+    n, (flags, target), (lower, upper) = q.shape[0], goal, limits
     frame, T, J = workspace(n)
     e, w, A, g, dq, trial = np.empty(6), np.empty(3), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
-    p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
+    p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
     cost = 0.5 * (p2 + r2)
     damping, grow = FIRST_DAMPING, 2.0
     for _ in range(max_iterations):
-        goal_jacobian(chain, goal, frame, T, w, J)
+        goal_jacobian(chain, flags, target, frame, T, w, J)
         if hold_pushed(limits, q, J, e, g) <= FLATTEST * (1.0 + cost):
             break
         better = False
@@ -159,7 +159,7 @@ def descend_to_pose(chain: Chain, limits: Range, goal: Goal, max_iterations: int
             if normal_step(J, g, damping, A, dq):
                 for k in range(n):
                     trial[k] = min(max(q[k] + dq[k], lower[k]), upper[k])
-                p2, r2 = goal_error(chain, goal, trial, frame, T, e, w)
+                p2, r2 = goal_error(chain, flags, target, trial, frame, T, e, w)
                 tried = 0.5 * (p2 + r2)
                 better = tried < cost
             if not better:

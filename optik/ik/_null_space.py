@@ -314,7 +314,7 @@ def correct(
     n, (flags, target), (lower, upper) = q.shape[0], goal, limits
     A, y, dq, e, w, K = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), np.empty((6, n))
     for _ in range(MOST_CORRECTIONS):
-        p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
+        p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
         jacobian_from(chain, frame, T, J)
         if p2 <= (SHARE_OF_TOLERANCE * tolerance[0]) ** 2 and r2 <= (SHARE_OF_TOLERANCE * tolerance[1]) ** 2:
             return True

@@ -11,9 +11,10 @@ from optik.check import check_flag, check_number
 from optik.compiled import compiled
 from optik.ik._status import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE
 from optik.ik.base import Attempt, IKSolver
-from optik.kinematics import Chain, Range, error_of_pose, jacobian_from, workspace
+from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
 from optik.linear import copy_vector, damped_step
-from optik.task import Goal, goal_error, keep_rows, task_rows, whole_pose
+from optik.se3 import pose_error
+from optik.task import Goal, keep_rows, task_error, task_rows, whole_pose
 from optik.types import Array
 
 _ENDINGS = {
@@ -63,10 +64,12 @@ def iterate(
     pose = whole_pose(flags)
     smallest, k = np.inf, 0
     while True:
+        forward(chain, q, frame, T)
         if pose:  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
-            p2, r2 = error_of_pose(chain, target, q, frame, T, e)
+            pose_error(T, target, e)
         else:
-            p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
+            task_error(T, target, flags, e, w)
+        p2, r2 = squares(e)
         if trace.shape[0] > 0:
             copy_vector(e, trace[k])
         if p2 + r2 < smallest:

@@ -100,12 +100,12 @@ def attempt_task(
     code : int
         SOLVED, MAX_ITERATIONS, STALLED or OUTSIDE_LIMITS.
     """
-    n, (_fixed, prismatic, _tool), (lower, upper) = q.shape[0], chain, limits
+    n, prismatic, (flags, target), (lower, upper) = q.shape[0], chain[1], goal, limits
     (frame, T, J), start = workspace(n), q.copy()
     A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
     least, stalls, iteration, settled = np.inf, 0, 0, False
     while True:
-        p2, r2 = goal_error(chain, goal, q, frame, T, e, w)
+        p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
         if trace.shape[0] > 0:
             copy_vector(e, trace[iteration])
         cost = 0.5 * (p2 + r2)
@@ -122,7 +122,7 @@ def attempt_task(
             return iteration, MAX_ITERATIONS
         if stalls >= numbers[AT_PATIENCE] or not cost < np.inf:
             return iteration, OUTSIDE_LIMITS if clamped else STALLED
-        goal_jacobian(chain, goal, frame, T, w, J)
+        goal_jacobian(chain, flags, target, frame, T, w, J)
         hold_locked(limits, J)
         if not damped_step(J, e, numbers[AT_GAIN] * cost + numbers[AT_LEAST_DAMPING], A, y, dq, 0.0):
             return iteration, STALLED
