@@ -67,8 +67,19 @@ def copy_pose(A: Array, out: Array) -> None:
 
 
 @compiled
-def _frames(fixed: Array, prismatic: Flags, q: Array, out: Array) -> None:
-    """`frames` of the parts of a chain: a kernel with loops that unpacks a tuple counts references to all of it."""
+def frames(chain: Chain, q: Array, out: Array) -> None:
+    """Pose of every joint frame, after the joint's own motion.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+    out : (n, 4, 4) array
+        Poses of the joint frames in the base frame [1, m]; overwritten.
+    """
+    fixed, prismatic, _tool = chain
     before = np.empty((4, 4))
     for i in range(q.shape[0]):
         if i == 0:
@@ -87,23 +98,7 @@ def _frames(fixed: Array, prismatic: Flags, q: Array, out: Array) -> None:
                 T[r, 1] = c * before[r, 1] - s * before[r, 0]
 
 
-@inlined
-def frames(chain: Chain, q: Array, out: Array) -> None:
-    """Pose of every joint frame, after the joint's own motion.
-
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    out : (n, 4, 4) array
-        Poses of the joint frames in the base frame [1, m]; overwritten.
-    """
-    _frames(chain[0], chain[1], q, out)
-
-
-@inlined
+@compiled
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     """Tool pose from the joint frames.
 
@@ -116,7 +111,8 @@ def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     out : (4, 4) array
         Pose of the tool in the base frame [1, m]; overwritten.
     """
-    multiply(frame[frame.shape[0] - 1], chain[2], out)
+    _fixed, _prismatic, tool = chain
+    multiply(frame[frame.shape[0] - 1], tool, out)
 
 
 @compiled
@@ -169,7 +165,7 @@ def workspace(n: int) -> tuple[Array, Array, Array]:
     return np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
 
 
-@inlined
+@compiled
 def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
     """Joint frames and tool pose of one configuration.
 
@@ -188,7 +184,7 @@ def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
     tool_pose(chain, frame, T)
 
 
-@inlined
+@compiled
 def squares(e: Array) -> tuple[float, float]:
     """Squared norms of the two parts of an error.
 
@@ -205,7 +201,7 @@ def squares(e: Array) -> tuple[float, float]:
     return e[0] * e[0] + e[1] * e[1] + e[2] * e[2], e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
 
 
-@inlined
+@compiled
 def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array, e: Array) -> tuple[float, float]:
     """Error twist of one configuration, and what forward kinematics finds on the way.
 

@@ -267,7 +267,7 @@ def whole_pose(flags: Array) -> bool:
     return pose
 
 
-@inlined
+@compiled
 def goal_error(
     chain: Chain, flags: Array, target: Array, q: Array, frame: Array, T: Array, e: Array, w: Array
 ) -> tuple[float, float]:
@@ -302,7 +302,7 @@ def goal_error(
     return squares(e)
 
 
-@inlined
+@compiled
 def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Array, w: Array, J: Array) -> None:
     """Jacobian of the error that `goal_error` found.
 
