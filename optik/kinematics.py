@@ -6,8 +6,8 @@ by fixed_i followed by Rot(z, q_i), or Trans(z, q_i) where the joint slides. Out
 A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike. To call a kernel with a plain tuple of arrays
 takes the same 0.65 µs as with the arrays themselves; a NamedTuple, whose type Numba finds anew at every call, takes
 1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that belong together go from Python into a kernel as a plain tuple;
-NamedTuples are made and used inside kernels. To unpack a tuple counts references to all of its arrays, 10 ns each: a
-kernel does so once, before its loops, and what it calls in them takes the arrays.
+NamedTuples are made and used inside kernels. Where a kernel that others call in their loops calls further ones, Numba
+counts references to its arrays each time; so `forward` makes one call, of a kernel that makes none.
 """
 
 from __future__ import annotations
@@ -67,6 +67,35 @@ def copy_pose(A: Array, out: Array) -> None:
 
 
 @compiled
+def _frames(fixed: Array, prismatic: Flags, q: Array, out: Array) -> None:
+    """`frames` of the parts of a chain; without calls, so that no references are counted."""
+    before = np.empty((3, 4))
+    for i in range(q.shape[0]):
+        for r in range(3):
+            for c in range(4):
+                if i == 0:
+                    before[r, c] = fixed[0, r, c]
+                else:
+                    before[r, c] = (
+                        out[i - 1, r, 0] * fixed[i, 0, c]
+                        + out[i - 1, r, 1] * fixed[i, 1, c]
+                        + out[i - 1, r, 2] * fixed[i, 2, c]
+                    )
+            if i > 0:
+                before[r, 3] += out[i - 1, r, 3]
+        co, si = cos(q[i]), sin(q[i])
+        for r in range(3):
+            x, y, z = before[r, 0], before[r, 1], before[r, 2]
+            if prismatic[i]:
+                out[i, r, 0], out[i, r, 1], out[i, r, 3] = x, y, before[r, 3] + z * q[i]
+            else:
+                out[i, r, 0], out[i, r, 1], out[i, r, 3] = co * x + si * y, co * y - si * x, before[r, 3]
+            out[i, r, 2] = z
+            out[i, 3, r] = 0.0
+        out[i, 3, 3] = 1.0
+
+
+@compiled
 def frames(chain: Chain, q: Array, out: Array) -> None:
     """Pose of every joint frame, after the joint's own motion.
 
@@ -80,22 +109,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
         Poses of the joint frames in the base frame [1, m]; overwritten.
     """
     fixed, prismatic, _tool = chain
-    before = np.empty((4, 4))
-    for i in range(q.shape[0]):
-        if i == 0:
-            copy_pose(fixed[0], before)
-        else:
-            multiply(out[i - 1], fixed[i], before)
-        T = out[i]
-        copy_pose(before, T)
-        if prismatic[i]:
-            for r in range(3):
-                T[r, 3] += before[r, 2] * q[i]
-        else:
-            c, s = cos(q[i]), sin(q[i])
-            for r in range(3):
-                T[r, 0] = c * before[r, 0] + s * before[r, 1]
-                T[r, 1] = c * before[r, 1] - s * before[r, 0]
+    _frames(fixed, prismatic, q, out)
 
 
 @compiled
@@ -180,8 +194,9 @@ def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
     T : (4, 4) array
         Tool pose in the base frame [1, m]; overwritten.
     """
-    frames(chain, q, frame)
-    tool_pose(chain, frame, T)
+    fixed, prismatic, tool = chain
+    _frames(fixed, prismatic, q, frame)
+    multiply(frame[frame.shape[0] - 1], tool, T)
 
 
 @compiled

@@ -34,7 +34,7 @@ class Tolerance:
             check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
 
 
-DEFAULT_TOLERANCE = Tolerance()
+SOLVED_WITHIN = Tolerance()
 """What counts as solved unless the caller says otherwise: a micrometre, and what turns 1 m by a micrometre."""
 
 

@@ -16,7 +16,7 @@ from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput
 from optik.ik._closest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
-from optik.ik._result import DEFAULT_TOLERANCE
+from optik.ik._result import SOLVED_WITHIN
 from optik.ik._result import IKBatch as IKBatch
 from optik.ik._result import IKResult as IKResult
 from optik.ik._result import Tolerance as Tolerance
@@ -92,7 +92,7 @@ class IKSolver(ABC):
         self,
         robot: Robot,
         *,
-        tolerance: Tolerance = DEFAULT_TOLERANCE,
+        tolerance: Tolerance = SOLVED_WITHIN,
         max_iterations: int = 100,
         max_restarts: int = 0,
         time_limit: float | None = None,

@@ -38,7 +38,7 @@ MOST_WINDINGS = 4096
 FEW_POINTS = 4
 """Starts on a curve of roots that are enough where only its nearest point is asked for."""
 
-AHEAD = 0.05
+LOOK_AHEAD = 0.05
 """How far along a lost direction to look whether the roots go on there [rad]."""
 
 LOOKS = 8
@@ -193,14 +193,14 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array) -> Flags:
     for along in [*lost, *between]:
         for d in (along, -along):
             for _ in range(LOOKS):
-                ahead = q + AHEAD * d
+                ahead = q + LOOK_AHEAD * d
                 x = ahead.copy()
                 _, position, rotation = refine(robot.chain, free, target, POLISHING_STEPS, x)
                 went = float(np.linalg.norm(x - q))
-                if max(position, rotation) > 1e-11 or not 0.2 * AHEAD < went < 5.0 * AHEAD:
+                if max(position, rotation) > 1e-11 or not 0.2 * LOOK_AHEAD < went < 5.0 * LOOK_AHEAD:
                     break  # no root, the way back, or another branch
-                if np.linalg.norm(x - ahead) < 0.2 * AHEAD:
-                    moves |= np.abs(x - q) > 1e-3 * AHEAD
+                if np.linalg.norm(x - ahead) < 0.2 * LOOK_AHEAD:
+                    moves |= np.abs(x - q) > 1e-3 * LOOK_AHEAD
                     break
                 d = (x - q) / went
     return moves
