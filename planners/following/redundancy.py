@@ -16,7 +16,6 @@ from optik.types import Array, Flags, Indices
 from planners.following import smoothing
 from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT
 from planners.following.course import Guide
-from planners.following.joint_path import smallest_singular_values
 from planners.following.smoothing import LARGEST_EDGE, LOG_EDGE, ROOM_WEIGHT, STATION_REACHED
 from planners.paths.base import Path
 
@@ -83,7 +82,7 @@ class FreeMotion:
         self.robot, self.path, self.held = robot, path, held
         self.chain = robot.chain
         self.middle = robot.limits.middle
-        self.half = np.where(robot.limits.half > 0.0, robot.limits.half, np.inf)  # a locked joint has no room to keep
+        self.half = np.where(robot.limits.ranged, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, ROOM_WEIGHT
         self._carry(s[len(way) :])
@@ -240,7 +239,8 @@ def _solver(robot: Robot) -> IKSolver:
 
 def _standing(robot: Robot, q: Array) -> Array:
     """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
-    sigma = smallest_singular_values(robot, q)
+    sigma = np.empty(len(q))
+    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), sigma)
     x = np.minimum(np.abs(robot.limits.normalised(q)), LOG_EDGE)
     return np.asarray(-ROOM_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9)))
 
