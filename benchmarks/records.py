@@ -93,10 +93,12 @@ class RunFolder:
 
     def write(self, name: str, frame: pl.DataFrame) -> None:
         """Write a Parquet part."""
+        self._make_room(name)
         write_whole(self.path / name, lambda part: frame.write_parquet(part))
 
     def write_json(self, name: str, data: Any) -> None:
         """Write plain data as strict JSON."""
+        self._make_room(name)
         write_whole(
             self.path / name,
             lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"),
@@ -105,6 +107,14 @@ class RunFolder:
     def write_text(self, name: str, text: str) -> None:
         """Write a text file."""
         write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
+
+    def _make_room(self, name: str) -> None:
+        """Make the folder of a file inside this one; this one itself is made by `create`."""
+        if self.path.is_dir():
+            try:
+                (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(self.path / name, f"cannot be written ({error.strerror})") from None
 
     # ------------------------------------------------------------ reading
 
@@ -132,18 +142,41 @@ class RunFolder:
         except ValueError:
             raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
+    def parts(self, top: str, block: str) -> pl.DataFrame | None:
+        """All rows of a block out of its parts, ``TOP/BLOCK--….parquet``.
+
+        Parameters
+        ----------
+        top : str
+            Folder of the parts.
+        block : str
+            Id of the block.
+
+        Returns
+        -------
+        DataFrame or None
+            In the order of the parts; None where there are none.
+
+        Raises
+        ------
+        InvalidInput
+            A part is damaged.
+        """
+        files = sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))
+        frames = [part for file in files if (part := self.read(f"{top}/{file.name}")) is not None]
+        return pl.concat(frames, how="vertical_relaxed") if frames else None
+
     def rows(self, block: str) -> pl.DataFrame | None:
         """All IK rows of a block, joined with its problems and sorted; None where nothing was run.
 
         ``known`` is True as well where any of the methods solved the problem.
         """
-        parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
+        rows = self.parts("ik", block)
         problems = self.read(f"problems/{slug(block)}.parquet")
-        if not parts:
+        if rows is None:
             return None
         if problems is None:
             raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
-        rows = pl.concat([part for p in parts if (part := self.read(f"ik/{p.name}")) is not None])
         joined = rows.join(problems.drop("target", "start"), on="problem")
         solved = (pl.col("status") == "solved").any().over("problem")
         return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")

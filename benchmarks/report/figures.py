@@ -9,13 +9,28 @@ from typing import Any
 Json = dict[str, Any]
 
 COLOURS = 8
+"""Colours of the page's style that stand for methods, laws and joints."""
+
 SHADES = 6
+"""Ordered colours of the page's style."""
+
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star", "x", "pentagon")
-DASHES = ("solid", "dash", "dot", "dashdot")
-GRID, INK, MUTED, UNKNOWN, ALARM, BAND = (
-    f"var(--{name})" for name in ("grid", "ink", "muted", "unknown", "alarm", "band")
-)
+"""Markers, as many as there are colours."""
+
+GRID = "var(--grid)"
+"""Colour of the lines of a grid."""
+
+INK = "var(--ink)"
+"""Colour of text and of what stands out."""
+
+MUTED = "var(--muted)"
+"""Colour of axes and of what stands back."""
+
+BAND = "var(--band)"
+"""Colour of what lies beyond a limit."""
+
 HOVER = "<extra></extra>"
+"""Ends the words of a tooltip: Plotly shows no second box beside it."""
 
 
 def colour(index: int) -> str:
@@ -26,11 +41,6 @@ def colour(index: int) -> str:
 def shades(count: int) -> list[str]:
     """Ordered colours, weak to strong."""
     return [f"var(--s{round(i * (SHADES - 1) / max(count - 1, 1))})" for i in range(count)]
-
-
-def law_colours(laws: Iterable[str]) -> dict[str, str]:
-    """Colour of each time law, apart from those of the first IK methods."""
-    return {law: colour(4 + i) for i, law in enumerate(dict.fromkeys(laws))}
 
 
 def axis(title: str, **options: Any) -> Json:

@@ -1,0 +1,191 @@
+"""Tables of kinds that are not ours: stored when a run ends, so that the report needs none of their code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.base import Block, Kind, Measure, Outcome, Target, load_kind
+from benchmarks.records import RunFolder, slug
+from optik.errors import UnknownName
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
+
+ENDING = "table.json"
+"""Ending of the file of a stored table."""
+
+OURS = __name__.rpartition(".")[0]
+"""The package whose kinds have sections of their own; their tables are not stored."""
+
+
+def store_table(kind: Kind, block: Any, folder: RunFolder) -> None:
+    """Write the table of a block of a kind that is not ours: its entries by its measures, and its targets.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    block : Block
+        The block, run to its end.
+    folder : RunFolder
+        The run.
+    """
+    if not type(kind).__module__.startswith(f"{OURS}."):
+        folder.write_json(kind.file(block, ENDING), table_of(kind, block, folder))
+
+
+def table_of(kind: Kind, block: Any, folder: RunFolder) -> dict[str, Any]:
+    """The table of a block as plain data.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    block : Block
+        The block.
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    dict
+        ``kind``, ``title``, ``heads`` (the measures), ``rows`` (an entry each, with its values) and ``targets``.
+    """
+    rows = kind.rows(folder, block)
+    measures = [m for m in kind.measures if not m.relative]
+    return {
+        "kind": kind.title,
+        "title": block.title,
+        "heads": [_head(m) for m in measures],
+        "rows": [] if rows is None else [_row(label, part, measures) for label, part in _by_entry(block, rows)],
+        "targets": [_outcome(o) for o in kind.outcomes(block, folder)],
+    }
+
+
+def _head(measure: Measure) -> dict[str, Any]:
+    return {"name": measure.name, "words": measure.title, "unit": measure.unit, "show": measure.show}
+
+
+def _row(label: str, rows: pl.DataFrame, measures: Sequence[Measure]) -> dict[str, Any]:
+    return {"label": label, "values": [[_plain(v) for v in measure.values(rows)] for measure in measures]}
+
+
+def _plain(value: float) -> float | str:
+    """A number as strict JSON has it."""
+    return value if np.isfinite(value) else str(value)
+
+
+def _by_entry(block: Any, rows: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
+    """Rows of each entry; all together where there are no entries."""
+    if "method" not in rows.columns:
+        return [(block.title, rows)]
+    labels = rows["method"].unique(maintain_order=True).to_list()
+    return [(str(label), rows.filter(pl.col("method") == label)) for label in labels]
+
+
+def _outcome(o: Outcome) -> dict[str, Any]:
+    return {"target": asdict(o.target), "measure": _head(o.measure), "value": _plain(o.value), "note": o.note}
+
+
+# ---------------------------------------------------------------- where the kind is not available
+
+
+def _nothing(rows: pl.DataFrame) -> float:
+    """What a stored measure computes: it has no code, only its values are stored."""
+    return float("nan")
+
+
+def _measure(head: dict[str, Any]) -> Measure:
+    return Measure(head["name"], head["unit"], _nothing, head["words"], show=head["show"])
+
+
+class _Stored(Kind):
+    """A kind whose code is not available, or shall not run: what a run has stored of its blocks."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name  # type: ignore[misc]
+        self.title = Path(name).stem.replace("_", " ")  # type: ignore[misc]
+
+    def settings(self, data: Any) -> Block:
+        data = data if isinstance(data, dict) else {}
+        name = str(data.get("id", slug(self.title)))
+        return Block(id=name, title=str(data.get("title", name)))
+
+    def rows(self, folder: RunFolder, block: Block) -> pl.DataFrame | None:
+        return folder.read(self.file(block))
+
+    def outcomes(self, block: Block, folder: RunFolder) -> list[Outcome]:
+        stored = folder.read_json(self.file(block, ENDING)) or {"targets": []}
+        return [
+            Outcome(
+                block.id, block.title, Target(**one["target"]), _measure(one["measure"]), float(one["value"]), one["note"]
+            )
+            for one in stored["targets"]
+        ]  # fmt: skip
+
+
+def kind_or_stored(name: str) -> Kind:
+    """A kind by its name; where it cannot be found by a name alone, what runs have stored of it.
+
+    A kind that comes from a file is never loaded here: a report runs no code that a suite names.
+
+    Parameters
+    ----------
+    name : str
+        As the suite has it.
+
+    Returns
+    -------
+    Kind
+        The kind.
+    """
+    try:
+        return load_kind(name)
+    except (UnknownName, ImportError):
+        return _Stored(name)
+
+
+def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:
+    """The table of every block of a kind: stored, or computed where its code is here.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of tuple
+        Block and table; None in place of a table that is not there.
+    """
+    found: list[tuple[Any, dict[str, Any] | None]] = []
+    for block in run.suite.of(kind.name):
+        table = run.folder.read_json(kind.file(block, ENDING))
+        if table is None and not is_stored(kind):
+            table = table_of(kind, block, run.folder)
+        found.append((block, table))
+    return found
+
+
+def is_stored(kind: Kind) -> bool:
+    """Whether the code of a kind is not available.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+
+    Returns
+    -------
+    bool
+        True where only what runs have stored is there.
+    """
+    return isinstance(kind, _Stored)

@@ -1,0 +1,507 @@
+"""What a kind of suite block is: its settings, its work, its rows, its measures and its sections of the report."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import polars as pl
+
+from benchmarks.records import RunFolder, slug
+from benchmarks.settings import Target
+from benchmarks.targets import Measure, Outcome, measure_named, read_target
+from optik.registry import load_method
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
+
+__all__ = [
+    "KINDS", "Block", "BlockRows", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Target", "Tell", "load_kind",
+    "read_target",
+]  # fmt: skip
+
+KINDS = "benchmarks.kinds"
+"""The package in which a kind is found by its name."""
+
+Tell = Callable[[str], None]
+"""Called with what is done next, for the progress bar."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """One block of a suite; every kind adds what it needs.
+
+    Attributes
+    ----------
+    id : str
+        Names the block's files.
+    title : str
+        What reports call it.
+    targets : tuple of Target
+        What it is held to.
+    """
+
+    id: str
+    title: str
+    targets: tuple[Target, ...] = ()
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of the arms that it runs on."""
+        return ()
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """What it compares, in the order of the suite."""
+        return ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of all entries."""
+        return tuple(entry.label for entry in self.entries)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One thing that a block compares: a method or law of ours, or an outside one.
+
+    Attributes
+    ----------
+    label : str
+        What reports call it.
+    name : str
+        The name by which it is found.
+    options : dict
+        Its options.
+    most : int or None
+        How many problems a slow one is given; all where None.
+    role : str
+        ``ours``, ``law``, ``peer`` (an outside method) or ``reference``.
+    """
+
+    label: str
+    name: str
+    options: dict[str, Any]
+    most: int | None = None
+    role: str = "ours"
+
+    @property
+    def words(self) -> str:
+        """Its options in words."""
+        return ", ".join(f"{key} = {value}" for key, value in self.options.items())
+
+
+@dataclass(frozen=True)
+class Part:
+    """Work that any process may do, in any order: `Kind.solve` turns `work` into the rows of `file`.
+
+    Attributes
+    ----------
+    file : str
+        Where its rows go, in the run folder; a part whose file is there already is done.
+    label : str
+        What the progress bar shows.
+    work : object
+        What `Kind.solve` is given; it goes to another process, so it must be possible to pickle it.
+    """
+
+    file: str
+    label: str
+    work: Any
+
+
+@dataclass(frozen=True)
+class BlockRows:
+    """A block with its rows, as the report reads them. A kind may give a subclass with more.
+
+    Attributes
+    ----------
+    block : Block
+        The block.
+    rows : DataFrame
+        All its rows.
+    folder : RunFolder
+        The run.
+    facts : dict
+        What is known of the block beside its rows; ``entries`` holds facts on each entry by label.
+    """
+
+    block: Any
+    rows: pl.DataFrame
+    folder: RunFolder
+    facts: dict[str, Any]
+
+    @cached_property
+    def entries(self) -> dict[str, dict[str, Any]]:
+        """Facts on every entry by label, in the order of the suite."""
+        known = self.facts.get("entries", {})
+        return {label: known[label] for label in self.block.labels if label in known}
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of the report, or one piece of a section: pieces with the same anchor stand under one heading.
+
+    Attributes
+    ----------
+    title, anchor : str
+        Heading, and its address on the page.
+    build : callable
+        From the run to what the template shows (its ``c``); None where the run has no data for it.
+    template : Path or str
+        A Jinja template: its file, or its text.
+    order : int
+        Where it stands: smaller first. Ours: 10 single calls, 20 time laws on many lines, 30 to 60 iteration budgets, 70 to
+        90 one line planned, 100 and above what closes the page.
+    place : str
+        ``section``; or ``terms`` for a sentence in the first paragraph, ``summary`` for what follows the key findings.
+    """
+
+    title: str
+    anchor: str
+    build: Callable[[Run], dict[str, Any] | None]
+    template: Path | str
+    order: int = 95
+    place: str = "section"
+
+
+class Kind(ABC):
+    """A kind of suite block. Its file, or the ``__init__.py`` of its folder, names an instance ``METHOD``.
+
+    Needed are `settings`, and `measure` or, where that is too simple, `run` or `parts` with `solve`. All else has a
+    default: rows are read from one file a block, each measure is computed on the rows whose column ``method`` is the
+    entry's label, and the report shows a table of all entries and measures with the targets above it.
+
+    Attributes
+    ----------
+    name : str
+        By which a suite asks for it; also names its folder in a run.
+    title : str
+        Heading of its section.
+    measures : tuple of Measure
+        What a target of its blocks may ask for.
+    single : bool
+        Whether a suite has one block of it, a table, or any number, a list of tables.
+    order : int
+        When it runs, and where its blocks stand in lists: smaller first.
+    alone : bool
+        Whether it has work of its own beside its parts, timed by itself in the first process.
+    on_paper : bool
+        Whether its rows bear on the paper's claims.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    measures: ClassVar[tuple[Measure, ...]] = ()
+    single: ClassVar[bool] = False
+    order: ClassVar[int] = 100
+    alone: ClassVar[bool] = True
+    on_paper: ClassVar[bool] = False
+
+    # ------------------------------------------------------------ settings
+
+    @abstractmethod
+    def settings(self, data: Any) -> Block:
+        """Check the settings of one block and return it.
+
+        Parameters
+        ----------
+        data : object
+            What the suite's file has under the name of this kind: a table, where the author made no mistake.
+
+        Returns
+        -------
+        Block
+            The block, of this kind's own class.
+
+        Raises
+        ------
+        InvalidInput, UnknownName
+            A wrong key, value or name.
+        """
+
+    def prepare(self, block: Any, seed: int) -> Any:
+        """Check what only trying shows, before anything is written.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        seed : int
+            Of the suite.
+
+        Returns
+        -------
+        object
+            What `parts` is given: problems that were drawn here need not be drawn again.
+
+        Raises
+        ------
+        InvalidInput
+            Options that a method or a problem set does not have.
+        """
+        return None
+
+    # ------------------------------------------------------------ work
+
+    def parts(self, block: Any, prepared: Any, folder: RunFolder) -> Iterable[Part]:
+        """Work that any process may do: none, where a block is only timed by itself.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        prepared : object
+            What `prepare` returned.
+        folder : RunFolder
+            The run.
+
+        Returns
+        -------
+        iterable of Part
+            The parts, those that are done already among them.
+        """
+        return ()
+
+    def solve(self, work: Any) -> pl.DataFrame:
+        """Do one part; in a process of its own where the run has several.
+
+        Parameters
+        ----------
+        work : object
+            Of the part.
+
+        Returns
+        -------
+        DataFrame
+            Its rows.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has parts and no solve()")
+
+    def measure(self, block: Any, seed: int, tell: Tell) -> pl.DataFrame:
+        """Do all work of a block, timed by itself.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        seed : int
+            Of the suite.
+        tell : callable
+            Called with what is done next.
+
+        Returns
+        -------
+        DataFrame
+            Its rows, with the label of the entry in the column ``method`` where the block has entries.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has neither measure() nor run()")
+
+    def run(self, block: Any, seed: int, folder: RunFolder, tell: Tell) -> None:
+        """Do what a block still lacks, timed by itself: by default, write what `measure` returns.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        seed : int
+            Of the suite.
+        folder : RunFolder
+            The run.
+        tell : callable
+            Called with what is done next.
+        """
+        if not folder.has(self.file(block)):
+            tell(block.id)
+            folder.write(self.file(block), self.measure(block, seed, tell))
+
+    # ------------------------------------------------------------ what came of it
+
+    def file(self, block: Any, ending: str = "parquet") -> str:
+        """Name of a file of a block in the run folder.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        ending : str
+            Of the name.
+
+        Returns
+        -------
+        str
+            ``kinds/KIND/BLOCK.ENDING``.
+        """
+        return f"kinds/{slug(self.name)}/{slug(block.id)}.{ending}"
+
+    def rows(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
+        """All rows of a block.
+
+        Parameters
+        ----------
+        folder : RunFolder
+            The run.
+        block : Block
+            The block.
+
+        Returns
+        -------
+        DataFrame or None
+            None where nothing was run.
+        """
+        return folder.read(self.file(block))
+
+    def read(self, folder: RunFolder, block: Any) -> BlockRows | None:
+        """A block with its rows for the report.
+
+        Parameters
+        ----------
+        folder : RunFolder
+            The run.
+        block : Block
+            The block.
+
+        Returns
+        -------
+        BlockRows or None
+            None where nothing was run.
+        """
+        rows = self.rows(folder, block)
+        return None if rows is None else BlockRows(block, rows, folder, {})
+
+    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
+        """Value of a target on the rows of a block.
+
+        Parameters
+        ----------
+        rows : DataFrame or None
+            All rows of the block.
+        target : Target
+            What was asked.
+
+        Returns
+        -------
+        value : float
+            NaN where there are no rows.
+        note : str
+            How many rows it stands on, or why there is none.
+        """
+        if rows is None:
+            return float("nan"), "it was not run"
+        measure = measure_named(self.measures, target.measure, "measure")
+        wanted = [label for label in (target.method, target.to) if label]
+        chosen = rows.filter(pl.col("method").is_in(wanted)) if wanted else rows
+        for label in wanted:
+            if chosen.filter(pl.col("method") == label).is_empty():
+                return float("nan"), f"{label} was not run"
+        value = measure.compute(chosen, *wanted) if measure.relative else measure.values(chosen)[0]
+        return float(value), f"{len(chosen):,} rows"
+
+    def outcomes(self, block: Any, folder: RunFolder) -> list[Outcome]:
+        """What came of every target of a block.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        folder : RunFolder
+            The run.
+
+        Returns
+        -------
+        list of Outcome
+            In the order of the targets.
+        """
+        if not block.targets:
+            return []
+        rows = self.rows(folder, block)
+        return [
+            Outcome(
+                block.id, block.title, target, measure_named(self.measures, target.measure, "measure"),
+                *self.judge(rows, target),
+            )
+            for target in block.targets
+        ]  # fmt: skip
+
+    # ------------------------------------------------------------ the report
+
+    def sections(self) -> Sequence[Section]:
+        """Its sections of the report; where there are none, the page has a table of its rows' measures.
+
+        Returns
+        -------
+        sequence of Section
+            In any order.
+        """
+        return ()
+
+    def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
+        """What its blocks compare, for the first sentence of the report.
+
+        Parameters
+        ----------
+        blocks : sequence of Block
+            All blocks of the suite of this kind.
+
+        Returns
+        -------
+        sequence of str
+            Such as ``inverse kinematics``.
+        """
+        return (self.title[:1].lower() + self.title[1:],)
+
+    def findings(self, run: Run) -> Sequence[str]:
+        """Key findings for the head of the report, computed.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        sequence of str
+            Sentences.
+        """
+        return ()
+
+    def limitations(self, run: Run) -> Sequence[str]:
+        """What a reader should know before quoting its figures.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        sequence of str
+            Sentences.
+        """
+        return ()
+
+
+def load_kind(name: str) -> Kind:
+    """Find a kind of block by its name.
+
+    Parameters
+    ----------
+    name : str
+        Of a file or folder in `KINDS`, or of a plug-in.
+
+    Returns
+    -------
+    Kind
+        The kind.
+
+    Raises
+    ------
+    UnknownName
+        No such kind; the nearest names are offered.
+    """
+    kind: Kind = load_method(KINDS, name, "kind of block")
+    return kind
