@@ -32,9 +32,9 @@ def read_method(data: Any, where: str) -> Entry:
         No such method.
     """
     check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    check_known(data["solver"], "optik.ik", "IK method")
+    name = check_known(data["solver"], "optik.ik", "IK method")
     most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Entry(str(data.get("label", data["solver"])), data["solver"], dict(data.get("options", {})), most)
+    return Entry(str(data.get("label", data["solver"])), name, dict(data.get("options", {})), most)
 
 
 def read_law(data: Any, where: str, role: str = "law") -> Entry:
@@ -62,8 +62,8 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
         No such law.
     """
     check_keys(data, {"label", "law", "options"}, where, need={"law"})
-    check_known(data["law"], "planners.timing", "time law")
-    return Entry(str(data.get("label", data["law"])), data["law"], dict(data.get("options", {})), role=role)
+    name = check_known(data["law"], "planners.timing", "time law")
+    return Entry(str(data.get("label", data["law"])), name, dict(data.get("options", {})), role=role)
 
 
 def read_peers(
@@ -99,9 +99,9 @@ def read_peers(
 
     def read(peer: Any) -> Entry:
         check_keys(peer, {"label", "peer", most}, f"{where}: peers", need={"peer"})
-        check_known(peer["peer"], folder, word)
-        label = str(peer.get("label", peer["peer"].replace("_", " ")))
-        return Entry(label, peer["peer"], {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
+        name = check_known(peer["peer"], folder, word)
+        label = str(peer.get("label", str(peer["peer"]).replace("_", " ")))
+        return Entry(label, name, {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
 
     return all_of(data, f"{where}: peers", read)
 

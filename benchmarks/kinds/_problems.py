@@ -81,10 +81,9 @@ def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dic
         No such robot or set.
     """
     check_keys(data, {"id", "title", "robot", "set", "options"} | known, where, need={"id", "robot", "set"} | need)
-    check_known(data["robot"], "optik.robots", "robot")
-    check_known(data["set"], SETS, "problem set")
+    robot, drawn = check_known(data["robot"], "optik.robots", "robot"), check_known(data["set"], SETS, "problem set")
     return {
-        "id": str(data["id"]), "title": str(data.get("title", data["id"])), "robot": data["robot"], "set": data["set"],
+        "id": str(data["id"]), "title": str(data.get("title", data["id"])), "robot": robot, "set": drawn,
         "options": dict(data.get("options", {})),
     }  # fmt: skip
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -170,7 +170,7 @@ class Section:
 
 
 class Kind(ABC):
-    """A kind of suite block. Its file, or the ``__init__.py`` of its folder, names an instance ``METHOD``.
+    """A kind of suite block. Its file, or the ``__init__.py`` of its folder, names its class ``METHOD``.
 
     Needed are `settings`, and `measure` or, where that is too simple, `run` or `parts` with `solve`. All else has a
     default: rows are read from one file a block, each measure is computed on the rows whose column ``method`` is the
@@ -503,5 +503,15 @@ def load_kind(name: str) -> Kind:
     UnknownName
         No such kind; the nearest names are offered.
     """
-    kind: Kind = load_method(KINDS, name, "kind of block")
-    return kind
+    kind: type[Kind] = load_method(KINDS, name, "kind of block")
+    return _built(kind)
+
+
+@cache
+def _built(kind: type[Kind]) -> Kind:
+    """The one instance of a kind."""
+    return kind()
+
+
+METHOD_BASE = Kind
+"""What the METHOD of every kind, ours or a plug-in's, is a subclass of."""

@@ -55,4 +55,4 @@ class _Batch(Kind):
         return ("inverse kinematics, call by call",)
 
 
-METHOD = _Batch()
+METHOD = _Batch

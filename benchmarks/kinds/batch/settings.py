@@ -56,14 +56,14 @@ def read_block(data: Any) -> BatchBlock:
     """
     where = named(data, "batch")
     shared = read_problems(data, where, {"solver", "solver_options", "threads", "repeats", "targets"}, {"solver"})
-    check_known(data["solver"], "optik.ik", "IK method")
+    solver = check_known(data["solver"], "optik.ik", "IK method")
     threads = check_list(data.get("threads", [1]), f"{where}: threads")
     for count in threads:
         check_count(count, f"{where}: threads", 1)
     check_count(data.get("repeats", 3), f"{where}: repeats", 1)
     return BatchBlock(
         **shared,
-        solver=data["solver"],
+        solver=solver,
         solver_options=dict(data.get("solver_options", {})),
         threads=tuple(threads),
         repeats=data.get("repeats", 3),

@@ -68,4 +68,4 @@ class _Budgets(Kind):
         return limitations(run)
 
 
-METHOD = _Budgets()
+METHOD = _Budgets

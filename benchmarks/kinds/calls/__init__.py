@@ -64,4 +64,4 @@ class _Calls(Kind):
         )
 
 
-METHOD = _Calls()
+METHOD = _Calls

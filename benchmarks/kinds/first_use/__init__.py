@@ -52,15 +52,15 @@ class _FirstUse(Kind):
     def settings(self, data: Any) -> FirstUse:
         where = "first_use"
         check_keys(data, {"robot", "solver", "repeats", "targets"}, where, need={"robot", "solver"})
-        check_known(data["robot"], "optik.robots", "robot")
-        check_known(data["solver"], "optik.ik", "IK method")
+        robot = check_known(data["robot"], "optik.robots", "robot")
+        solver = check_known(data["solver"], "optik.ik", "IK method")
         check_count(data.get("repeats", 3), f"{where}: repeats", 1)
         return FirstUse(
             id="first-use",
             title=f"First use in a fresh process ({data['solver']}, {data['robot']})",
             targets=all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES)),
-            robot=data["robot"],
-            solver=data["solver"],
+            robot=robot,
+            solver=solver,
             repeats=data.get("repeats", 3),
         )
 
@@ -91,4 +91,4 @@ class _FirstUse(Kind):
         return ()
 
 
-METHOD = _FirstUse()
+METHOD = _FirstUse

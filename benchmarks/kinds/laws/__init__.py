@@ -70,4 +70,4 @@ class _Laws(Kind):
         )
 
 
-METHOD = _Laws()
+METHOD = _Laws

@@ -160,7 +160,7 @@ def read_block(data: Any) -> LawBlock:
     plan = data.get("plan", laws[0].label)
     if plan not in [law.label for law in laws]:
         raise InvalidInput(f"{where}: plan", repr(plan), f"a label of its laws: {', '.join(x.label for x in laws)}")
-    check_known(data.get("ik", "lm"), "optik.ik", "IK method")
+    method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
     check_count(data.get("samples", 151), f"{where}: samples", 2)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
     groups = [*dict.fromkeys([part.kind for part in lines] + [part.robot for part in lines])]
@@ -177,7 +177,7 @@ def read_block(data: Any) -> LawBlock:
         peers=peers,
         reference=read_law(data["reference"], f"{where}: reference", "reference") if "reference" in data else None,
         plan=plan,
-        ik=data.get("ik", "lm"),
+        ik=method,
         samples=data.get("samples", 151),
         rounds=data.get("rounds", 3),
         example=_example(data.get("example", {}), where, lines, limits),
@@ -187,11 +187,11 @@ def read_block(data: Any) -> LawBlock:
 
 def _lines(data: Any, where: str) -> LineSet:
     check_keys(data, {"robot", "kind", "count"}, f"{where}: lines", need={"robot", "kind", "count"})
-    check_known(data["robot"], "optik.robots", "robot")
+    robot = check_known(data["robot"], "optik.robots", "robot")
     if data["kind"] not in LINE_KINDS:
         raise InvalidInput(f"{where}: lines", f"kind {data['kind']!r}", f"one of {', '.join(LINE_KINDS)}")
     check_count(data["count"], f"{where}: lines: count", 1)
-    return LineSet(data["robot"], data["kind"], data["count"])
+    return LineSet(robot, data["kind"], data["count"])
 
 
 def _limits(data: Any, where: str) -> LimitSet:
@@ -206,8 +206,8 @@ def _example(data: Any, where: str, lines: tuple[LineSet, ...], limits: tuple[Li
     at = f"{where}: example"
     check_keys(data, {"robot", "kind", "index", "limits"}, at)
     chosen = next((part for part in lines if part.kind == "near_singular"), lines[0])
-    robot, kind = data.get("robot", chosen.robot), data.get("kind", chosen.kind)
-    check_known(robot, "optik.robots", "robot")
+    robot = check_known(data.get("robot", chosen.robot), "optik.robots", "robot")
+    kind = data.get("kind", chosen.kind)
     if kind not in LINE_KINDS:
         raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(LINE_KINDS)}")
     check_count(data.get("index", 0), f"{at}: index", 0)

@@ -68,4 +68,4 @@ class _Plans(Kind):
         return limitations(run)
 
 
-METHOD = _Plans()
+METHOD = _Plans

@@ -64,11 +64,9 @@ def read_task(data: Any) -> LineTask:
     """
     keys = {"robot", "start_deg", "move_m", "ik", "laws", "samples"}
     check_keys(data, keys, "the line", need=keys - {"samples"})
-    check_known(data["robot"], "optik.robots", "robot")
-    for method in check_list(data["ik"], "the line: ik"):
-        check_known(method, "optik.ik", "IK method")
-    for law in check_list(data["laws"], "the line: laws"):
-        check_known(law, "planners.timing", "time law")
+    robot = check_known(data["robot"], "optik.robots", "robot")
+    methods = tuple(check_known(name, "optik.ik", "IK method") for name in check_list(data["ik"], "the line: ik"))
+    laws = tuple(check_known(name, "planners.timing", "time law") for name in check_list(data["laws"], "the line: laws"))
     check_count(data.get("samples", 151), "the line: samples", 2)
     move = real_array(data["move_m"], "the line: move_m", "three numbers [m]")
     if move.shape != (3,):
@@ -76,10 +74,10 @@ def read_task(data: Any) -> LineTask:
     return LineTask(
         id="line",
         title="the line",
-        robot=data["robot"],
+        robot=robot,
         start_deg=tuple(data["start_deg"]),
         move_m=tuple(data["move_m"]),
-        ik=tuple(data["ik"]),
-        laws=tuple(data["laws"]),
+        ik=methods,
+        laws=laws,
         samples=int(data.get("samples", 151)),
     )

@@ -1,4 +1,4 @@
-"""Outside IK methods: one file each, called as its users call it, judged by our forward kinematics."""
+"""IK methods of other packages, one per file: called as their users call them, judged by our forward kinematics."""
 
 PEERS = "benchmarks.peers.ik"
 """The package in which an outside IK method is found by its name."""

@@ -1,4 +1,4 @@
-"""Outside ways to time a joint path: one file each, judged by the same certificate as our laws."""
+"""Time laws of other packages, one per file; their motions are certified in the same way as ours."""
 
 TIMING_PEERS = "benchmarks.peers.laws"
 """The package in which an outside time law is found by its name."""
