@@ -78,18 +78,29 @@ def run_suite(
         for part in kind.parts(block, given, folder)
         if not folder.has(part.file)
     ]
+    _work(suite, folder, todo, (workers, executor), tell)
+    for kind, block in suite.pairs():
+        store_table(kind, block, folder)
+    folder.write_json("run.json", manifest | {"complete": True})
+    return folder
+
+
+def _work(
+    suite: Suite,
+    folder: RunFolder,
+    todo: list[tuple[Kind, Part]],
+    where: tuple[int, Executor | None],
+    tell: Progress,
+) -> None:
+    """Do all parts, in so many workers or by an executor; then what is timed by itself, one block after another."""
     alone = [(kind, block) for kind, block in suite.pairs() if kind.alone]
     total = len(todo) + len(alone)
-    for done, (part, rows) in enumerate(_solved(todo, workers, executor, tell, total), start=1):
+    for done, (part, rows) in enumerate(_solved(todo, *where, tell, total), start=1):
         folder.write(part.file, rows)
         tell(done, total, part.label)
     for done, (kind, block) in enumerate(alone, start=len(todo)):
         kind.run(block, suite.seed, folder, partial(tell, done, total))
-    for kind, block in suite.pairs():
-        store_table(kind, block, folder)
     tell(total, total, "done")
-    folder.write_json("run.json", manifest | {"complete": True})
-    return folder
 
 
 def _manifest(suite: Suite, workers: int, command: str) -> dict[str, Any]:

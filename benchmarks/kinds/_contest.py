@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.kinds.base import Entry
+from benchmarks.kinds._block import Entry
 from benchmarks.records import RunFolder
 from optik.errors import InvalidInput
 

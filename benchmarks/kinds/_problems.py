@@ -10,7 +10,7 @@ from benchmarks.problems.base import SETS, problem_set
 from benchmarks.settings import check_keys, check_known
 from optik.check import check_count
 
-FEW = 5
+TRIAL_PROBLEMS = 5
 """Problems that are drawn to check the options of a set: enough to meet every option, few enough to cost nothing."""
 
 
@@ -102,6 +102,6 @@ def check_set(block: ProblemBlock) -> None:
         An option that the set does not have, or out of range.
     """
     if "count" in block.options:
-        check_count(block.options["count"], "count", FEW)
-        block = replace(block, options=block.options | {"count": FEW})
+        check_count(block.options["count"], "count", TRIAL_PROBLEMS)
+        block = replace(block, options=block.options | {"count": TRIAL_PROBLEMS})
     problem_set(block, 0)

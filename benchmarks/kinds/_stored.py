@@ -17,7 +17,7 @@ from optik.errors import UnknownName
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
 
-ENDING = "table.json"
+TABLE_ENDING = "table.json"
 """Ending of the file of a stored table."""
 
 OURS = __name__.rpartition(".")[0]
@@ -37,7 +37,7 @@ def store_table(kind: Kind, block: Any, folder: RunFolder) -> None:
         The run.
     """
     if not type(kind).__module__.startswith(f"{OURS}."):
-        folder.write_json(kind.file(block, ENDING), table_of(kind, block, folder))
+        folder.write_json(kind.file(block, TABLE_ENDING), table_of(kind, block, folder))
 
 
 def table_of(kind: Kind, block: Any, folder: RunFolder) -> dict[str, Any]:
@@ -96,6 +96,11 @@ def _outcome(o: Outcome) -> dict[str, Any]:
 # ---------------------------------------------------------------- where the kind is not available
 
 
+def _is_path(name: str) -> bool:
+    """Whether a name means a file: only a path has a separator or a suffix."""
+    return "/" in name or "\\" in name or "." in name
+
+
 def _nothing(rows: pl.DataFrame) -> float:
     """What a stored measure computes: it has no code, only its values are stored."""
     return float("nan")
@@ -109,19 +114,19 @@ class _Stored(Kind):
     """A kind whose code is not available, or shall not run: what a run has stored of its blocks."""
 
     def __init__(self, name: str) -> None:
-        self.name = name  # type: ignore[misc]
-        self.title = Path(name).stem.replace("_", " ")  # type: ignore[misc]
+        self.name = Path(name).stem if _is_path(name) else name  # type: ignore[misc]
+        self.title = self.name.replace("_", " ").capitalize()  # type: ignore[misc]
 
     def settings(self, data: Any) -> Block:
         data = data if isinstance(data, dict) else {}
-        name = str(data.get("id", slug(self.title)))
+        name = str(data.get("id", slug(self.name)))
         return Block(id=name, title=str(data.get("title", name)))
 
     def rows(self, folder: RunFolder, block: Block) -> pl.DataFrame | None:
         return folder.read(self.file(block))
 
     def outcomes(self, block: Block, folder: RunFolder) -> list[Outcome]:
-        stored = folder.read_json(self.file(block, ENDING)) or {"targets": []}
+        stored = folder.read_json(self.file(block, TABLE_ENDING)) or {"targets": []}
         return [
             Outcome(
                 block.id, block.title, Target(**one["target"]), _measure(one["measure"]), float(one["value"]), one["note"]
@@ -145,6 +150,8 @@ def kind_or_stored(name: str) -> Kind:
     Kind
         The kind.
     """
+    if _is_path(name):
+        return _Stored(name)
     try:
         return load_kind(name)
     except (UnknownName, ImportError):
@@ -168,7 +175,7 @@ def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:
     """
     found: list[tuple[Any, dict[str, Any] | None]] = []
     for block in run.suite.of(kind.name):
-        table = run.folder.read_json(kind.file(block, ENDING))
+        table = run.folder.read_json(kind.file(block, TABLE_ENDING))
         if table is None and not is_stored(kind):
             table = table_of(kind, block, run.folder)
         found.append((block, table))

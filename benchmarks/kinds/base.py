@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
-from pathlib import Path
+from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import polars as pl
 
+from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
+from benchmarks.kinds._contest import timed, turns
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import Target
+from benchmarks.settings import Target, all_of, check_keys
 from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "KINDS", "Block", "BlockRows", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Target", "Tell", "load_kind",
-    "read_target",
+    "read_target", "timed", "turns",
 ]  # fmt: skip
 
 KINDS = "benchmarks.kinds"
@@ -29,144 +29,6 @@ KINDS = "benchmarks.kinds"
 
 Tell = Callable[[str], None]
 """Called with what is done next, for the progress bar."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """One block of a suite; every kind adds what it needs.
-
-    Attributes
-    ----------
-    id : str
-        Names the block's files.
-    title : str
-        What reports call it.
-    targets : tuple of Target
-        What it is held to.
-    """
-
-    id: str
-    title: str
-    targets: tuple[Target, ...] = ()
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """Names of the arms that it runs on."""
-        return ()
-
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """What it compares, in the order of the suite."""
-        return ()
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Labels of all entries."""
-        return tuple(entry.label for entry in self.entries)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One thing that a block compares: a method or law of ours, or an outside one.
-
-    Attributes
-    ----------
-    label : str
-        What reports call it.
-    name : str
-        The name by which it is found.
-    options : dict
-        Its options.
-    most : int or None
-        How many problems a slow one is given; all where None.
-    role : str
-        ``ours``, ``law``, ``peer`` (an outside method) or ``reference``.
-    """
-
-    label: str
-    name: str
-    options: dict[str, Any]
-    most: int | None = None
-    role: str = "ours"
-
-    @property
-    def words(self) -> str:
-        """Its options in words."""
-        return ", ".join(f"{key} = {value}" for key, value in self.options.items())
-
-
-@dataclass(frozen=True)
-class Part:
-    """Work that any process may do, in any order: `Kind.solve` turns `work` into the rows of `file`.
-
-    Attributes
-    ----------
-    file : str
-        Where its rows go, in the run folder; a part whose file is there already is done.
-    label : str
-        What the progress bar shows.
-    work : object
-        What `Kind.solve` is given; it goes to another process, so it must be possible to pickle it.
-    """
-
-    file: str
-    label: str
-    work: Any
-
-
-@dataclass(frozen=True)
-class BlockRows:
-    """A block with its rows, as the report reads them. A kind may give a subclass with more.
-
-    Attributes
-    ----------
-    block : Block
-        The block.
-    rows : DataFrame
-        All its rows.
-    folder : RunFolder
-        The run.
-    facts : dict
-        What is known of the block beside its rows; ``entries`` holds facts on each entry by label.
-    """
-
-    block: Any
-    rows: pl.DataFrame
-    folder: RunFolder
-    facts: dict[str, Any]
-
-    @cached_property
-    def entries(self) -> dict[str, dict[str, Any]]:
-        """Facts on every entry by label, in the order of the suite."""
-        known = self.facts.get("entries", {})
-        return {label: known[label] for label in self.block.labels if label in known}
-
-
-@dataclass(frozen=True)
-class Section:
-    """One section of the report, or one piece of a section: pieces with the same anchor stand under one heading.
-
-    Attributes
-    ----------
-    title, anchor : str
-        Heading, and its address on the page.
-    build : callable
-        From the run to what the template shows (its ``c``); None where the run has no data for it.
-    template : Path or str
-        A Jinja template: its file, or its text.
-    order : int
-        Where it stands: smaller first. Ours: 10 single calls, 20 time laws on many lines, 30 to 60 iteration budgets, 70 to
-        90 one line planned, 100 and above what closes the page.
-    place : str
-        ``section``; or ``terms`` for a sentence in the first paragraph, ``summary`` for what follows the key findings.
-    """
-
-    title: str
-    anchor: str
-    build: Callable[[Run], dict[str, Any] | None]
-    template: Path | str
-    order: int = 95
-    place: str = "section"
 
 
 class Kind(ABC):
@@ -224,6 +86,39 @@ class Kind(ABC):
             A wrong key, value or name.
         """
 
+    def common(
+        self, data: Any, known: Collection[str] = (), need: Collection[str] = (), labels: Sequence[str] = ()
+    ) -> dict[str, Any]:
+        """Check the keys of a block, and read what every block has.
+
+        Parameters
+        ----------
+        data : object
+            What the suite's file has.
+        known : collection of str
+            Keys of this kind, beside ``id``, ``title`` and ``targets``.
+        need : collection of str
+            Those of them that must be there.
+        labels : sequence of str
+            Labels of the block's entries, which a target may name.
+
+        Returns
+        -------
+        dict
+            ``id``, ``title`` and ``targets``: arguments of a `Block`.
+
+        Raises
+        ------
+        InvalidInput
+            No table, an unknown key, one that is missing, or a wrong target.
+        """
+        where = f"{self.name} {data.get('id', '?')!r}" if isinstance(data, dict) else self.name
+        check_keys(data, {"id", "title", "targets", *known}, where, need={"id", *need})
+        targets = all_of(
+            data.get("targets"), f"{where}: targets", lambda one: read_target(one, where, self.measures, labels=labels)
+        )
+        return {"id": str(data["id"]), "title": str(data.get("title", data["id"])), "targets": targets}
+
     def prepare(self, block: Any, seed: int) -> Any:
         """Check what only trying shows, before anything is written.
 
@@ -279,6 +174,11 @@ class Kind(ABC):
         -------
         DataFrame
             Its rows.
+
+        Raises
+        ------
+        NotImplementedError
+            A kind that has parts must define it.
         """
         raise NotImplementedError(f"{type(self).__name__} has parts and no solve()")
 
@@ -298,6 +198,11 @@ class Kind(ABC):
         -------
         DataFrame
             Its rows, with the label of the entry in the column ``method`` where the block has entries.
+
+        Raises
+        ------
+        NotImplementedError
+            A kind whose `run` is not its own must define it.
         """
         raise NotImplementedError(f"{type(self).__name__} has neither measure() nor run()")
 

@@ -8,17 +8,40 @@ from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
 from benchmarks.report.run import Run
 
 BADGES = {HOLDS: "good", FAILS: "bad", PARTLY: "partly"}
+"""Look of each verdict."""
 
 
 def claims(run: Run) -> dict[str, Any] | None:
-    """Every claim of the paper and what this run says of it; nothing where it only measures speed."""
+    """Every claim of the paper and what this run says of it; nothing where it only measures speed.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     if not run.on_paper:
         return None
     return {"findings": [(f, badge(f.verdict)) for f in run.findings]}
 
 
 def badge(verdict: str) -> str:
-    """Look of a verdict."""
+    """Look of a verdict.
+
+    Parameters
+    ----------
+    verdict : str
+        Of a claim.
+
+    Returns
+    -------
+    str
+        A class of the page's style.
+    """
     return next(
         (look for words, look in BADGES.items() if verdict == words or (words == PARTLY and verdict.startswith(words))),
         "none",
@@ -26,7 +49,18 @@ def badge(verdict: str) -> str:
 
 
 def misprints(run: Run) -> dict[str, Any] | None:
-    """The paper's misprints with what computing them shows; nothing where the run only measures speed."""
+    """The paper's misprints with what computing them shows; nothing where the run only measures speed.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     if not run.on_paper:
         return None
     from benchmarks.experiments.misprints import evidence
@@ -35,12 +69,27 @@ def misprints(run: Run) -> dict[str, Any] | None:
 
 
 def limitations(run: Run) -> dict[str, Any]:
-    """What a reader should know before quoting."""
+    """What a reader should know before quoting.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict
+        What the template shows.
+    """
     provenance = run.manifest["provenance"]
     workers, cores = provenance.get("workers"), provenance.get("cores")
     robots = sorted(run.suite.robots)
-    items = [
-        f"One arm only: {robots[0]}." if len(robots) == 1 else f"Only these arms: {', '.join(robots)}.",
+    items = (
+        [f"One arm only: {robots[0]}." if len(robots) == 1 else f"Only these arms: {', '.join(robots)}."]
+        if robots
+        else []
+    )
+    items += [
         f"Times were taken with {workers} worker process{'es' if workers != 1 else ''} on {cores} cores of one machine "
         f"({provenance.get('cpu')}) that may have had other work; they include the call from Python. Ratios between methods "
         "say more than microseconds.",
@@ -54,7 +103,18 @@ def limitations(run: Run) -> dict[str, Any]:
 
 
 def provenance(run: Run) -> dict[str, Any]:
-    """Where the numbers come from, and how to get them again."""
+    """Where the numbers come from, and how to get them again.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict
+        What the template shows.
+    """
     p = run.manifest["provenance"]
     commit = p.get("commit")
     state = "" if not commit else (" with uncommitted changes" if p.get("dirty") else " (clean)")

@@ -12,6 +12,7 @@ from benchmarks.report.rows import section_of
 from benchmarks.report.run import Run
 
 _TEMPLATES = Path(__file__).parent / "templates"
+"""Where the templates of the frame are."""
 
 CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),

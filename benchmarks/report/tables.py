@@ -13,7 +13,7 @@ from benchmarks.targets import Measure, Outcome
 VERDICTS = {True: ("held", "good"), False: ("not held", "bad"), None: ("not measured", "none")}
 """Words and look of an outcome."""
 
-MANY = 10_000
+PRECISE_FROM = 10_000
 """Trials from which a share is shown with three decimals in place of one: fewer do not determine them."""
 
 
@@ -32,7 +32,7 @@ def share(solved: int, count: int) -> tuple[str, str]:
     interval : str
         Wilson's, 95 %.
     """
-    digits = 1 if count < MANY else 3
+    digits = 1 if count < PRECISE_FROM else 3
     rounded = 100.0 * solved / count
     if solved < count:
         step = 10.0**-digits

@@ -22,7 +22,7 @@ from optik.types import Array
 FIRST_PROBLEMS = 256
 """Problems solved before the first timed batch: the call compiles, and threads start."""
 
-CHUNK = 50_000
+JUDGED_AT_ONCE = 50_000
 """Answers that are judged at a time, so that judging needs little memory."""
 
 
@@ -74,8 +74,8 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
 def _solved(robot: Robot, targets: Array, q: Array) -> int:
     """How many answers meet their targets inside the limits, by our own forward kinematics."""
     count = 0
-    for first in range(0, len(q), CHUNK):
-        here = slice(first, first + CHUNK)
+    for first in range(0, len(q), JUDGED_AT_ONCE):
+        here = slice(first, first + JUDGED_AT_ONCE)
         e = robot.errors(q[here], targets[here])
         near = (np.linalg.norm(e[:, :3], axis=1) <= 1e-6) & (np.linalg.norm(e[:, 3:], axis=1) <= 1e-6)
         count += int((near & robot.limits.contains(q[here])).sum())

@@ -10,7 +10,7 @@ import polars as pl
 from benchmarks.statistics import quantiles, wilson
 from benchmarks.targets import Measure
 
-LEVELS = (1e-3, 1e-6)
+SUCCESS_LEVELS = (1e-3, 1e-6)
 """Tolerances [m and rad] at which success is judged: a coarse one, and that of a solved problem."""
 
 PER_RADIAN = float(np.rad2deg(1.0))
@@ -123,14 +123,13 @@ def _of(
 
 
 _P95, _P99 = ("median", "p95"), ("median", "p95", "p99")
-_MICRO = 1e6
 
 MEASURES = (
-    *(success_at(level) for level in LEVELS),
+    *(success_at(level) for level in SUCCESS_LEVELS),
     Measure("position error", "mm", _of("position_error", (0.5, 0.95), scale=1e3), parts=_P95),
     Measure("rotation error", "°", _of("rotation_error", (0.5, 0.95), scale=PER_RADIAN), parts=_P95),
     Measure("iterations, solved", "", _of("iterations", (0.5, 0.95), solved=True), parts=_P95, show="count"),
-    Measure("time a call, solved", "µs", _of("seconds", (0.5, 0.95, 0.99), scale=_MICRO, solved=True), parts=_P99),
-    Measure("time a call, not solved", "µs", _of("seconds", (0.5, 0.95), scale=_MICRO, solved=False), parts=_P95),
+    Measure("time a call, solved", "µs", _of("seconds", (0.5, 0.95, 0.99), scale=1e6, solved=True), parts=_P99),
+    Measure("time a call, not solved", "µs", _of("seconds", (0.5, 0.95), scale=1e6, solved=False), parts=_P95),
 )
 """Columns of the tables of methods: computed on the rows of one method at one budget."""

@@ -24,9 +24,9 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
     robot : Robot
         The arm.
     targets : (k, 4, 4) array
-        What was asked.
+        Poses that were asked for [m, 1].
     answers : list of k arrays (m, n)
-        The answers to each, m = 0 for none.
+        Configurations [rad, m] that answer each, m = 0 for none.
     wraps : bool
         Whether full turns may be added to bring an answer inside the limits.
 
@@ -63,7 +63,20 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
 
 
 def wrapped(robot: Robot, q: Array) -> Array:
-    """Add full turns to turning joints outside their limits, to bring them inside where that is possible."""
+    """Add full turns to turning joints outside their limits, to bring them inside where that is possible.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+
+    Returns
+    -------
+    (k, n) array
+        Configurations with the same tool poses [rad, m].
+    """
     lower, upper = robot.limits.lower, robot.limits.upper
     turn = 2.0 * np.pi
     up = q + turn * np.ceil(np.maximum(lower - 1e-9 - q, 0.0) / turn)

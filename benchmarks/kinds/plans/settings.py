@@ -66,7 +66,9 @@ def read_task(data: Any) -> LineTask:
     check_keys(data, keys, "the line", need=keys - {"samples"})
     robot = check_known(data["robot"], "optik.robots", "robot")
     methods = tuple(check_known(name, "optik.ik", "IK method") for name in check_list(data["ik"], "the line: ik"))
-    laws = tuple(check_known(name, "planners.timing", "time law") for name in check_list(data["laws"], "the line: laws"))
+    laws = tuple(
+        check_known(name, "planners.timing", "time law") for name in check_list(data["laws"], "the line: laws")
+    )
     check_count(data.get("samples", 151), "the line: samples", 2)
     move = real_array(data["move_m"], "the line: move_m", "three numbers [m]")
     if move.shape != (3,):

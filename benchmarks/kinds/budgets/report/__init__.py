@@ -12,6 +12,7 @@ from benchmarks.kinds.budgets.report.maps import maps
 from benchmarks.kinds.budgets.report.methods import methods
 
 _HERE = Path(__file__).parent
+"""Where the templates of this kind are."""
 
 SECTIONS = (
     Section("What solved means", "terms", terms, _HERE / "terms.html.j2", 30, place="terms"),

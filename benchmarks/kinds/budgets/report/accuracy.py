@@ -13,16 +13,32 @@ from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_a
 from benchmarks.report.run import Run
 from benchmarks.statistics import binned, quantiles
 
-AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
+ERROR_AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
+"""Columns of the errors, and the axes of the base frame that they belong to."""
+
 FLOOR_MM = 1e-9
 """Errors below this are drawn here: rounding, and exact zeros, have no place on a logarithmic axis."""
-LINES = 5
+
+MOST_LINES = 5
+"""Budgets that one plot shows: more lines cannot be told apart."""
+
 DECADES = (-9.4, 3.4)
 """Range of all error axes, as powers of ten: the same for every axis, method and set of problems."""
 
 
 def accuracy(run: Run) -> dict[str, Any] | None:
-    """Error against distance by budget, and against budget by method."""
+    """Error against distance by budget, and against budget by method.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     blocks = [b for b in comparisons(run) if not b.known.is_empty()]
     if not blocks:
         return None
@@ -33,8 +49,21 @@ def accuracy(run: Run) -> dict[str, Any] | None:
     return {"counts": counts, "boards": [_distance_board(blocks), _budget_board(blocks, run)]}
 
 
-def chosen(budgets: tuple[int, ...], count: int = LINES) -> list[int]:
-    """Up to so many budgets, evenly through the list, first and last among them."""
+def chosen(budgets: tuple[int, ...], count: int = MOST_LINES) -> list[int]:
+    """Up to so many budgets, evenly through the list, first and last among them.
+
+    Parameters
+    ----------
+    budgets : tuple of int
+        All budgets, increasing.
+    count : int
+        How many lines a plot has at most.
+
+    Returns
+    -------
+    list of int
+        The chosen ones.
+    """
     if len(budgets) <= count:
         return list(budgets)
     return [budgets[round(i * (len(budgets) - 1) / (count - 1))] for i in range(count)]
@@ -50,7 +79,7 @@ def _millimetres(column: str) -> pl.Expr:
 
 def _distance_board(blocks: list[BudgetRows]) -> Board:
     plots = []
-    for column, name in AXES.items():
+    for column, name in ERROR_AXES.items():
         plot = Plot(
             f"distance-{column}", f"{name} axis",
             {"xaxis": axis("distance from the start [mm]"), "yaxis": log_axis(f"|error in {name}| [mm]", range=DECADES)},
@@ -95,7 +124,7 @@ def _distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
 
 def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
     plots = []
-    for column, name in AXES.items():
+    for column, name in ERROR_AXES.items():
         plot = Plot(
             f"budget-{column}", f"{name} axis",
             {

@@ -16,12 +16,24 @@ from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_a
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
 
-BLOCK = "damping"
+DAMPING_BLOCK = "damping"
+"""Id of the block that this section is about."""
 
 
 def damping(run: Run) -> dict[str, Any] | None:
-    """Success, iterations and error of each damping in each stratum, and what they advise."""
-    found = [b for b in budget_blocks(run) if b.block.id == BLOCK]
+    """Success, iterations and error of each damping in each stratum, and what they advise.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
+    found = [b for b in budget_blocks(run) if b.block.id == DAMPING_BLOCK]
     constants = {m.label: float(m.options["damping"]) for b in found for m in b.block.methods if "damping" in m.options}
     if not found or not constants:
         return None
@@ -64,6 +76,18 @@ def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> l
     """The dampings that no other is surely better than, best first.
 
     Those whose interval of success reaches that of the surest; among them by median iterations, then by share.
+
+    Parameters
+    ----------
+    constants : dict
+        Damping of each method by its label.
+    figures : dict
+        ``low``, ``share``, ``high`` [%] and ``iterations`` of each method by its label.
+
+    Returns
+    -------
+    list of str
+        Labels.
     """
     best = max(figures[m]["low"] for m in constants)
     level = [m for m in constants if figures[m]["high"] >= best and not math.isnan(figures[m]["iterations"])]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.budgets.measures import LEVELS, level_words, success
+from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons, method_colour
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.numbers import number, percent
@@ -27,7 +27,7 @@ def terms(run: Run) -> dict[str, Any] | None:
     dict or None
         What the template shows.
     """
-    return {"levels": [level_words(level) for level in LEVELS]} if budget_blocks(run) else None
+    return {"levels": [level_words(level) for level in SUCCESS_LEVELS]} if budget_blocks(run) else None
 
 
 def summary(run: Run) -> dict[str, Any] | None:
@@ -83,7 +83,7 @@ def _rates(b: BudgetRows) -> str:
     words = []
     for label in b.methods:
         part = known.filter(pl.col("method") == label)
-        share, low, high = success(part, LEVELS[-1])
+        share, low, high = success(part, SUCCESS_LEVELS[-1])
         seconds = part.filter(pl.col("status") == "solved")["seconds"]
         took = f", {number(1e6 * float(np.median(seconds)))} µs a solved call" if len(seconds) else ""
         words.append(f"{label} solves {percent(share)} ({low:.1f} to {high:.1f} %){took}")

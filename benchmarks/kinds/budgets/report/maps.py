@@ -18,10 +18,17 @@ from benchmarks.report.run import Run
 from optik.arm.library import load
 from optik.types import Array
 
-ITERATIONS, ERROR = "iterations to 1e−6 m and rad", "position error"
-TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+MAP_ITERATIONS, MAP_ERROR = "iterations to 1e−6 m and rad", "position error"
+"""What a map can show."""
+
+ITERATION_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Numbers on the scale of iterations."""
+
 GREY = [[0, "var(--unknown)"], [1, "var(--unknown)"]]
+"""Colours of a square without a known solution."""
+
 _NAME = re.compile(r"^(?P<u>[XYZ])–(?P<v>[XYZ]) at (?P<normal>[xyz]) (?P<offset>[+-]\d+) mm$")
+"""Name of the group of a sheet of graph paper."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,18 @@ class Sheet:
 
     @staticmethod
     def of(group: str) -> Sheet | None:
-        """Read a sheet from the name of its group."""
+        """Read a sheet from the name of its group.
+
+        Parameters
+        ----------
+        group : str
+            Name of the group of problems.
+
+        Returns
+        -------
+        Sheet or None
+            None where the group is no sheet.
+        """
         found = _NAME.match(group)
         return Sheet(group, found["u"], found["v"], found["normal"], int(found["offset"])) if found else None
 
@@ -47,7 +65,18 @@ class Sheet:
 
 
 def maps(run: Run) -> dict[str, Any] | None:
-    """One board for every block of graph paper."""
+    """One board for every block of graph paper.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     boards = [_board(b) for b in comparisons(run) if b.block.set == "graph_paper"]
     return {"boards": boards} if boards else None
 
@@ -65,14 +94,14 @@ def _board(b: BudgetRows) -> Board:
     where = tuple((str(o), f"{o:+d} mm from the tool" if o else "through the tool") for o in offsets)
     budgets = tuple((str(n), iterations(n)) for n in b.block.budgets)
     controls = (
-        Control.of("quantity", "Show", (ITERATIONS, ERROR)),
+        Control.of("quantity", "Show", (MAP_ITERATIONS, MAP_ERROR)),
         Control.of("method", "Method", b.methods),
-        Control("budget", "After", budgets, str(_middle(b.block.budgets)), {"quantity": [ERROR]}),
+        Control("budget", "After", budgets, str(_middle(b.block.budgets)), {"quantity": [MAP_ERROR]}),
         Control("offset", "Sheet", where, str(min(offsets, key=abs))),
     )
     legend = (
         Key("no known solution", "var(--unknown)", "fill"),
-        Key("not solved within the largest budget", "var(--alarm)", "cross", {"quantity": [ITERATIONS]}),
+        Key("not solved within the largest budget", "var(--alarm)", "cross", {"quantity": [MAP_ITERATIONS]}),
         Key("tool at the start", "#fff", "ring"),
     )
     return Board(
@@ -126,7 +155,22 @@ class Squares:
         return {"x0": float(us[0]), "dx": step(us), "y0": float(vs[0]), "dy": step(vs), "xgap": 1, "ygap": 1}
 
     def matrix(self, rows: pl.DataFrame, column: str, digits: int = 4) -> list[list[float | None]]:
-        """One column over the squares; None where there is no row."""
+        """One column over the squares; None where there is no row.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            With the columns ``row`` and ``col`` of each square.
+        column : str
+            Which one.
+        digits : int
+            Significant digits.
+
+        Returns
+        -------
+        list of list
+            A value a square, row by row.
+        """
         out = np.full((len(self.vs), len(self.us)), np.nan)
         out[rows["row"].to_numpy(), rows["col"].to_numpy()] = rows[column].to_numpy()
         return [lean(row, digits) for row in out]
@@ -154,7 +198,7 @@ def _sheet(plot: Plot, b: BudgetRows, sheet: Sheet) -> None:
         part = rows.filter((pl.col("method") == label) & pl.col("known"))
         last = part.filter(pl.col("budget") == b.budget)
         when = here | {"method": [label]}
-        _iterations(plot, last, squares, where, when | {"quantity": [ITERATIONS]}, b.budget)
+        _iterations(plot, last, squares, where, when | {"quantity": [MAP_ITERATIONS]}, b.budget)
         for budget in b.block.budgets:
             at = part.filter(pl.col("budget") == budget).with_columns(mm=1e3 * pl.col("position_error"))
             plot.add(
@@ -164,13 +208,13 @@ def _sheet(plot: Plot, b: BudgetRows, sheet: Sheet) -> None:
                     colorbar=_bar("position error [mm]", tickvals=[-6, -3, 0, 3], ticktext=["10⁻⁶", "10⁻³", "1", "10³"]),
                     hovertemplate=f"{where}%{{customdata:.3g}} mm after {iterations(budget)}{HOVER}",
                 ),
-                when | {"quantity": [ERROR], "budget": [str(budget)]},
+                when | {"quantity": [MAP_ERROR], "budget": [str(budget)]},
             )  # fmt: skip
 
 
 def _iterations(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, when: Json, most: int) -> None:
     """Draw iterations of the solved, and crosses for the others."""
-    ticks = [n for n in TICKS if n <= most]
+    ticks = [n for n in ITERATION_TICKS if n <= most]
     solved, failed = (rows.filter((pl.col("status") == "solved") == ok) for ok in (True, False))
     plot.add(
         heatmap(

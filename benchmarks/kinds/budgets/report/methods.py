@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import polars as pl
 
-from benchmarks.kinds.budgets.measures import LEVELS, MEASURES, level_words, success
+from benchmarks.kinds.budgets.measures import MEASURES, SUCCESS_LEVELS, level_words, success, success_at
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons, method_colour, method_index
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, SYMBOLS, axis, bars, lean, line
-from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
+from benchmarks.report.tables import cells
 
-STATUSES = {
+ENDINGS = {
     "solved": ("solved", "var(--c2)"),
     "max_iterations": ("iterations used up", "var(--c4)"),
     "stalled": ("stalled", "var(--c1)"),
@@ -24,10 +23,22 @@ STATUSES = {
     "unreachable": ("proved unreachable", "var(--c6)"),
     "rejected": ("claim rejected", "var(--c7)"),
 }
+"""Ways in which a solve ends: in words, and the colour of each."""
 
 
 def methods(run: Run) -> dict[str, Any] | None:
-    """Tables of all blocks, success against budget, and how the solves ended."""
+    """Tables of all blocks, success against budget, and how the solves ended.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     if not budget_blocks(run):
         return None
     open_ones = {b.block.id for b in comparisons(run)}
@@ -54,10 +65,10 @@ def _table(b: BudgetRows, run: Run) -> dict[str, Any]:
             {
                 "label": label,
                 "colour": method_colour(run, label),
-                "cells": [_cell(metric.show, v) for metric, v in zip(MEASURES, values, strict=True)],
+                "cells": [cells(metric, v) for metric, v in zip(MEASURES, values, strict=True)],
                 "values": values,
                 "known": len(own) - len(unknown),
-                "own": _cell("share", success(own.filter("known"), LEVELS[-1])),
+                "own": cells(success_at(SUCCESS_LEVELS[-1]), success(own.filter("known"), SUCCESS_LEVELS[-1])),
                 "unknown": len(unknown),
             }
         )
@@ -68,18 +79,9 @@ def _table(b: BudgetRows, run: Run) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _cell(kind: str, values: tuple[float, ...]) -> list[str]:
-    if kind == "share":
-        share, low, high = values
-        return [percent(share), "–" if math.isnan(low) else f"[{low:.1f}, {high:.1f}]"]
-    if kind == "count":
-        return [f"{v:.0f}" if v == round(v, 0) else number(v) for v in values]
-    return [number(v) for v in values]
-
-
 def _success_board(run: Run) -> Board:
     plots = []
-    for level in LEVELS:
+    for level in SUCCESS_LEVELS:
         plot = Plot(
             f"success-{level:.0e}", f"Success at {level_words(level)} m and rad",
             {
@@ -141,7 +143,7 @@ def _status_board(run: Run) -> Board:
         plot.vary({"block": [b.block.id]}, {"height": 64 + 36 * len(b.methods)})
         for status, known, values, counts in _endings(b):
             words, colour = (
-                STATUSES.get(status, (status, "var(--c7)")) if known else ("no known solution", "var(--unknown)")
+                ENDINGS.get(status, (status, "var(--c7)")) if known else ("no known solution", "var(--unknown)")
             )
             seen.setdefault(words, []).append(b.block.id)
             plot.add(
@@ -152,7 +154,7 @@ def _status_board(run: Run) -> Board:
                 {"block": [b.block.id]},
             )  # fmt: skip
     blocks = Control("block", "Problems", tuple((b.block.id, b.block.title) for b in budget_blocks(run)))
-    colours = dict(STATUSES.values()) | {"no known solution": "var(--unknown)"}
+    colours = dict(ENDINGS.values()) | {"no known solution": "var(--unknown)"}
     legend = tuple(Key(w, colours.get(w, "var(--c7)"), "fill", {"block": seen[w]}) for w in colours if w in seen)
     return Board("statuses", (plot,), (blocks,), legend)
 
@@ -161,7 +163,7 @@ def _endings(b: BudgetRows) -> list[tuple[str, bool, list[float], list[int]]]:
     """Share and count of every ending for each method: by status where a solution is known, together where not."""
     totals = {m: b.last.filter(pl.col("method") == m).height for m in b.methods}
     out = []
-    kinds = [(s, True) for s in (*STATUSES, *sorted(set(b.last["status"]) - set(STATUSES)))] + [("", False)]
+    kinds = [(s, True) for s in (*ENDINGS, *sorted(set(b.last["status"]) - set(ENDINGS)))] + [("", False)]
     for status, known in kinds:
         part = b.last.filter((pl.col("known") & (pl.col("status") == status)) if known else ~pl.col("known"))
         counts = [part.filter(pl.col("method") == m).height for m in b.methods]

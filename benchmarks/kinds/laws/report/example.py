@@ -7,7 +7,7 @@ import polars as pl
 
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
-from benchmarks.report.figures import BAND, HOVER, INK, MUTED, axis, lean, line, log_axis
+from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis
 from benchmarks.report.run import Run
 from planners.limits import ALL_LIMITS, DERIVATIVES
 
@@ -53,10 +53,10 @@ def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, wor
     )  # fmt: skip
     at = f"<br>%{{y:.4g}} mm/s at %{{x:.4g}} mm{HOVER}"
     bounds = (
-        ("velocity", {"color": INK, "width": 1.6, "dash": "dash"}, "velocity limit of %{text}"),
+        ("velocity", {"color": INK_COLOUR, "width": 1.6, "dash": "dash"}, "velocity limit of %{text}"),
         (
             "acceleration",
-            {"color": MUTED, "width": 1.6, "dash": "dot"},
+            {"color": MUTED_COLOUR, "width": 1.6, "dash": "dot"},
             "acceleration limits, however the motion speeds up",
         ),
     )
@@ -76,8 +76,8 @@ def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, wor
         )  # fmt: skip
     legend = [Key(law, run.colour("laws", law)) for law in laws]
     legend += [
-        Key("no joint faster than its velocity limit", INK, "dashed"),
-        Key("some acceleration keeps all limits", MUTED, "dashed"),
+        Key("no joint faster than its velocity limit", INK_COLOUR, "dashed"),
+        Key("some acceleration keeps all limits", MUTED_COLOUR, "dashed"),
     ]
     return Board(
         f"{b.block.id}-phase", (plot,), (), tuple(legend),
@@ -90,7 +90,9 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     laws = motions["law"].unique(maintain_order=True).to_list()
     near = binding.filter(pl.col("ratio") >= ACTIVE)
     used = [field for field in ALL_LIMITS if field in DERIVATIVES or field in set(near["limit"])]
-    legend = [Key(field.replace("_", " "), _colour(field)) for field in used] + [Key("beyond the limit", BAND, "fill")]
+    legend = [Key(field.replace("_", " "), _colour(field)) for field in used] + [
+        Key("beyond the limit", BAND_COLOUR, "fill")
+    ]
     initial = next((law for law in laws if law == b.block.plan), laws[0])
     return Board(
         f"{b.block.id}-who", (_active(near, laws), _ratios(motions, laws)),
@@ -130,7 +132,7 @@ def _active(near: pl.DataFrame, laws: list[str]) -> Plot:
 def _ratios(motions: pl.DataFrame, laws: list[str]) -> Plot:
     """The worst value over limit of every derivative along the line."""
     beyond = {
-        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1e6, "layer": "below", "fillcolor": BAND,
+        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1e6, "layer": "below", "fillcolor": BAND_COLOUR,
         "line": {"width": 0},
     }  # fmt: skip
     layout = {

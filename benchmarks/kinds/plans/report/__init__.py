@@ -11,6 +11,7 @@ from benchmarks.kinds.plans.report.laws import laws
 from benchmarks.kinds.plans.report.motion import motion
 
 _HERE = Path(__file__).parent
+"""Where the templates of this kind are."""
 
 SECTIONS = (
     Section("The line", "plans", summary, _HERE / "summary.html.j2", 70, place="summary"),

@@ -9,17 +9,28 @@ import polars as pl
 
 from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import GRID, HOVER, MUTED, lean, line_3d
+from benchmarks.report.figures import GRID_COLOUR, HOVER, MUTED_COLOUR, lean, line_3d
 from benchmarks.report.run import Run
 from optik.arm.library import load
 from optik.types import Array
 
-DISTANCE = 2.4
-"""Of the eye, in units of the scene."""
+EYE_DISTANCE = 2.4
+"""Distance of the eye, in units of the scene: the whole arm is in view."""
 
 
 def moving_arm(run: Run) -> dict[str, Any] | None:
-    """The arm in pictures equally spaced in time, for every law."""
+    """The arm in pictures equally spaced in time, for every law.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     frames = run.folder.read("line/frames.parquet")
     line = line_plans(run)
     if frames is None or line is None or not line.solved:
@@ -60,13 +71,13 @@ def _scene(gravity: Array, direction: Array, points: Array) -> Json:
     if np.linalg.norm(side) < 1e-6 * np.linalg.norm(direction):
         side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
     side /= np.linalg.norm(side)
-    eye = DISTANCE * (0.8 * side + 0.45 * np.cross(side, up) + 0.3 * up)
+    eye = EYE_DISTANCE * (0.8 * side + 0.45 * np.cross(side, up) + 0.3 * up)
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.08 * (high - low).max()
     axes = {
         f"{a}axis": {
             "title": {"text": f"{a.upper()} [mm]"}, "range": lean([low[i] - room, high[i] + room]), "nticks": 6,
-            "gridcolor": GRID, "zerolinecolor": GRID, "linecolor": MUTED, "showbackground": False,
+            "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR, "showbackground": False,
         }
         for i, a in enumerate("xyz")
     }  # fmt: skip

@@ -11,8 +11,7 @@ from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
 from optik.arm.limits import LIMIT_TOLERANCE
-
-FIELDS = ("velocity", "acceleration", "jerk")
+from planners.limits import DERIVATIVES
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,18 @@ def worst(certificate: dict[str, Any], field: str) -> Worst:
     """Worst of one of velocity, acceleration and jerk, read from a certificate in a file.
 
     In the file None stands for infinity in a value; in a ratio for infinity too, or for no limit where the value is finite.
+
+    Parameters
+    ----------
+    certificate : dict
+        As files have it.
+    field : str
+        ``velocity``, ``acceleration`` or ``jerk``.
+
+    Returns
+    -------
+    Worst
+        The worst of all joints that have a limit; of all joints where none has.
     """
     extreme = certificate[field]
     inf = float("inf")
@@ -63,9 +74,20 @@ def worst(certificate: dict[str, Any], field: str) -> Worst:
 
 
 def broken_limits(certificate: dict[str, Any]) -> list[str]:
-    """Limits that a motion breaks, promised or not, in words; empty where it keeps all."""
+    """Limits that a motion breaks, promised or not, in words; empty where it keeps all.
+
+    Parameters
+    ----------
+    certificate : dict
+        As files have it.
+
+    Returns
+    -------
+    list of str
+        Limits in words.
+    """
     out = []
-    for field in FIELDS:
+    for field in DERIVATIVES:
         w = worst(certificate, field)
         if w.broken:
             out.append(f"{field} ∞" if w.infinite else f"{field} {ratio_words(w)}×")
@@ -75,12 +97,34 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
 
 
 def ratio_words(w: Worst) -> str:
-    """Value over limit; near 1 with as many digits as show how near."""
+    """Value over limit; near 1 with as many digits as show how near.
+
+    Parameters
+    ----------
+    w : Worst
+        The worst value.
+
+    Returns
+    -------
+    str
+        Such as 1.0000057.
+    """
     return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
 def laws(run: Run) -> dict[str, Any] | None:
-    """One row for each IK method and law; motions that keep every limit are ranked on duration, the others are not."""
+    """One row for each IK method and law; motions that keep every limit are ranked on duration, the others are not.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     found = line_plans(run)
     if found is None:
         return None
@@ -91,7 +135,7 @@ def laws(run: Run) -> dict[str, Any] | None:
             r["rank"] = str(place)
     first = found.solved[0] if found.solved else None
     return {
-        "rows": rows, "fields": FIELDS,
+        "rows": rows, "fields": DERIVATIVES,
         "length": first and first["length"],
         "limits": _limit_words(first["limits"]) if first else "",
     }  # fmt: skip
@@ -113,8 +157,8 @@ def _row(p: dict[str, Any], found: LinePlans) -> dict[str, Any]:
     sampled = max(range(len(c["sampled_jerk"])), key=lambda i: c["sampled_jerk"][i])
     return row | {
         "duration": p["duration"],
-        "worst": {f: worst(c, f) for f in FIELDS},
-        "ratios": {f: ratio_words(worst(c, f)) for f in FIELDS},
+        "worst": {f: worst(c, f) for f in DERIVATIVES},
+        "ratios": {f: ratio_words(worst(c, f)) for f in DERIVATIVES},
         "sampled_jerk": number(c["sampled_jerk"][sampled]), "sampled_joint": c["joint_names"][sampled], "rate": c["rate"],
         "distance": number(1e6 * c["path_error"]["distance"]), "angle": number(1e6 * c["path_error"]["angle"]),
         "speed": number(1e3 * c["tool_speed"]["value"]), "continuous": c["continuous"], "rest": c["rest"],

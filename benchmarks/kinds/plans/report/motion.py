@@ -12,29 +12,49 @@ from benchmarks.kinds.plans.report.laws import worst
 from benchmarks.kinds.plans.report.look import law_colour, line_plans
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import BAND, HOVER, axis, colour, lean, line, log_axis
+from benchmarks.report.figures import BAND_COLOUR, HOVER, axis, colour, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from optik.arm.library import load
 from optik.types import Array
 
 ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
-LIMITS, DATA = "limits in view", "whole curves"
-WHOLE, FIRST, LAST = "whole motion", "first 0.06 s", "last 0.06 s"
-EDGE = 0.06
+"""Choices of the controls of laws and joints."""
+
+IN_VIEW, WHOLE_CURVES = "limits in view", "whole curves"
+"""Choices of the vertical range."""
+
+WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0.06 s"
+"""Choices of the horizontal range."""
+
+END_SECONDS = 0.06
 """Seconds at either end that can be looked at closely: three of the paper's intervals."""
-WINDOW = 15
-"""Instants of which the largest deviation is drawn."""
-QUANTITIES = {
+
+ENVELOPE = 15
+"""Instants of which the largest deviation is drawn: it is zero at the samples of the path and swings between them."""
+
+JOINT_CURVES = {
     "q": ("position", "q [rad]", None),
     "dq": ("velocity", "q̇ [rad/s]", "velocity"),
     "ddq": ("acceleration", "q̈ [rad/s²]", "acceleration"),
     "jerk": ("jerk", "jerk [rad/s³]", "jerk"),
 }
+"""Columns of a motion: in words, with unit, and the limit that each has."""
 
 
 def motion(run: Run) -> dict[str, Any] | None:
-    """Boards of joints and tool, and the figures that the plots clip."""
+    """Boards of joints and tool, and the figures that the plots clip.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
     rows = run.folder.read("line/motion.parquet")
     found = line_plans(run)
     if rows is None or found is None or not found.solved:
@@ -72,7 +92,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame) -> Board:
     laws = rows["law"].unique(maintain_order=True).to_list()
     joints = rows["joint"].unique(maintain_order=True).to_list()
     plots = []
-    for column, (words, title, _) in QUANTITIES.items():
+    for column, (words, title, _) in JOINT_CURVES.items():
         plot = Plot(
             f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
         )
@@ -95,24 +115,24 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame) -> Board:
         Control.of("ik", "Inverse kinematics", iks),
         Control.of("law", "Time law", (*laws, ALL_LAWS)),
         Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
-        Control.of("range", "Vertical range", (LIMITS, DATA)),
-        Control.of("time", "Time", (WHOLE, FIRST, LAST)),
+        Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
+        Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
     )
     legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
     legend += [Key(law, law_colour(found, law), "solid", {"law": [ALL_LAWS]}) for law in laws]
-    legend.append(Key("beyond the limit", BAND, "fill"))
+    legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
     instants = len(rows) // len(rows.unique(["ik", "law", "joint"]))
     return Board(
         "motion-board", tuple(plots), controls, tuple(legend),
-        f"{instants:,} instants of the polynomials. “{LIMITS}” cuts what goes far beyond them; “{DATA}” shows all. The worst "
-        "values in the table below are exact, not from these instants.",
+        f"{instants:,} instants of the polynomials. “{IN_VIEW}” cuts what goes far beyond them; “{WHOLE_CURVES}” shows all. "
+        "The worst values in the table below are exact, not from these instants.",
     )  # fmt: skip
 
 
 def _limits(found: LinePlans, column: str) -> list[tuple[float, float] | None]:
     """Range of every joint; None where it is free."""
     plan = found.solved[0]
-    field = QUANTITIES[column][2]
+    field = JOINT_CURVES[column][2]
     if field is not None:
         return [None if v is None else (-v, v) for v in plan["limits"][field]]
     limits = load(plan["robot"]).limits
@@ -125,7 +145,7 @@ def _bands(plot: Plot, found: LinePlans, column: str, joints: list[str]) -> None
     for joint, limit in zip(joints, limits, strict=True):
         if limit is not None:
             plot.vary({"joint": [joint]}, {"shapes": _outside(limit)})
-            plot.vary({"joint": [joint], "range": [LIMITS]}, {"yaxis": {"range": _view(limit, column)}})
+            plot.vary({"joint": [joint], "range": [IN_VIEW]}, {"yaxis": {"range": _view(limit, column)}})
     given = [x for x in limits if x is not None]
     if not given:
         return
@@ -133,7 +153,7 @@ def _bands(plot: Plot, found: LinePlans, column: str, joints: list[str]) -> None
         plot.vary({"joint": [ALL_JOINTS]}, {"shapes": _outside(given[0])})
     if column != "q":
         widest = max(given, key=lambda limit: limit[1])
-        plot.vary({"joint": [ALL_JOINTS], "range": [LIMITS]}, {"yaxis": {"range": _view(widest, column)}})
+        plot.vary({"joint": [ALL_JOINTS], "range": [IN_VIEW]}, {"yaxis": {"range": _view(widest, column)}})
 
 
 def _view(limit: tuple[float, float], column: str) -> list[float]:
@@ -145,7 +165,7 @@ def _view(limit: tuple[float, float], column: str) -> list[float]:
 def _outside(limit: tuple[float, float]) -> list[Json]:
     def band(low: float, high: float) -> Json:
         return {
-            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below", "fillcolor": BAND,
+            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below", "fillcolor": BAND_COLOUR,
             "line": {"width": 0},
         }  # fmt: skip
 
@@ -166,15 +186,18 @@ def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], 
             low, high = float(values.min()), float(values.max())
             room = 0.06 * (high - low) + 1e-9
             plot.vary(
-                {"range": [DATA], "law": [law], "joint": [joint]}, {"yaxis": {"range": lean([low - room, high + room])}}
+                {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
+                {"yaxis": {"range": lean([low - room, high + room])}},
             )
 
 
 def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
-    plot.vary({"time": [FIRST]}, {"xaxis": {"range": [-0.05 * EDGE, EDGE]}})
+    plot.vary({"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
     for law in laws:
         end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
-        plot.vary({"time": [LAST], "law": [law]}, {"xaxis": {"range": [end - EDGE, end + 0.05 * EDGE]}})
+        plot.vary(
+            {"time": [MOTION_END], "law": [law]}, {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}}
+        )
 
 
 def _tool_board(found: LinePlans, rows: pl.DataFrame) -> Board:
@@ -209,14 +232,14 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame) -> Board:
     legend = tuple(Key(law, law_colour(found, law)) for law in laws)
     return Board(
         "tool-board", tuple(plots), (Control.of("ik", "Inverse kinematics", iks),), legend,
-        f"Speed from differences of the path length between instants. Deviations: the largest of every {WINDOW} instants.",
+        f"Speed from differences of the path length between instants. Deviations: the largest of every {ENVELOPE} instants.",
     )  # fmt: skip
 
 
 def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
     """Largest of every few instants: a deviation is zero at the samples of the path and swings in between."""
-    k = len(t) // WINDOW * WINDOW
-    return t[:k].reshape(-1, WINDOW).mean(axis=1), np.maximum(y[:k].reshape(-1, WINDOW).max(axis=1), 1e-16)
+    k = len(t) // ENVELOPE * ENVELOPE
+    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), 1e-16)
 
 
 def _deviation(title: str, most: float) -> Json:
