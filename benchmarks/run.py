@@ -92,7 +92,7 @@ def _work(
     where: tuple[int, Executor | None],
     tell: Progress,
 ) -> None:
-    """Do all parts, in so many workers or by an executor; then what is timed by itself, one block after another."""
+    """Do all parts, in some workers or by an executor; then what is timed alone, one block after another."""
     alone = [(kind, block) for kind, block in suite.pairs() if kind.alone]
     total = len(todo) + len(alone)
     for done, (part, rows) in enumerate(_solved(todo, *where, tell, total), start=1):

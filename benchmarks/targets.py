@@ -1,4 +1,4 @@
-"""Targets: what a block is measured by, what is asked of it in a suite, and what came of that in a run."""
+"""Measures of a block, the targets that a suite sets for them, and their outcomes in a run."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One target and what came of it.
+    """One target and its outcome.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Outcome:
     value : float
         The measured value, NaN where there is none.
     note : str
-        How many rows the value stands on; why there is none, where there is none.
+        How many rows the value is computed from, or why there is none.
     """
 
     block: str
@@ -114,7 +114,7 @@ class Outcome:
 
     @property
     def what(self) -> str:
-        """The measure in words, with the entry and the group of problems that it is asked of."""
+        """The measure in words, with the entry and the group of problems that the target names."""
         of = f"{self.target.method}: " if self.target.method else ""
         group = f", {self.target.group.replace('_', '-')}" if self.target.group else ""
         return f"{of}{self.measure.title}{' ' + self.target.to if self.target.to else ''}{group}"

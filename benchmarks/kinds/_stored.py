@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,13 +55,14 @@ def table_of(kind: Kind, block: Any, folder: RunFolder) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``kind``, ``title``, ``heads`` (the measures), ``rows`` (an entry each, with its values) and ``targets``.
+        ``kind``, ``title``, ``robots``, ``heads`` (the measures), ``rows`` (an entry each, with its values) and ``targets``.
     """
     rows = kind.rows(folder, block)
     measures = [m for m in kind.measures if not m.relative]
     return {
         "kind": kind.title,
         "title": block.title,
+        "robots": list(block.robots),
         "heads": [_head(m) for m in measures],
         "rows": [] if rows is None else [_row(label, part, measures) for label, part in _by_entry(block, rows)],
         "targets": [_outcome(o) for o in kind.outcomes(block, folder)],
@@ -110,33 +111,47 @@ def _measure(head: dict[str, Any]) -> Measure:
     return Measure(head["name"], head["unit"], _nothing, head["words"], show=head["show"])
 
 
-class _Stored(Kind):
-    """A kind whose code is not available, or shall not run: what a run has stored of its blocks."""
+@dataclass(frozen=True, kw_only=True)
+class _StoredBlock(Block):
+    arms: tuple[str, ...]
 
-    def __init__(self, name: str) -> None:
-        self.name = Path(name).stem if _is_path(name) else name  # type: ignore[misc]
-        self.title = self.name.replace("_", " ").capitalize()  # type: ignore[misc]
+    @property
+    def robots(self) -> tuple[str, ...]:
+        return self.arms
+
+
+class _Stored(Kind):
+    """A kind whose code is not available, or must not run: what a run has stored of its blocks."""
+
+    def __init__(self, name: str, folder: RunFolder) -> None:
+        self._folder = folder
+        self.name = name  # type: ignore[misc]
+        files = sorted((folder.path / self.folder).glob(f"*.{TABLE_ENDING}"))
+        stored = folder.read_json(f"{self.folder}/{files[0].name}") if files else {}
+        self.title = stored.get("kind", name.replace("_", " ").capitalize())  # type: ignore[misc]
 
     def settings(self, data: Any) -> Block:
         data = data if isinstance(data, dict) else {}
         name = str(data.get("id", slug(self.name)))
-        return Block(id=name, title=str(data.get("title", name)))
-
-    def rows(self, folder: RunFolder, block: Block) -> pl.DataFrame | None:
-        return folder.read(self.file(block))
+        stored = self._table(Block(id=name, title=name))
+        arms = tuple(stored.get("robots", ()))
+        return _StoredBlock(id=name, title=stored.get("title", str(data.get("title", name))), arms=arms)
 
     def outcomes(self, block: Block, folder: RunFolder) -> list[Outcome]:
-        stored = folder.read_json(self.file(block, TABLE_ENDING)) or {"targets": []}
         return [
             Outcome(
                 block.id, block.title, Target(**one["target"]), _measure(one["measure"]), float(one["value"]), one["note"]
             )
-            for one in stored["targets"]
+            for one in self._table(block).get("targets", [])
         ]  # fmt: skip
 
+    def _table(self, block: Block) -> dict[str, Any]:
+        table: dict[str, Any] | None = self._folder.read_json(self.file(block, TABLE_ENDING))
+        return table or {}
 
-def kind_or_stored(name: str) -> Kind:
-    """A kind by its name; where it cannot be found by a name alone, what runs have stored of it.
+
+def kind_or_stored(name: str, folder: RunFolder) -> Kind:
+    """A kind by its name; where it is not found, or comes from a file, what a run has stored of it.
 
     A kind that comes from a file is never loaded here: a report runs no code that a suite names.
 
@@ -144,6 +159,8 @@ def kind_or_stored(name: str) -> Kind:
     ----------
     name : str
         As the suite has it.
+    folder : RunFolder
+        The run.
 
     Returns
     -------
@@ -151,11 +168,11 @@ def kind_or_stored(name: str) -> Kind:
         The kind.
     """
     if _is_path(name):
-        return _Stored(name)
+        return _Stored(Path(name).stem, folder)
     try:
         return load_kind(name)
     except (UnknownName, ImportError):
-        return _Stored(name)
+        return _Stored(name, folder)
 
 
 def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:

@@ -86,10 +86,8 @@ class Kind(ABC):
             A wrong key, value or name.
         """
 
-    def common(
-        self, data: Any, known: Collection[str] = (), need: Collection[str] = (), labels: Sequence[str] = ()
-    ) -> dict[str, Any]:
-        """Check the keys of a block, and read what every block has.
+    def common(self, data: Any, known: Collection[str] = (), need: Collection[str] = ()) -> dict[str, Any]:
+        """Check the keys of a block, and read its id and title.
 
         Parameters
         ----------
@@ -99,25 +97,48 @@ class Kind(ABC):
             Keys of this kind, beside ``id``, ``title`` and ``targets``.
         need : collection of str
             Those of them that must be there.
-        labels : sequence of str
-            Labels of the block's entries, which a target may name.
 
         Returns
         -------
         dict
-            ``id``, ``title`` and ``targets``: arguments of a `Block`.
+            ``id`` and ``title``: arguments of a `Block`.
 
         Raises
         ------
         InvalidInput
-            No table, an unknown key, one that is missing, or a wrong target.
+            No table, an unknown key, or one that is missing.
         """
-        where = f"{self.name} {data.get('id', '?')!r}" if isinstance(data, dict) else self.name
-        check_keys(data, {"id", "title", "targets", *known}, where, need={"id", *need})
-        targets = all_of(
-            data.get("targets"), f"{where}: targets", lambda one: read_target(one, where, self.measures, labels=labels)
+        check_keys(data, {"id", "title", "targets", *known}, self._where(data), need={"id", *need})
+        return {"id": str(data["id"]), "title": str(data.get("title", data["id"]))}
+
+    def targets(self, data: dict[str, Any], labels: Sequence[str] = ()) -> tuple[Target, ...]:
+        """Read the targets of a block.
+
+        Parameters
+        ----------
+        data : dict
+            What the suite's file has.
+        labels : sequence of str
+            Labels of the block's entries; a target that names none asks the first.
+
+        Returns
+        -------
+        tuple of Target
+            Empty where there are none.
+
+        Raises
+        ------
+        InvalidInput
+            A measure that the kind does not have, a label that the block does not have, or not exactly one bound.
+        """
+        at = self._where(data)
+        return all_of(
+            data.get("targets"), f"{at}: targets", lambda one: read_target(one, at, self.measures, labels=labels)
         )
-        return {"id": str(data["id"]), "title": str(data.get("title", data["id"])), "targets": targets}
+
+    def _where(self, data: Any) -> str:
+        """How errors call a block."""
+        return f"{self.name} {data.get('id', '?')!r}" if isinstance(data, dict) else self.name
 
     def prepare(self, block: Any, seed: int) -> Any:
         """Check what only trying shows, before anything is written.
@@ -226,6 +247,11 @@ class Kind(ABC):
 
     # ------------------------------------------------------------ what came of it
 
+    @property
+    def folder(self) -> str:
+        """Its folder in a run."""
+        return f"kinds/{slug(self.name)}"
+
     def file(self, block: Any, ending: str = "parquet") -> str:
         """Name of a file of a block in the run folder.
 
@@ -241,7 +267,7 @@ class Kind(ABC):
         str
             ``kinds/KIND/BLOCK.ENDING``.
         """
-        return f"kinds/{slug(self.name)}/{slug(block.id)}.{ending}"
+        return f"{self.folder}/{slug(block.id)}.{ending}"
 
     def rows(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
         """All rows of a block.
@@ -293,7 +319,7 @@ class Kind(ABC):
         value : float
             NaN where there are no rows.
         note : str
-            How many rows it stands on, or why there is none.
+            How many rows it is computed from, or why there is none.
         """
         if rows is None:
             return float("nan"), "it was not run"
@@ -307,7 +333,7 @@ class Kind(ABC):
         return float(value), f"{len(chosen):,} rows"
 
     def outcomes(self, block: Any, folder: RunFolder) -> list[Outcome]:
-        """What came of every target of a block.
+        """The outcome of every target of a block.
 
         Parameters
         ----------

@@ -14,7 +14,7 @@ When = Mapping[str, Sequence[str]]
 
 @dataclass(frozen=True)
 class Control:
-    """A choice of the reader's."""
+    """A control with which the reader chooses what a board shows."""
 
     key: str
     label: str
@@ -24,7 +24,7 @@ class Control:
 
     @property
     def value(self) -> str:
-        """What is chosen first."""
+        """The value that is chosen at first."""
         return self.initial or self.options[0][0]
 
     @staticmethod
@@ -126,7 +126,7 @@ class Board:
 
     @property
     def shown(self) -> tuple[Control, ...]:
-        """Controls that leave a choice."""
+        """Controls with more than one option."""
         return tuple(c for c in self.controls if len(c.options) > 1)
 
     @property

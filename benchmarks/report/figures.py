@@ -9,10 +9,10 @@ from typing import Any
 Json = dict[str, Any]
 
 COLOURS = 8
-"""Colours of the page's style that stand for methods, laws and joints."""
+"""Number of colours that the page's style has for methods, laws and joints."""
 
 SHADES = 6
-"""Ordered colours of the page's style."""
+"""Number of ordered colours that the page's style has."""
 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star", "x", "pentagon")
 """Markers, as many as there are colours."""
@@ -34,7 +34,7 @@ HOVER = "<extra></extra>"
 
 
 def colour(index: int) -> str:
-    """One of the colours that stand for methods, laws and joints; the theme says which it is.
+    """One of the colours of methods, laws and joints, as a variable that the page's theme defines.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def axis(title: str, **options: Any) -> Json:
 
 
 def iterations(count: int) -> str:
-    """So many iterations, in words.
+    """A number of iterations, in words.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def bars(**options: Any) -> Json:
 
 
 def lean(values: Iterable[float | None], digits: int = 4) -> list[float | None]:
-    """Numbers rounded to so many significant digits; None for what is not finite.
+    """Numbers rounded to some significant digits; None for what is not finite.
 
     Parameters
     ----------

@@ -92,10 +92,10 @@ def limitations(run: Run) -> dict[str, Any]:
     items += [
         f"Times were taken with {workers} worker process{'es' if workers != 1 else ''} on {cores} cores of one machine "
         f"({provenance.get('cpu')}) that may have had other work; they include the call from Python. Ratios between methods "
-        "say more than microseconds.",
-        "An iteration of one method is not the work of another's: compare iterations within a method, and times between them.",
-        "Rates are of these targets and this start; the Wilson intervals say how well the number of targets determines them, "
-        "not what other targets would give.",
+        "are more reliable than absolute times.",
+        "Iterations of different methods take different work: compare iterations within one method, and times between methods.",
+        "Rates are of these targets and this start; the Wilson intervals cover the number of targets, "
+        "not the choice of other targets or another start.",
     ]
     for kind in run.suite.kinds:
         items += kind.limitations(run)

@@ -50,8 +50,9 @@ def _why(kind: Kind, run: Run, lacking: int) -> str:
     )
     if not lacking:
         return f"{words} The figures below were computed at the end of the run."
-    folder = Path(kind.file(run.suite.of(kind.name)[0])).parent.as_posix()
-    return f"{words} Figures are computed at the end of a run; rows of the blocks without figures are in {folder}/."
+    return (
+        f"{words} Figures are computed at the end of a run; rows of the blocks without figures are in {kind.folder}/."
+    )
 
 
 def _table(block: Any, table: dict[str, Any]) -> dict[str, Any]:

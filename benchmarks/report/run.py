@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from benchmarks.experiments.base import Finding
@@ -35,7 +35,9 @@ class Run:
     @cached_property
     def suite(self) -> Suite:
         """The suite that was run; a kind that is not available here stands as what the run has stored of it."""
-        return suite_of(self.manifest["suite"], self.manifest["settings"], find=kind_or_stored)
+        return suite_of(
+            self.manifest["suite"], self.manifest["settings"], find=partial(kind_or_stored, folder=self.folder)
+        )
 
     @cached_property
     def _read(self) -> dict[str, list[Any]]:
@@ -87,7 +89,7 @@ class Run:
 
     @cached_property
     def outcomes(self) -> list[Outcome]:
-        """Every target of the suite with what came of it."""
+        """Every target of the suite with its outcome."""
         return outcomes(self.suite, self.folder)
 
     @cached_property

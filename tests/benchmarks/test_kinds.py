@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 
 from benchmarks.kinds.base import KINDS, Kind, Section, load_kind
 from benchmarks.records import RunFolder
+from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import ALIASES, Suite, suite_of
@@ -20,54 +22,17 @@ from optik.errors import InvalidInput, UnknownName
 from optik.registry import load_method, names
 from tests.benchmarks.conftest import SMALL
 from tests.benchmarks.test_report import page_of
+from tests.oracles import REPOSITORY
 
-OUTSIDE = '''
-"""Time of forward kinematics, one call for many configurations."""
-
-from dataclasses import dataclass
-
-import numpy as np
-import polars as pl
-
-import optik
-from benchmarks.kinds.base import Block, Kind, Measure, timed
-
-
-@dataclass(frozen=True, kw_only=True)
-class FkBlock(Block):
-    robot: str
-    sizes: tuple
-
-
-class ForwardKinematics(Kind):
-    name = "fk_time"
-    title = "Forward kinematics"
-    measures = (
-        Measure("median_us", "µs", lambda rows: rows["us"].median(), "median time of a call"),
-        Measure("worst_us", "µs", lambda rows: rows["us"].max(), "longest call", show="exact"),
-        Measure("ratio", "", lambda rows, a, b: (
+DOCS = (REPOSITORY / "docs" / "comparison.md").read_text(encoding="utf-8").partition("## A kind of suite block")[2]
+RATIO = """        Measure("ratio", "", lambda rows, a, b: (
             rows.filter(pl.col("method") == a)["us"].median() / rows.filter(pl.col("method") == b)["us"].median()
         ), "median over that of", relative=True),
     )
 
-    def settings(self, data):
-        labels = [f"{size} at once" for size in data["sizes"]] if isinstance(data, dict) else []
-        shared = self.common(data, {"robot", "sizes"}, {"robot", "sizes"}, labels)
-        return FkBlock(**shared, robot=data["robot"], sizes=tuple(data["sizes"]))
+    def settings"""
+OUTSIDE = DOCS.partition("```python\n")[2].partition("```")[0].replace("    )\n\n    def settings", RATIO)
 
-    def measure(self, block, seed, tell):
-        robot = optik.load(block.robot)
-        frames = []
-        for size in block.sizes:
-            tell(f"{block.id}: {size}")
-            q = np.random.default_rng(seed).uniform(robot.limits.lower, robot.limits.upper, (size, robot.n))
-            took, _ = timed(robot.fk, [(q,)] * 5)
-            frames.append(pl.DataFrame({"method": f"{size} at once", "us": took / 1e3}))
-        return pl.concat(frames)
-
-
-METHOD = ForwardKinematics
-'''
 BLOCK = {
     "id": "poses", "title": "Poses <of> one arm", "robot": "paper6r", "sizes": [1, 100],
     "targets": [
@@ -135,6 +100,15 @@ def test_a_kind_has_the_key_of_its_name_and_perhaps_an_older_one() -> None:
 # ---------------------------------------------------------------- one from outside
 
 
+def test_the_suite_of_the_docs_is_one(outside: type[Kind]) -> None:
+    found = outside()
+    data = tomllib.loads(DOCS.partition("```toml\n")[2].partition("```")[0])
+    suite = suite_of("docs", data, find=lambda name: found)
+    assert suite.kinds == (found,)
+    assert suite.of("fk_time")[0].targets[0].method == "1000 at once"
+    assert found.folder == "kinds/fk-time"
+
+
 def test_a_kind_from_outside_runs_is_judged_and_continued(outside: type[Kind], run: RunFolder) -> None:
     rows = run.read("kinds/fk-time/poses.parquet")
     assert rows is not None
@@ -152,7 +126,7 @@ def test_a_kind_from_outside_runs_is_judged_and_continued(outside: type[Kind], r
 def test_its_wrong_settings_are_named(outside: type[Kind]) -> None:
     for changes, word in (
         ({"size": 3}, "size"),
-        ({"targets": [{"measure": "median_ms", "at_most": 1}]}, "median_us, worst_us, ratio"),
+        ({"targets": [{"measure": "median_ms", "at_most": 1}]}, "median_us, longest_us, ratio"),
         ({"targets": [{"measure": "median_us", "method": "2 at once", "at_most": 1}]}, "1 at once, 100 at once"),
         ({"targets": [{"measure": "ratio", "at_most": 1}]}, "`to` for ratio"),
     ):
@@ -166,6 +140,7 @@ def test_a_report_has_its_table_without_its_code(outside: type[Kind], run: RunFo
     page = page_of(run)
     assert page.anchors == ["fk-time", "limitations", "provenance"]
     assert "The kind of block 'fk_time' is not available here" in page.text
+    assert "What was compared: forward kinematics on paper6r (6 joints)." in page.text.replace(" (", " (")
     assert "Poses <of> one arm" in page.text
     assert "longest call [µs]" in page.text
     assert "Of 2 targets, 1 is held. Not held: 100 at once: median over that of 1 at once" in page.text
@@ -174,7 +149,7 @@ def test_a_report_has_its_table_without_its_code(outside: type[Kind], run: RunFo
     assert rows is not None
     worst = rows.filter(pl.col("method") == "100 at once")["us"].max()
     assert table["rows"][1]["values"][1] == [worst]
-    assert f"{worst:.7g}" in page.text
+    assert number(float(worst)) in page.text
 
 
 def test_a_kind_without_a_stored_table_says_where_its_rows_are(
@@ -189,7 +164,7 @@ def test_with_its_code_the_report_computes_the_table(
     outside: type[Kind], run: RunFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind = outside()
-    monkeypatch.setattr("benchmarks.report.run.kind_or_stored", lambda name: kind)
+    monkeypatch.setattr("benchmarks.report.run.kind_or_stored", lambda name, folder: kind)
     page = page_of(run)
     assert "not available" not in page.text
-    assert "What was compared: forward kinematics." in page.text
+    assert "What was compared: forward kinematics on" in page.text

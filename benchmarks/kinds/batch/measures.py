@@ -68,7 +68,7 @@ def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
     value : float
         NaN where it was not run, or the system does not say.
     note : str
-        How many problems and threads it stands on.
+        How many problems and threads it is computed from.
     """
     if rows is None or rows.is_empty():
         return float("nan"), "it was not run"

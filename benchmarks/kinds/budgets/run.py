@@ -159,7 +159,7 @@ def solve_problems(work: Work) -> pl.DataFrame:
 
 
 def at_budget(result: IKResult, budget: int) -> dict[str, Any]:
-    """What a run stopped after so many iterations has reached, from the trace of a longer one.
+    """What a run that stops at a budget has reached, from the trace of a longer run.
 
     The errors are those of the iterate that it has reached; the status is that of the stopped run.
 

@@ -87,7 +87,7 @@ def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
     value : float
         NaN where a method was not run.
     note : str
-        How many problems it stands on.
+        How many problems it is computed from.
     """
     measure = measure_named(MEASURES, target.measure, "measure")
     wanted = (target.method, target.to) if target.to else (target.method,)

@@ -117,7 +117,7 @@ def _failures(b: BlockRows, run: Run) -> dict[str, Any] | None:
 
 def _distributions(blocks: list[BlockRows], run: Run) -> Board:
     plot = Plot(
-        "call-times", "Calls that took at most so long",
+        "call-times", "Share of calls that took at most this time",
         {"xaxis": log_axis("time of a call [µs]", dtick=1), "yaxis": axis("calls [%]", range=[-2, 102])}, 420,
     )  # fmt: skip
     legend = []

@@ -142,10 +142,7 @@ def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple
 
 
 def _tracked(robot: Robot, q: Array, goals: Array, low: float) -> Array:
-    """Smallest singular value (k,) along the tracks from q (k, n) to the goals; NaN where a track leaves the limits.
-
-    A track that falls below `low` is followed no further, and has the value that it had there.
-    """
+    """Smallest singular value (k,) along the tracks from q (k, n) to the goals; NaN where a track leaves the limits."""
     q = q.copy()
     lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
     poses = np.stack(
@@ -153,7 +150,7 @@ def _tracked(robot: Robot, q: Array, goals: Array, low: float) -> Array:
     )
     least = smallest_singular_values(robot, q)
     for step in range(1, TRACK_STEPS + 1):
-        alive = np.flatnonzero(least >= low)
+        alive = np.flatnonzero(least >= low)  # a track below `low` is followed no further, and keeps its value
         if not alive.size:
             break
         moved = _newton(robot, q[alive], poses[alive, step])

@@ -93,7 +93,7 @@ def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
     value : float
         NaN where there is no motion to compute it on.
     note : str
-        How many motions it stands on, or why there is none.
+        How many motions it is computed from, or why there is none.
     """
     if rows is None or rows.filter(pl.col("law") == target.method).is_empty():
         return float("nan"), f"{target.method} was not run"

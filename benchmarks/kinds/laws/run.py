@@ -33,7 +33,7 @@ from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
 
 LINES_A_PART = 5
-"""Lines in one part: a run that was stopped repeats at most so many."""
+"""Lines in one part: a run that was stopped repeats at most this number."""
 
 
 @dataclass(frozen=True)
@@ -281,16 +281,15 @@ def _ours(entry: Entry, limits: MotionLimits) -> Timer:
 
 
 def _times(timers: Sequence[Timer], joints: JointPath, rounds: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
-    """Times of all calls [ms], and what each law or peer returned last.
-
-    Each call has a joint path that no other has used, and the first round is one more than the rounds that count. The
-    reference is slow, and its time is of no interest: it is called once.
-    """
+    """Times of all calls [ms], and what each law or peer returned last; the first round is not one of those that count."""
     times: dict[str, list[float]] = {c.label: [] for c in timers}
     raws: dict[str, Any] = {}
     for turn, c in turns(timers, rounds + 1):
         failed = isinstance(raws.get(c.label), NoSolution)  # it would fail again, and some take seconds to
-        if not failed and (c.role != "reference" or turn == rounds):
+        if not failed and (
+            c.role != "reference" or turn == rounds
+        ):  # the reference is slow, and its time is not compared
+            # each call has a copy of its own: what another call has computed on the path must not save it time
             ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
             times[c.label].append(ms)
     return times, raws

@@ -84,7 +84,7 @@ class LawBlock(Block):
     laws, peers : tuple of Entry
         Time laws of ours, and outside ones.
     reference : Entry or None
-        The law whose duration stands for the optimum T*, where no other that keeps every limit is shorter.
+        The law whose duration is taken as the optimum T*, unless another motion that keeps every limit is shorter.
     plan : str
         Label of the law with which whole plans are timed, the first where none is named.
     ik : str

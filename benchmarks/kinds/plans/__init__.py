@@ -1,4 +1,4 @@
-"""One straight line, planned by every IK method and time law, looked at closely."""
+"""One straight line, planned by every IK method and time law, in detail."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def accuracy(run: Run) -> dict[str, Any] | None:
 
 
 def chosen(budgets: tuple[int, ...], count: int = MOST_LINES) -> list[int]:
-    """Up to so many budgets, evenly through the list, first and last among them.
+    """A limited number of budgets, spread evenly through the list, with the first and the last.
 
     Parameters
     ----------

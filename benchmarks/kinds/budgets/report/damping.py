@@ -1,4 +1,4 @@
-"""Section: which damping to choose where, from the distance to a singularity of each target; all text is computed."""
+"""Section: which damping to choose, by the distance of the target from a singularity; all text is computed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DAMPING_BLOCK = "damping"
 
 
 def damping(run: Run) -> dict[str, Any] | None:
-    """Success, iterations and error of each damping in each stratum, and what they advise.
+    """Success, iterations and error of each damping in each stratum, and the recommended dampings.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _count(value: float) -> str:
 
 
 def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
-    """The dampings that no other is surely better than, best first.
+    """The dampings that no other is significantly better than, best first.
 
     Those whose interval of success reaches that of the surest; among them by median iterations, then by share.
 
@@ -130,7 +130,7 @@ def _everywhere(
     others: list[str],
     table: dict[tuple[str, str], dict[str, Any]],
 ) -> list[dict[str, str]]:
-    """What to take for one damping everywhere: the one whose worst stratum is best; and whether adapting beats it."""
+    """The best single damping: that whose worst stratum is best; and whether an adaptive method is better there."""
     lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
     best = max(constants, key=lambda m: (lowest[m], -sum(table[g, m]["iterations"] for g in strata)))
     text = f"{best} has the best worst stratum, {percent(lowest[best])}"

@@ -33,7 +33,7 @@ _NAME = re.compile(r"^(?P<u>[XYZ])–(?P<v>[XYZ]) at (?P<normal>[xyz]) (?P<offse
 
 @dataclass(frozen=True)
 class Sheet:
-    """One sheet of graph paper: two axes across it, and where it stands on the third."""
+    """One sheet of graph paper: the two axes that span it, and its place along the third."""
 
     group: str
     u: str

@@ -18,7 +18,7 @@ LIMIT_COLOURS = {"velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "
 """Number of the colour of each limit."""
 
 FAR = 1e3
-"""Curves that bound the speed are cut at so many times the speed of the fastest motion."""
+"""Curves that bound the speed are cut at this multiple of the speed of the fastest motion."""
 
 
 def example_boards(b: LawRows, run: Run) -> list[Board]:
@@ -140,7 +140,7 @@ def _ratios(motions: pl.DataFrame, laws: list[str]) -> Plot:
         "yaxis": log_axis("value / limit", dtick=1, range=[-2.3, 3.2]),
         "shapes": [beyond],
     }
-    plot = Plot("timing-ratios", "Worst joint over its limit", layout, 340)
+    plot = Plot("timing-ratios", "Largest value over limit of any joint", layout, 340)
     for law in laws:
         part = motions.filter(pl.col("law") == law)
         for field in DERIVATIVES:

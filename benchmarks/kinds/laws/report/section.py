@@ -1,4 +1,4 @@
-"""Section: time laws and peers on many lines, against the shortest motion known, beside what was asked of them."""
+"""Section: time laws and peers on many lines, against the shortest motion known, with their targets."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LEAST_EXCESS = 0.01
 
 
 def timing(run: Run) -> dict[str, Any]:
-    """For every block: targets, a table for each group of lines, plots, broken limits, whole plans, and one line closely.
+    """For every block: targets, a table for each group of lines, plots, limit violations, whole plans, and one line in detail.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _reference(b: LawRows) -> str:
 
 
 def _groups(b: LawRows) -> list[tuple[str, pl.DataFrame, bool]]:
-    """Title, rows and whether it is open: kinds of lines on all arms first, then arm by arm."""
+    """Title, rows and whether its table is open: kinds of lines on all arms first, then each arm."""
     several = len(b.block.robots) > 1
     found = []
     for kind in b.block.kinds:
@@ -156,7 +156,7 @@ def _spread(column: pl.Series) -> tuple[float, float]:
 
 
 def _broken(b: LawRows, run: Run) -> list[dict[str, Any]]:
-    """For every law and limits under which it breaks some: how often, how far, and the duration at which it would not."""
+    """Limit violations of every law: how often, by how much, and the duration at which there would be none."""
     found = []
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     for (label, limits), rows in good.group_by("law", "limits", maintain_order=True):
@@ -213,13 +213,13 @@ def _entry(label: str, about: dict[str, Any], run: Run) -> dict[str, Any]:
 
 
 def _durations(b: LawRows, run: Run) -> Board:
-    """How long motions are against T*: all of them, and only those that keep every limit."""
+    """Durations over T*: of all motions as they are, and after slowing until every limit is kept."""
     plain = Plot(
-        "timing-distribution", "Lines with a motion of at most so many times T*",
+        "timing-distribution", "Share of lines with a duration of at most this multiple of T*",
         {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     kept = Plot(
-        "timing-profile", "The same, slowed until every limit is kept: at most so much longer than T*",
+        "timing-profile", "The same, slowed until every limit is kept: excess over T*",
         {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(b.block.robots) if len(b.block.robots) > 1 else [])

@@ -45,7 +45,7 @@ class Worst:
 def worst(certificate: dict[str, Any], field: str) -> Worst:
     """Worst of one of velocity, acceleration and jerk, read from a certificate in a file.
 
-    In the file None stands for infinity in a value; in a ratio for infinity too, or for no limit where the value is finite.
+    In the file, None in a value means infinity. None in a ratio means infinity where the value is infinite, else no limit.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0
 """Choices of the horizontal range."""
 
 END_SECONDS = 0.06
-"""Seconds at either end that can be looked at closely: three of the paper's intervals."""
+"""Seconds at either end that a plot can show alone: three of the paper's intervals."""
 
 ENVELOPE = 15
 """Instants of which the largest deviation is drawn: it is zero at the samples of the path and swings between them."""
@@ -165,8 +165,8 @@ def _view(limit: tuple[float, float], column: str) -> list[float]:
 def _outside(limit: tuple[float, float]) -> list[Json]:
     def band(low: float, high: float) -> Json:
         return {
-            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below", "fillcolor": BAND_COLOUR,
-            "line": {"width": 0},
+            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below",
+            "fillcolor": BAND_COLOUR, "line": {"width": 0},
         }  # fmt: skip
 
     def edge(y: float) -> Json:
