@@ -13,7 +13,7 @@ from typing import Any
 import polars as pl
 
 from benchmarks.kinds._stored import store_table
-from benchmarks.kinds.base import Kind, Part, load_kind
+from benchmarks.kinds.base import Part, load_kind
 from benchmarks.provenance import provenance
 from benchmarks.records import FORMAT, RunFolder
 from benchmarks.suite import Suite
@@ -73,7 +73,7 @@ def run_suite(
     prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
     manifest = folder.create(manifest)
     todo = [
-        (kind, part)
+        (suite.sources[kind.name], part)
         for kind, block, given in prepared
         for part in kind.parts(block, given, folder)
         if not folder.has(part.file)
@@ -88,7 +88,7 @@ def run_suite(
 def _work(
     suite: Suite,
     folder: RunFolder,
-    todo: list[tuple[Kind, Part]],
+    todo: list[tuple[str, Part]],
     where: tuple[int, Executor | None],
     tell: Progress,
 ) -> None:
@@ -119,7 +119,7 @@ def _manifest(suite: Suite, workers: int, command: str) -> dict[str, Any]:
 
 
 def _solved(
-    todo: list[tuple[Kind, Part]],
+    todo: list[tuple[str, Part]],
     workers: int,
     executor: Executor | None,
     tell: Progress,
@@ -129,11 +129,11 @@ def _solved(
     if executor is None and workers == 1:
         for done, (kind, part) in enumerate(todo):
             tell(done, total, part.label)
-            yield part, kind.solve(part.work)
+            yield part, solve_part(kind, part.work)
         return
     with ExitStack() as stack:
         pool = executor or stack.enter_context(ProcessPoolExecutor(workers, mp_context=get_context("spawn")))
-        futures = {pool.submit(solve_part, kind.name, part.work): part for kind, part in todo}
+        futures = {pool.submit(solve_part, kind, part.work): part for kind, part in todo}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
@@ -144,7 +144,7 @@ def solve_part(kind: str, work: Any) -> pl.DataFrame:
     Parameters
     ----------
     kind : str
-        Name of its kind.
+        What its kind is found by: a name, or the path of a file.
     work : object
         What the kind's `solve` is given.
 

@@ -41,6 +41,8 @@ class Suite:
         Those that it has blocks of, in the order in which they run.
     asked : dict
         Blocks by the name of their kind.
+    sources : dict
+        What each kind was found by, by its name: that name, or the path of a file.
     settings : dict
         All settings as they were read.
     """
@@ -50,6 +52,7 @@ class Suite:
     seed: int
     kinds: tuple[Kind, ...]
     asked: dict[str, tuple[Any, ...]]
+    sources: dict[str, str]
     settings: dict[str, Any]
 
     def of(self, kind: str) -> tuple[Any, ...]:
@@ -145,7 +148,8 @@ def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = l
     check_different(ids, "blocks", "id")
     _check_files(ids)
     check_count(data.get("seed", 0), "seed", 0)
-    return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, data)
+    sources = {kind.name: ALIASES.get(key, key) for kind, key in keys.items()}
+    return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, sources, data)
 
 
 def _known_keys() -> list[str]:
