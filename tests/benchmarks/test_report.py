@@ -21,8 +21,6 @@ from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.board import strict
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
-from benchmarks.report.sections import all_sections
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
 from tests.benchmarks.conftest import SMALL, small
@@ -96,11 +94,10 @@ def test_the_page_loads_nothing(page: Page) -> None:
     assert "http" not in policy
 
 
-def test_the_page_has_a_language_a_title_and_every_section(page: Page, small_run: RunFolder) -> None:
+def test_the_page_has_a_language_a_title_and_every_section(page: Page) -> None:
     assert page.all("html")[0]["lang"] == "en"
     assert "a small run" in page.text
-    placed = [s for s in all_sections(Run(small_run)) if s.place == "section"]
-    wanted = [s.anchor for s in placed if s.anchor != "damping"]  # the small run has none
+    wanted = ["methods", "error", "maps", "line", "motion", "laws", "claims", "misprints", "limitations", "provenance"]
     assert page.anchors == wanted
     linked = {a["href"] for a in page.all("a")}
     assert {f"#{anchor}" for anchor in wanted} <= linked
