@@ -299,7 +299,7 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr("benchmarks.kinds.laws.run.build_timing_peer", lambda *a: Failing({}))
     settings = copy.deepcopy(QUICK)
-    settings["timing"][0] |= {"lines": QUICK["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
+    settings["timing"][0] |= {"lines": settings["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
     settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}
     settings["timing"][0]["lines"][0]["count"] = 1
     suite = suite_of("quick", settings)
