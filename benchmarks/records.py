@@ -151,6 +151,7 @@ class RunFolder:
         frame : DataFrame
             The table.
         """
+        self._make_room(name)
         write_whole(self.path / name, lambda part: frame.write_parquet(part))
 
     def write_json(self, name: str, data: Any) -> None:
@@ -163,6 +164,7 @@ class RunFolder:
         data : Any
             Dictionaries, lists, text, finite numbers, truth values and None.
         """
+        self._make_room(name)
         write_whole(
             self.path / name,
             lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"),
@@ -179,6 +181,14 @@ class RunFolder:
             Its content.
         """
         write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
+
+    def _make_room(self, name: str) -> None:
+        """Make the folder of a file inside this one; this one itself is made by `create`."""
+        if self.path.is_dir():
+            try:
+                (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(self.path / name, f"cannot be written ({error.strerror})") from None
 
     # ------------------------------------------------------------ reading
 
@@ -232,6 +242,30 @@ class RunFolder:
         except ValueError:
             raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
+    def parts(self, top: str, block: str) -> pl.DataFrame | None:
+        """All rows of a block out of its parts, ``TOP/BLOCK--….parquet``.
+
+        Parameters
+        ----------
+        top : str
+            Folder of the parts.
+        block : str
+            Id of the block.
+
+        Returns
+        -------
+        DataFrame or None
+            In the order of the parts; None where there are none.
+
+        Raises
+        ------
+        InvalidInput
+            A part is damaged.
+        """
+        files = sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))
+        frames = [part for file in files if (part := self.read(f"{top}/{file.name}")) is not None]
+        return pl.concat(frames, how="vertical_relaxed") if frames else None
+
     def rows(self, block: str) -> pl.DataFrame | None:
         """All IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
@@ -252,13 +286,12 @@ class RunFolder:
         InvalidInput
             A file is damaged, or the problems of the block are missing.
         """
-        parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
+        rows = self.parts("ik", block)
         problems = self.read(f"problems/{slug(block)}.parquet")
-        if not parts:
+        if rows is None:
             return None
         if problems is None:
             raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
-        rows = pl.concat([part for p in parts if (part := self.read(f"ik/{p.name}")) is not None])
         joined = rows.join(problems.drop("target", "start"), on="problem")
         solved = (pl.col("status") == "solved").any().over("problem")
         return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")

@@ -125,8 +125,8 @@ def check_list(value: Any, where: str) -> list[Any]:
     return value
 
 
-def check_known(name: Any, folder: str, kind: str) -> None:
-    """Raise UnknownName unless the name is one of a package.
+def check_known(name: Any, folder: str, kind: str) -> str:
+    """Return a name that is one of a package.
 
     Parameters
     ----------
@@ -137,6 +137,11 @@ def check_known(name: Any, folder: str, kind: str) -> None:
     kind : str
         What the name stands for, for errors.
 
+    Returns
+    -------
+    str
+        The name, as it is used from anywhere.
+
     Raises
     ------
     UnknownName
@@ -144,6 +149,7 @@ def check_known(name: Any, folder: str, kind: str) -> None:
     """
     if name not in names(folder):
         raise UnknownName(kind, str(name), names(folder))
+    return str(name)
 
 
 def check_different(values: list[str], where: str, what: str) -> None:

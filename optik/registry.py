@@ -37,9 +37,10 @@ def names(folder: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Stems of its ``.py`` and ``.toml`` files; ``base`` and names with a leading ``_`` are not methods.
+        Stems of its ``.py`` and ``.toml`` files, and names of its packages; ``base`` and names with a leading ``_`` are
+        not methods.
     """
-    stems = {f.stem for f in _folder(folder).iterdir() if f.suffix in (".py", ".toml")}
+    stems = {f.stem for f in _folder(folder).iterdir() if f.suffix in (".py", ".toml") or (f / "__init__.py").is_file()}
     return tuple(sorted(s for s in stems if s != "base" and not s.startswith("_")))
 
 

@@ -173,13 +173,12 @@ def bench_list(as_json: AsJson = False) -> None:
             [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
         )
         return
-    table = Table("suite", "what", "blocks", "timed call by call", "batches", "time laws", "line")
+    kinds = {"blocks": "budgets", "timed call by call": "calls", "batches": "batch", "time laws": "laws"}
+    table = Table("suite", "what", *kinds, "line")
     for suite in suites:
-        line = f"{len(suite.line.ik)} IK methods × {len(suite.line.laws)} laws" if suite.line else "none"
-        ids = [
-            ", ".join(b.id for b in part) or "none" for part in (suite.blocks, suite.speed, suite.batch, suite.timing)
-        ]
-        table.add_row(suite.name, suite.title, *ids, line)
+        ids = [", ".join(b.id for b in suite.of(kind)) or "none" for kind in kinds.values()]
+        lines = [f"{len(line.ik)} IK methods × {len(line.laws)} laws" for line in suite.of("plans")] or ["none"]
+        table.add_row(suite.name, suite.title, *ids, *lines)
     out_console.print(table)
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.speed_suite import PEERS
+from benchmarks.peers.ik import PEERS
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import load_method

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 from benchmarks.peers.ik.base import Absent, built_or_absent
-from benchmarks.timing_suite import TIMING_PEERS
+from benchmarks.peers.laws import TIMING_PEERS
 from optik.registry import load_method
 from optik.types import Array
 from planners.following.follow import JointPath
