@@ -134,7 +134,7 @@ class Plan:
             "ik": self.ik,
             "law": self.law,
             "limits": self.limits.to_dict(self.robot.n),
-            "path": getattr(self.path, "to_dict", dict)(),
+            "path": self.path.to_dict(),
         }
         if self.stop is not None:
             out |= {"s": self.stop.s, "joint": self.stop.joint, "reason": self.stop.reason, "advice": self.stop.advice}
@@ -331,7 +331,7 @@ class Asked:
         """A plan with its motion, certified: solved where the certificate holds."""
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
-            law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
+            law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
             span=self.span,
         )  # fmt: skip
         status, stop = PlanStatus.SOLVED, None
@@ -349,7 +349,7 @@ class Asked:
 
     def refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """A motion that passes a limit, and strict was asked."""
-        field = max(self.law.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
+        field = max(proof.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
         place = float(np.interp(t, proof.binding.t, proof.binding.s))
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
@@ -365,14 +365,15 @@ class Asked:
 
 
 def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool) -> Plan:
+    promised = asked.law.promises(asked.limits)
     try:
         raw = asked.law.run(joints, asked.limits)
-        factor = stretch(asked.robot, raw, asked.limits, asked.law.keeps)
+        factor = stretch(asked.robot, raw, asked.limits, promised)
         exceeded = factor > 1.0
         if exceeded and strict:
-            proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=asked.law.keeps)
+            proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=promised)
             return asked.refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        trajectory = fitted(asked.robot, raw, asked.limits, asked.law.keeps) if exceeded else raw
+        trajectory = fitted(asked.robot, raw, asked.limits, promised) if exceeded else raw
         slowed = trajectory.duration / raw.duration
         if duration is not None:
             trajectory = _lasting(trajectory, duration, asked.law)

@@ -9,35 +9,20 @@ type). A joint that slides adds R_j z q_j, by Leibniz's rule.
 from __future__ import annotations
 
 from functools import cached_property
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.types import Array
+from optik.types import Array, Flags, Indices
+from planners.curve import BINOMIAL, bell
 from planners.trajectory import Trajectory
 
-Bools = NDArray[np.bool_]
-
-BINOMIAL = np.array([[comb(k, i) for i in range(6)] for k in range(6)], dtype=np.float64)
-
 
 @compiled
-def bell(S: Array, B: Array) -> None:
-    """Complete Bell polynomials B (6,) of S (6,), S[0] not used: B_k = Σ_i C(k−1, i) B_{k−1−i} S_{i+1}."""
-    B[0] = 1.0
-    for k in range(1, 6):
-        B[k] = 0.0
-        for i in range(k):
-            B[k] += BINOMIAL[k - 1, i] * B[k - 1 - i] * S[i + 1]
-
-
-@compiled
-def tool_bounds(links: Array, prismatic: Bools, D: Array, position: Array, rotation: Array, spin: Array) -> None:
+def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotation: Array, spin: Array) -> None:
     """Bounds of intervals from bounds D (k, 6, n) on |dⁱq/dtⁱ|, i = 0…5.
 
     links (n + 1,) are the lengths of the fixed vectors, the base's first, the tool's last. Into position (k, 6) and
@@ -81,7 +66,7 @@ def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
 
 
 @compiled
-def instants(c: Array, piece: NDArray[np.int64], u: Array, out: Array) -> None:
+def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
     """Derivatives of order 0 to 5 (k, 6, n) of quintic pieces c (6, m, n), highest power first, u (k,) after their start."""
     for k in range(u.shape[0]):
         for j in range(c.shape[2]):
@@ -131,13 +116,13 @@ class MotionBounds:
         piece = np.arange(self.knots.size - 1)
         return self.at(piece, self.knots[:-1]), self.at(piece, self.knots[1:])
 
-    def joints_at(self, piece: NDArray[np.int64], t: Array) -> Array:
+    def joints_at(self, piece: Indices, t: Array) -> Array:
         """Derivatives (k, 6, n) of the joints at t (k,), by given pieces."""
         joints = np.empty((t.size, 6, self.robot.n))
         instants(self._c, piece, t - self.knots[piece], joints)
         return joints
 
-    def at(self, piece: NDArray[np.int64], t: Array) -> Instants:
+    def at(self, piece: Indices, t: Array) -> Instants:
         """The motion at t (k,), by given pieces."""
         joints = self.joints_at(piece, t)
         robot = self.robot

@@ -24,7 +24,7 @@ from planners.controller import POINTS, points_of
 from planners.files._reading import content_of, suffix_of, text_of
 from planners.files._ros_message import LONGEST, SECOND, Form, Times, controlled, from_text, message_of, quoted, to_text
 from planners.fit import stretch
-from planners.limits import DERIVATIVES, SAME_SPEED, TOOL_SPEEDS
+from planners.limits import DERIVATIVES, SAME_SPEED
 from planners.motion import Motion, motion_of
 from planners.splice import held
 from planners.trajectory import Trajectory
@@ -250,7 +250,7 @@ def _check_start(motion: Motion, start: Any, tolerance: float, form: Form) -> No
 
 def _judged(motion: Motion, form: Form) -> tuple[str, ...]:
     """Of the limits that the law promises, those that the interpolation can keep."""
-    possible = DERIVATIVES[: points_of(form.interpolation)] + TOOL_SPEEDS
+    possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
     return tuple(field for field in motion.keeps if field in possible)
 
 

@@ -26,6 +26,8 @@ class Path(Curve):
 
     parameter = "s"
     unit = "m"
+    turns_only: bool = False
+    """Whether the path is meant as a rotation of the tool about its own point: its s is an angle, and so is its speed's."""
     name: ClassVar[str]
 
     @property

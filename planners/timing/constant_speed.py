@@ -10,10 +10,11 @@ from scipy.interpolate import PPoly
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.curve import composed, passed_at
 from planners.fit import fitted, stretch
 from planners.following.follow import JointPath
 from planners.hermite import quintic, through
-from planners.limits import ALL_LIMITS, MotionLimits
+from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST,
@@ -88,7 +89,7 @@ class ConstantSpeed(TimeLaw):
         slow = _widest(distance.table, self.ramp, min(SHORTEST, 0.01 * duration))
         built = _built(joint_path, limits, distance, slow)
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
-        fastest = fitted(joint_path.robot, built, limits, self.keeps)
+        fastest = fitted(joint_path.robot, built, limits, self.promises(limits))
         factor = fastest.duration / built.duration
         greatest = slow[0].v1 / factor
         if self.speed is None:
@@ -105,7 +106,7 @@ class ConstantSpeed(TimeLaw):
             ramps = _shortest(distance.table, speed, self.ramp, room, min(SHORTEST, 0.01 * duration))
             if ramps is not None:
                 trajectory = _built(joint_path, limits, distance, ramps)
-                if stretch(joint_path.robot, trajectory, limits, self.keeps) <= 1.0:
+                if stretch(joint_path.robot, trajectory, limits, self.promises(limits)) <= 1.0:
                     return trajectory
         return fastest.slowed(greatest / speed)
 
@@ -143,7 +144,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     """
     path, end = joint_path.path, joint_path.end
     s = path.places(CELLS, PER_PIECE)
-    turning = getattr(path, "turns_only", False) or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
+    turning = path.turns_only or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
     while True:
         c, c1, c2 = _rates(joint_path, s, turning)
         if c.min() <= 1e-6 * c.max():
@@ -170,9 +171,9 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     at = np.clip(s_of_x(grid), 0.0, end)
     if not uniform:
         c, c1, c2 = _rates(joint_path, at, turning)
-    d1, d2, d3 = ((y[:, None]) for y in (1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5))
-    q1, q2, q3 = (joint_path(at, order) for order in (1, 2, 3))
-    along = parts(joint_path, limits, q1 * d1, q2 * d1**2 + q1 * d2, q3 * d1**3 + 3.0 * q2 * d1 * d2 + q1 * d3)
+    rates = [y[:, None] for y in (1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5)]
+    q, *derivatives = (joint_path(at, order) for order in range(4))
+    along = parts(limits, PathPoints(joint_path, at, (q, *composed(derivatives, rates))))
     return _Distance(s_of_x, Table(grid, 1.0 / (speed_bound(joint_path, limits, at) * c), along), uniform)
 
 
@@ -258,18 +259,13 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
     x_law = law_of(chain, [phases_of(ramp) for ramp in chain])
     if distance.uniform:
         return PPoly(x_law.c * distance.s_of_x.c[0, 0], x_law.x, extrapolate=True)
-    knots = distance.s_of_x.x[1:-1:4]
-    low, high = np.zeros(knots.size), np.full(knots.size, x_law.x[-1])
-    for _ in range(60):  # x(t) increases
-        middle = 0.5 * (low + high)
-        below = x_law(middle) < knots
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    low = passed_at(x_law, distance.s_of_x.x[1:-1:4], float(x_law.x[-1]))
     apart = 1e-3 * x_law.x[-1]
     low = low[np.abs(low[:, None] - x_law.x).min(axis=1) > apart]
     t = np.sort(np.concatenate([x_law.x, low]))
     x, v, a = (x_law(t, order) for order in (0, 1, 2))
-    s, s1, s2 = (distance.s_of_x(x, order) for order in (0, 1, 2))
-    state = tuple(y[:, None] for y in (s, s1 * v, s2 * v * v + s1 * a))
+    s, *derivatives = (distance.s_of_x(x, order) for order in (0, 1, 2))
+    state = tuple(y[:, None] for y in (s, *composed(derivatives, (v, a))))
     law = quintic(t, tuple(y[:-1] for y in state), tuple(y[1:] for y in state))
     return PPoly(law.c[..., 0], t, extrapolate=True)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
+from planners.curve import composed
 from planners.fit import fitted
 from planners.following.follow import JointPath
 from planners.hermite import through
@@ -94,7 +95,7 @@ class Optimal(TimeLaw):
         for problem, weight in _problems(joint_path, limits, self.intervals):
             trajectory = _solved(joint_path, problem, limits, CLOSE, weight)
             if trajectory is not None:
-                return fitted(joint_path.robot, trajectory, limits, self.keeps)
+                return fitted(joint_path.robot, trajectory, limits, self.promises(limits))
         raise _none(joint_path, start(joint_path, limits, self.intervals))
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
@@ -242,7 +243,7 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
     v, a = state[:, :1], state[:, 1:]
     t = np.concatenate([[0.0], np.cumsum(tau)])
     q, q1, q2, _ = derivatives(joint_path, given.s)
-    return Trajectory(through(t, q, q1 * v, q1 * a + q2 * v * v))
+    return Trajectory(through(t, q, *composed((q1, q2), (v, a))))
 
 
 def _tighten(

@@ -15,7 +15,7 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import TOOL_SPEEDS, MotionLimits
+from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
 from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
@@ -69,7 +69,7 @@ class Toppra(TimeLaw):
             No limit bounds a joint that moves, or TOPP-RA finds no motion on any of its grids.
         """
         self.need(limits, joint_path.robot)
-        bounded = MotionLimits(limits.velocity, limits.acceleration, None, limits.tool_speed, limits.rotation_speed)
+        bounded = limits.only(tuple(kind.name for kind in limits.kinds if kind.order <= 2))
         most = least_duration(joint_path, bounded) / BRIEFEST
         sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
         for self.retries, size in enumerate(sizes):
@@ -134,9 +134,9 @@ def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array)
     at = (s[:-1, None] + np.diff(s)[:, None] * u).ravel()
     square = (speed[:-1, None] ** 2 + np.diff(speed**2)[:, None] * u).ravel()
     acceleration = np.repeat(0.5 * np.diff(speed**2) / np.diff(s), u.size)
-    bound = limits.arrays(joint_path.robot.n)["acceleration"]
-    asked = np.abs(joint_path(at, 1) * acceleration[:, None] + joint_path(at, 2) * square[:, None]) / bound
-    ratio = np.maximum(asked.max(axis=1), np.sqrt(square) / speed_bound(joint_path, limits, at))
+    rates = np.sqrt(square), acceleration
+    asked = limits.ratios("acceleration", PathPoints(joint_path, at), rates)
+    ratio = np.maximum(asked.max(axis=1), rates[0] / speed_bound(joint_path, limits, at))
     return np.asarray(ratio.reshape(-1, u.size).max(axis=1))
 
 

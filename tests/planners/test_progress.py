@@ -14,7 +14,8 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc, Line, Polyline
 from planners.certificate.bounds import Instants
-from planners.certificate.progress import Nearest, places_along
+from planners.certificate.nearest import Nearest
+from planners.certificate.progress import places_along
 from planners.paths.base import Path
 
 quick = settings(

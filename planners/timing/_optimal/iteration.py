@@ -47,32 +47,6 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
 
 
 @compiled
-def limited(
-    q1: Array,
-    q2: Array,
-    q3: Array,
-    acceleration: Array,
-    jerk: Array,
-    length: float,
-    time: float,
-    node: Array,
-    edge: Array,
-) -> None:
-    """Fill a problem's `node` and `edge` from q', q'' (K + 1, n), q''' (2 K, n: at the starts, then the ends) and limits."""
-    K = edge.shape[0]
-    v1, v2, v3 = length / time, (length / time) ** 2, (length / time) ** 3
-    for i in range(q1.shape[1]):
-        A, J = 1.0 / acceleration[i], 1.0 / jerk[i]
-        for k in range(K + 1):
-            node[k, i, 0], node[k, i, 1] = q1[k, i] * v1 / time * A, q2[k, i] * v2 * A
-        for k in range(K):
-            for side in range(2):
-                edge[k, side, i, 0] = q1[k + side, i] * v1 / time**2 * J
-                edge[k, side, i, 1] = 3.0 * q2[k + side, i] * v2 / time * J
-                edge[k, side, i, 2] = q3[k + side * K, i] * v3 * J
-
-
-@compiled
 def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
     """Change of every limited value along d, to first order (K + 1, 3 n)."""
     node, edge = problem.node, problem.edge

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +9,10 @@ from numpy.typing import NDArray
 
 from optik.errors import NoSolution
 from optik.types import Array
+from planners.curve import passed_at
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
-from planners.timing._optimal import iteration, reach
+from planners.limits import DERIVATIVES, MotionLimits, PathPoints
+from planners.timing._optimal import reach
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.newton import Problem
 from planners.timing.base import PathState, speed_bound
@@ -35,7 +35,7 @@ BRIEFEST = 0.95
 and nowhere between: where they alone bind, that would be the optimum, and the iteration would not find it."""
 STILL = 1e-9
 """Share of the way below which what a motion covers within the filter's width is none: rounding in s would make the rest."""
-SPARE = 0.9999
+TOOL_SPARE = 0.9999
 """Share of the tool's limits that a motion uses which starts in motion."""
 
 
@@ -175,11 +175,7 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
 
 def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     """When the filtered motion passes a place."""
-    low, high = 0.0, float(t[-1]) + width
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _filtered(t, s, v, width, np.array([middle]))[0, 0] < place else (low, middle)
-    return high
+    return float(passed_at(lambda x: _filtered(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
 
 
 def numbers(
@@ -187,20 +183,21 @@ def numbers(
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
     """The programme at places s (K + 1,) whose start is a motion: ṡ and s̈ (K + 1,), and durations (K,)."""
-    bound = limits.arrays(joint_path.robot.n)
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
-    _, q1, q2, _ = derivatives(joint_path, s)
-    q3 = np.concatenate([derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]])
-    node, edge = np.empty((K + 1, joint_path.robot.n, 2)), np.empty((K, 2, joint_path.robot.n, 3))
-    iteration.limited(q1, q2, q3, bound["acceleration"], bound["jerk"], length, time, node, edge)
-    v1 = length / time
+    found, v1 = derivatives(joint_path, s), length / time
+    after, before = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
+    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
+    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
+    node = limits.rows("acceleration", PathPoints(joint_path, s, found)) * np.array([v1 / time, v1**2])
+    edge = np.stack([limits.rows("jerk", at) for at in (first, last)], axis=1)
+    edge *= np.array([v1 / time**2, v1**2 / time, v1**3])
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
-        limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
+        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
     least = np.maximum(SHORTEST * tau, BRIEFEST * ds / np.maximum(top[:-1], top[1:]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.errors import NoSolution
+from planners.curve import composed
 from planners.fit import stretch
 from planners.following.follow import JointPath
 from planners.hermite import quintic
@@ -113,8 +114,7 @@ def _along(joint_path: JointPath, state: PathState, phases: list[tuple[float, fl
         return None
     s, v, a = along[0], along[1, :, None], along[2, :, None]
     place = np.minimum(state.s + s, joint_path.end)
-    q1, q2 = joint_path(place, 1), joint_path(place, 2)
-    dq, ddq = q1 * v, q1 * a + q2 * v * v
+    dq, ddq = composed((joint_path(place, 1), joint_path(place, 2)), (v, a))
     nodes, weights = np.polynomial.legendre.leggauss(4)
     inner = np.minimum(state.s + s[:-1, None] + np.diff(s)[:, None] * (0.5 + 0.5 * nodes), joint_path.end)
     rates = joint_path(inner.ravel(), 1).reshape(*inner.shape, -1)

@@ -10,7 +10,7 @@ from scipy.interpolate import PPoly
 from optik.compiled import compiled
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import MotionLimits
+from planners.limits import MotionLimits, PathPoints
 from planners.paths.base import Path
 from planners.timing._places import graded
 from planners.timing.base import speed_bound
@@ -69,8 +69,7 @@ def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
 
 
 def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
-    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
-    return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(joint_path, limits, q1, q2, q3))
+    return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(limits, PathPoints(joint_path, s)))
 
 
 def fine_enough(path: Path) -> int:
@@ -78,11 +77,23 @@ def fine_enough(path: Path) -> int:
     return int(np.clip(PER_PIECE * path.end / np.diff(path.breaks).min(), *INTERVALS))
 
 
-def parts(joint_path: JointPath, limits: MotionLimits, q1: Array, q2: Array, q3: Array) -> Array:
-    """A table's `parts` from the derivatives (m, n) of q."""
-    bound = limits.arrays(joint_path.robot.n)
-    a, j = bound["acceleration"], bound["jerk"]
-    return np.ascontiguousarray(np.stack([q1 / a, q2 / a, q1 / j, 3.0 * q2 / j, q3 / j], axis=1))
+def parts(limits: MotionLimits, at: PathPoints) -> Array:
+    """A table's `parts`: the rows of the limits on acceleration and jerk.
+
+    Parameters
+    ----------
+    limits : MotionLimits
+        Limits of the motion.
+    at : PathPoints
+        Points of the joint path.
+
+    Returns
+    -------
+    (m, 5, n) array
+        See `Table` [1 over the unit of the monomials].
+    """
+    rows = np.concatenate([limits.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
+    return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
 @compiled
@@ -193,24 +204,14 @@ class Worst(NamedTuple):
 
 def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
     """Judge a motion along s by the chain rule, at states (k,); a jerk of NaN is not judged."""
-    s = np.clip(s, 0.0, joint_path.end)
-    p = parts(joint_path, limits, *(joint_path(s, order) for order in (1, 2, 3)))
-    bound = limits.arrays(joint_path.robot.n)
-    v1, a1, j1 = v[:, None], a[:, None], j[:, None]
-    joints = np.stack(
-        [
-            np.abs(joint_path(s, 1) * v1) / bound["velocity"],
-            np.sqrt(np.abs(p[:, 0] * a1 + p[:, 1] * v1**2)),
-            np.cbrt(np.abs(p[:, 2] * j1 + p[:, 3] * v1 * a1 + p[:, 4] * v1**3)),
-        ]
-    )
-    k, i, n = np.unravel_index(int(np.nanargmax(joints)), joints.shape)
-    tool = np.abs(v) / speed_bound(joint_path, limits, s)
-    m = int(tool.argmax())
-    if tool[m] > joints[k, i, n] * (1.0 + 1e-12):  # the bound holds the joints' velocities too: it is the tool's here
-        return Worst(float(tool[m]), float(s[m]), None, "tool or rotation speed")
-    names = ("velocity", "acceleration", "jerk")
-    return Worst(float(joints[k, i, n]), float(s[i]), joint_path.robot.joint_names[n], names[k])
+    at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
+    ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in limits.kinds]
+    columns = [(kind, i) for kind, ratio in zip(limits.kinds, ratios, strict=True) for i in range(ratio.shape[1])]
+    together = np.concatenate(ratios, axis=1)
+    place, column = np.unravel_index(int(np.nanargmax(together)), together.shape)
+    kind, i = columns[column]
+    joint = joint_path.robot.joint_names[i] if kind.subject is None else None
+    return Worst(float(together[place, column]), float(at.s[place]), joint, kind.name.replace("_", " "))
 
 
 def states(law: PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
