@@ -7,7 +7,8 @@ import numpy as np
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.types import Array, Flags
+from optik.kinematics import Chain
+from optik.types import Array
 from planners.trajectory import Trajectory
 
 GRID_INSTANTS, FINER_INSTANTS = 121, 9
@@ -35,7 +36,7 @@ def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float
     low, high, count = 0.0, end, GRID_INSTANTS
     while True:
         t, values = np.linspace(low, high, count), np.empty(count)
-        _singular_values(robot.fixed, robot.prismatic, robot.tool, trajectory.padded, trajectory.knots, t, values)
+        _singular_values(robot.chain, trajectory.padded, trajectory.knots, t, values)
         k = int(values.argmin())
         if high - low <= GRID_WIDTH * end:
             return float(values[k]), float(t[k])
@@ -43,7 +44,7 @@ def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float
 
 
 @compiled
-def _singular_values(fixed: Array, prismatic: Flags, tool: Array, c: Array, knots: Array, t: Array, out: Array) -> None:
+def _singular_values(chain: Chain, c: Array, knots: Array, t: Array, out: Array) -> None:
     """Smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
     q = np.empty((t.shape[0], c.shape[2]))
     for k in range(t.shape[0]):
@@ -54,4 +55,4 @@ def _singular_values(fixed: Array, prismatic: Flags, tool: Array, c: Array, knot
             for power in range(6):
                 value = value * u + c[power, i, j]
             q[k, j] = value
-    kinematics.singular_values_batch(fixed, prismatic, tool, q, out)
+    kinematics.singular_values_batch(chain, q, out)
