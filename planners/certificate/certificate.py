@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from optik.arm.robot import Robot
 from optik.check import check_number
@@ -246,7 +246,24 @@ def certify(
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
-    motion, bounds = Examined(robot, trajectory), limits.bounds(robot.n)
+    return _proved(Examined(robot, trajectory), path, limits, _Promise(law, keeps, rate, tolerance), span)
+
+
+class _Promise(NamedTuple):
+    """Law, names of the limits that are promised, rate of the controller [1/s], and tolerance [m, rad]."""
+
+    law: str
+    keeps: tuple[str, ...]
+    rate: float
+    tolerance: tuple[float, float] | None
+
+
+def _proved(
+    motion: Examined, path: Path, limits: MotionLimits, promise: _Promise, span: tuple[float, float]
+) -> Certificate:
+    """The certificate of checked arguments: all judgements."""
+    law, keeps, rate, tolerance = promise
+    robot, trajectory, bounds = motion.robot, motion.trajectory, limits.bounds(motion.robot.n)
     judged: dict[str, Any] = {kind.name: kind.judge(motion, bounds[kind.name]) for kind in limits.kinds}
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
     off, passage = path_error(robot, path, trajectory, motion.bounds, enough)

@@ -120,20 +120,14 @@ def nearest(places: Array, s: float) -> int:
 
 @compiled
 def ramp_ratio(
-    places: Array,
-    slowness: Array,
-    parts: Array,
-    s: float,
-    v: float,
-    ramp: tuple[float, float, float, float],
-    count: int,
-    most: float,
+    what: Table, s: float, v: float, ramp: tuple[float, float, float, float], count: int, most: float
 ) -> float:
     """Factor by which a ramp (duration, acceleration, rise, fall) must be slowed to keep the limits, at its samples.
 
     It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and gives up once
     the factor is above `most`.
     """
+    places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak, rise, fall = ramp
     worst_v, worst_a, worst_j = 0.0, 0.0, 0.0
     most_a, most_j = most * most, most * most * most
@@ -169,7 +163,7 @@ def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:
     """Factor by which a ramp must be slowed to keep the limits."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     shape = (duration, peak, ramp.rise, ramp.fall)
-    return float(ramp_ratio(what.s, what.slowness, what.parts, ramp.s0, ramp.v0, shape, count, np.inf))
+    return float(ramp_ratio(what, ramp.s0, ramp.v0, shape, count, np.inf))
 
 
 def phases_of(ramp: Ramp) -> Array:
