@@ -61,6 +61,16 @@ def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Traject
 def points_of(interpolation: str) -> int:
     """How many of q, q̇, q̈ an interpolation goes through.
 
+    Parameters
+    ----------
+    interpolation : str
+        ``"linear"``, ``"cubic"`` or ``"quintic"``.
+
+    Returns
+    -------
+    int
+        1, 2 or 3.
+
     Raises
     ------
     InvalidInput
@@ -72,7 +82,20 @@ def points_of(interpolation: str) -> int:
 
 
 def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """q, q̇, q̈ (k, n) at t (k,), by the pieces before and after: their mean, which differs from both only at a jump."""
+    """q, q̇, q̈ at instants: the mean of both sides, which differ only at a jump.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    t : (k,) array
+        Instants [s].
+
+    Returns
+    -------
+    tuple of three (k, n) arrays
+        [rad, rad/s, rad/s², or m].
+    """
     x, c = trajectory.knots, trajectory.coefficients
     sides = []
     for beside in (t - SAME, t + SAME):
@@ -87,7 +110,24 @@ def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 
 
 def interpolated(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
-    """Motion through positions (k, n) at t (k,), and through velocities, and accelerations, where they are given."""
+    """Motion through setpoints: positions, and velocities and accelerations where they are given.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Times [s].
+    q : (k, n) array
+        Positions [rad, m].
+    v : (k, n) array, optional
+        Velocities [rad/s, m/s].
+    a : (k, n) array, optional
+        Accelerations [rad/s², m/s²].
+
+    Returns
+    -------
+    Trajectory
+        The motion.
+    """
     if v is None:
         return Trajectory(PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:

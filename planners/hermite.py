@@ -43,5 +43,18 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
 
 
 def through(x: Array, p: Array, v: Array, a: Array) -> Any:
-    """The same through shared values (m + 1, n) at the knots: continuous to the second derivative."""
+    """Quintic pieces through shared values at the knots: continuous to the second derivative.
+
+    Parameters
+    ----------
+    x : (m + 1,) array
+        Knots, increasing [as the parameter].
+    p, v, a : (m + 1, n) arrays
+        Value, first and second derivative at the knots [as the curve].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        With coefficients (6, m, n), highest power first.
+    """
     return quintic(x, (p[:-1], v[:-1], a[:-1]), (p[1:], v[1:], a[1:]))

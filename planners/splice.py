@@ -42,6 +42,18 @@ def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
     """Return what is left of a motion from a time t [s] before its end: the same polynomials, to rounding.
 
     It begins with exactly the values that the trajectory has at t.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    t : float
+        A time before its end [s].
+
+    Returns
+    -------
+    Trajectory
+        The rest, from t = 0.
     """
     knots, c = trajectory.knots, _powers(trajectory)
     first = int(np.searchsorted(knots, t, side="right")) - 1
@@ -53,13 +65,37 @@ def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Return one motion and, from its end on, another."""
+    """Return one motion and, from its end on, another.
+
+    Parameters
+    ----------
+    first, second : Trajectory
+        The motions.
+
+    Returns
+    -------
+    Trajectory
+        Both.
+    """
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
     return Trajectory(PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True))
 
 
 def held(trajectory: Trajectory, duration: float) -> Trajectory:
-    """Return a motion that ends at rest, and stands there for a duration [s] more."""
+    """Return a motion that ends at rest, and then stands there for a while.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    duration : float
+        How long [s].
+
+    Returns
+    -------
+    Trajectory
+        The longer motion.
+    """
     still = np.zeros((6, 1, trajectory.n))
     still[5] = trajectory(trajectory.end)
     return joined(trajectory, Trajectory(PPoly(still, np.array([0.0, duration]))))
@@ -71,6 +107,20 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
     that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `LITTLE`, else at the last. What
     is rounding only in position stays: on a short way to fade it out would cost jerk.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    start : tuple of three (n,) arrays
+        q, q̇, q̈ that the motion shall begin with [rad, rad/s, rad/s², or m].
+    limits : MotionLimits
+        Limits of the motion.
+
+    Returns
+    -------
+    Trajectory
+        Begun exactly so.
     """
     off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
     off[0, np.abs(off[0]) <= SAME] = 0.0

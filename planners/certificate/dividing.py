@@ -108,18 +108,58 @@ class Divided(ABC, Generic[Side]):
 
     @abstractmethod
     def between(self, left: Side, right: Side) -> Array:
-        """Bounds (k, 2) within intervals, from the motion at their ends."""
+        """Bounds on both values within intervals.
+
+        Parameters
+        ----------
+        left, right : NamedTuple of (k, ...) arrays
+            The motion at the ends of the intervals.
+
+        Returns
+        -------
+        (k, 2) array
+            [as the values].
+        """
 
     @abstractmethod
     def within(self, piece: Indices, left: Side, right: Side, shares: Array) -> Side:
-        """The motion inside intervals, at instants that lie after these shares (k,) of their durations."""
+        """The motion inside intervals.
+
+        Parameters
+        ----------
+        piece : (k,) array of int
+            Pieces of the motion that hold them.
+        left, right : NamedTuple of (k, ...) arrays
+            The motion at the ends of the intervals.
+        shares : (m · k,) array
+            Shares of the durations: all intervals' first instants, then their second ones [1].
+
+        Returns
+        -------
+        NamedTuple of (m · k, ...) arrays
+            The motion there.
+        """
 
     @abstractmethod
     def note(self, side: Side) -> None:
-        """Keep the largest values at instants, and their times, in `found` and `when`."""
+        """Keep the largest values at instants, and their times, in `found` and `when`.
+
+        Parameters
+        ----------
+        side : NamedTuple of (k, ...) arrays
+            The motion at the instants.
+        """
 
     def closed(self, which: Flags, left: Side) -> None:
-        """Take note of the intervals (k,) of the last `between` that are not divided any more."""
+        """Take note of the intervals of the last `between` that are not divided any more.
+
+        Parameters
+        ----------
+        which : (k,) array of bool
+            Those intervals.
+        left : NamedTuple of (k, ...) arrays
+            The motion at the left ends of all.
+        """
 
     def bound(self, piece: Indices, left: Side, right: Side) -> Array:
         """Divide intervals until the bounds are close.

@@ -61,7 +61,20 @@ class Nearest:
         self._width = np.minimum(np.sqrt(8.0 * BEND / least), path.end)
 
     def places(self, instants: Instants, guess: Array) -> Places:
-        """Places near a guess (k,)."""
+        """Find the places that are nearest to a tool, near a guess.
+
+        Parameters
+        ----------
+        instants : Instants
+            The tool at k instants.
+        guess : (k,) array
+            Places [m, rad].
+
+        Returns
+        -------
+        Places
+            Places, path speeds, and the path's poses and twists there.
+        """
         guess = np.clip(guess, 0.0, self._path.end)
         found, cost = self._descend(instants.poses, instants.motion, guess)
         rate = np.hypot(np.linalg.norm(found.twist[:, :3], axis=1), TURN * np.linalg.norm(found.twist[:, 3:], axis=1))

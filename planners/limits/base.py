@@ -321,11 +321,37 @@ class DerivativeLimit(Limit):
     """A limit on a derivative of every joint in time: the exact extrema of the polynomials judge it."""
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """The chain rule's coefficients over the bound; see `Limit.rows`."""
+        """The chain rule's coefficients over the bound; see `Limit.rows`.
+
+        Parameters
+        ----------
+        at : PathPoints
+            Points of the joint path.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        (k, m, order) array
+            [as 1 over the monomials].
+        """
         return chain_rows([at.q(order) for order in range(1, self.order + 1)]) / bound[:, None]
 
     def judge(self, motion: Examined, bound: Array) -> Extreme:
-        """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`."""
+        """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        Extreme
+            Value, ratio and time.
+        """
         extrema = motion.trajectory.extrema(self.order)
         ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
         extreme = Extreme(extrema.worst, ratio, extrema.t_worst)
@@ -335,11 +361,37 @@ class DerivativeLimit(Limit):
         return extreme
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
-        """Exact worst values of each piece over the bound; see `Limit.piece_ratios`."""
+        """Exact worst values of each piece over the bound; see `Limit.piece_ratios`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        (pieces, m) array
+            Ratios [1].
+        """
         return motion.trajectory.piece_worst(self.order) / bound
 
     def slowing(self, motion: Examined, bound: Array) -> float:
-        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`."""
+        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        float
+            Factor of the duration [1].
+        """
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
 
@@ -371,13 +423,39 @@ class ToolSpeedLimit(Limit):
     subject: ClassVar[str | None] = "tool"
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """Norm of the path's twist per unit of s, over the bound; see `Limit.rows`."""
+        """Norm of the path's twist per unit of s, over the bound; see `Limit.rows`.
+
+        Parameters
+        ----------
+        at : PathPoints
+            Points of the joint path.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        (k, m, order) array
+            [as 1 over the monomials].
+        """
         if not np.isfinite(bound[0]):
             return np.zeros((at.s.size, 1, 1))
         return np.asarray(np.linalg.norm(at.twist[:, self.part], axis=1)[:, None, None] / bound[0])
 
     def judge(self, motion: Examined, bound: Array) -> ToolExtreme:
-        """The proved bound on the speed; see `Limit.judge`."""
+        """The proved bound on the speed; see `Limit.judge`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        ToolExtreme
+            Value, ratio and time.
+        """
         value, time = self._proved(motion)
         return ToolExtreme(value, value / float(bound[0]) if np.isfinite(bound[0]) else float("nan"), time)
 
@@ -386,6 +464,19 @@ class ToolSpeedLimit(Limit):
         """Proved bound on the speed over the motion, and when it is nearly reached [s]."""
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
-        """The larger of the speeds at both ends of each piece over the bound; see `Limit.piece_ratios`."""
+        """The larger of the speeds at both ends of each piece over the bound; see `Limit.piece_ratios`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        (pieces, m) array
+            Ratios [1].
+        """
         speed = np.maximum(*(np.linalg.norm(side.motion[:, 0, self.part], axis=1) for side in motion.bounds.ends))
         return np.asarray(speed[:, None] / bound)

@@ -14,9 +14,25 @@ FIRST = 0.01
 
 
 def graded(breaks: Array, end: float, count: int, per_piece: int) -> Array:
-    """Places (m,) from 0 to the end: cells of at least so many to the path, and to each piece between two breaks.
+    """Places from 0 to the end, in cells of at least so many to the path, and to each piece between two breaks.
 
     The first and the last cell are a hundredth of that, and neighbours differ little.
+
+    Parameters
+    ----------
+    breaks : (b,) array
+        Where pieces end [m, rad].
+    end : float
+        The path's length [m, rad].
+    count : int
+        Least number of cells of the path.
+    per_piece : int
+        Least number of cells of a piece.
+
+    Returns
+    -------
+    (m,) array
+        Places, all breaks among them [m, rad].
     """
     inner = breaks[(breaks > 0.0) & (breaks < end)]
     return np.asarray(_graded(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST))

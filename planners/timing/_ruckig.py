@@ -16,6 +16,18 @@ def velocity_control(
     position interface ends the whole process where a distance is just the least one (0.19.4: an exception that cannot
     be caught).
 
+    Parameters
+    ----------
+    start, goal : (2,) tuple of float
+        Speed and acceleration.
+    acceleration, jerk : float
+        Their limits.
+
+    Returns
+    -------
+    list of tuple of float
+        Duration and jerk of each phase.
+
     Raises
     ------
     NoSolution

@@ -36,6 +36,18 @@ class Smooth(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -51,7 +63,21 @@ class Smooth(TimeLaw):
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:
-    """Shortest T [s] of one quintic in s that keeps the limits at so many instants, and wherever the path has a node.
+    """Shortest T of one quintic in s that keeps the limits at so many instants, and wherever the path has a node.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    instants : int
+        How many, equally spaced.
+
+    Returns
+    -------
+    float
+        T [s].
 
     Raises
     ------

@@ -61,6 +61,18 @@ class Toppra(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -141,7 +153,20 @@ def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array)
 
 
 def constant_acceleration(s: Array, speed: Array) -> Any:
-    """s(t) through grid points (k,) with speeds ṡ (k,): piecewise quadratic, its s̈ constant between them."""
+    """s(t) through grid points, its s̈ constant between them.
+
+    Parameters
+    ----------
+    s : (k,) array
+        Grid points [m, rad].
+    speed : (k,) array
+        ṡ there [m/s, rad/s].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        Piecewise quadratic.
+    """
     h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
     t = np.concatenate([[0.0], np.cumsum(h)])
     return PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)

@@ -28,7 +28,19 @@ TRUE = 1e-4
 
 @compiled
 def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
-    """Residuals of the dynamics and values of the limits at z, see `Iterate`."""
+    """Residuals of the dynamics and values of the limits, see `Iterate`.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is given.
+    z : (K + 1, 4) array
+        v, a, τ, j [as the problem].
+    g : (K, 3) array
+        Filled with the residuals [as the problem].
+    c : (K + 1, 3 n) array
+        Filled with the values over their limits [1].
+    """
     node, edge = problem.node, problem.edge
     K, n = problem.ds.shape[0], node.shape[1]
     for k in range(K + 1):
@@ -220,9 +232,25 @@ def _iterate(K: int, rows: int) -> Iterate:
 
 @compiled
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
-    """Optimise z (K + 1, 4) = v, a, τ, j in place; its first state and the problem's goal are kept.
+    """Optimise z in place; its first state and the problem's goal are kept.
 
-    Returns the iterations taken, or −1 where it got stuck.
+    Parameters
+    ----------
+    problem : Problem
+        What is given.
+    z : (K + 1, 4) array
+        v, a, τ, j: the initial guess, then the solution [as the problem].
+    mu : float
+        First barrier weight, over the mean duration of an interval.
+    least : float
+        Last barrier weight.
+    most : int
+        Most iterations.
+
+    Returns
+    -------
+    int
+        Iterations taken; −1 where none of them led on.
     """
     K, n = problem.ds.shape[0], problem.node.shape[1]
     rows = 3 * n

@@ -55,7 +55,26 @@ class Programme(NamedTuple):
 def programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
-    """The programme from a moving state to rest at `end`; None where that is too fast to stop."""
+    """The programme from a moving state to rest at a place.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    intervals : int, or None
+        How many; None for the usual number.
+    state : PathState
+        Where the motion starts, and how fast.
+    end : float
+        Where it ends [m, rad].
+
+    Returns
+    -------
+    Programme or None
+        None where the state is too fast to stop there.
+    """
     bound = limits.arrays(joint_path.robot.n)
     begin, first = state.s, state.speed
     s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
@@ -87,7 +106,22 @@ def programme(
 
 
 def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
-    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
+    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    intervals : int, or None
+        How many; None for the usual number.
+
+    Returns
+    -------
+    Programme
+        With its initial guess.
+    """
     duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
     for order in range(3):
@@ -99,9 +133,23 @@ def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -
 
 
 def within(given: Programme, z: Array, u: float) -> Array:
-    """Places, speeds and accelerations (3, K) at a share u of the durations of the intervals of a motion z (K + 1, 4).
+    """Places, speeds and accelerations at a share of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
+
+    Parameters
+    ----------
+    given : Programme
+        The programme.
+    z : (K + 1, 4) array
+        A motion: v, a, τ, j [as the programme].
+    u : float
+        The share [1].
+
+    Returns
+    -------
+    (3, K) array
+        s, ṡ and s̈; s in the path's unit [m, rad], the others [as the programme].
     """
     v0, a0, tau = z[:-1, 0], z[:-1, 1], z[:-1, 2]
     v1, a1, ds = z[1:, 0], z[1:, 1], given.problem.ds
@@ -117,7 +165,26 @@ def within(given: Programme, z: Array, u: float) -> Array:
 def divided(
     joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
 ) -> Programme:
-    """The programme with some intervals (K,) halved in time; its start is the motion z (K + 1, 4)."""
+    """The programme with some intervals halved in time; its initial guess is a motion of the given one.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    given : Programme
+        The programme.
+    z : (K + 1, 4) array
+        A motion: v, a, τ, j [as the programme].
+    which : (K,) array of bool
+        The intervals that are halved.
+
+    Returns
+    -------
+    Programme
+        With more intervals.
+    """
     length, time = given.units
     i = np.flatnonzero(which)
     middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
@@ -182,7 +249,30 @@ def numbers(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
-    """The programme at places s (K + 1,) whose start is a motion: ṡ and s̈ (K + 1,), and durations (K,)."""
+    """The programme at places, with a motion as its initial guess.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s : (K + 1,) array
+        Places [m, rad].
+    v, a : (K + 1,) arrays
+        ṡ and s̈ there [m/s, m/s², or rad].
+    tau : (K,) array
+        Durations [s].
+    units : (2,) tuple of float
+        What the programme counts s and time in [m or rad, s].
+    moving : PathState or None
+        The state that it starts from; None from rest.
+
+    Returns
+    -------
+    Programme
+        With its initial guess.
+    """
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path

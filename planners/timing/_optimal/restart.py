@@ -33,6 +33,22 @@ def stopping_places(
     """Places at which a motion might come to rest, from what the limits would allow on a straight joint path.
 
     None where the way is too short to be worth a programme; only places before that of a stop that is known.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    state : PathState
+        Where the motion is, and how fast.
+    known : Trajectory or None
+        A stop that is known already.
+
+    Returns
+    -------
+    list of float
+        Places [m, rad], the nearest first.
     """
     phases = _phases(joint_path, limits, state, SHARES[0])
     distance = joint_path.end if phases is None else _travelled(state, phases)[0]
@@ -46,6 +62,20 @@ def straight_stop(joint_path: JointPath, limits: MotionLimits, state: PathState)
     """The quickest stop of constant jerks that keeps the limits, of those that a straight joint path would have.
 
     On a way of some millimetres that is the optimum; on a longer one a motion to fall back on.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    state : PathState
+        Where the motion is, and how fast.
+
+    Returns
+    -------
+    Trajectory or None
+        None where no such stop keeps the limits.
     """
     for share in SHARES:
         phases = _phases(joint_path, limits, state, share)

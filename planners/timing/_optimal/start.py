@@ -38,7 +38,23 @@ JUMP = 0.02
 
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
-    """The programme from rest to rest, with so many times the intervals that were asked for or are usual.
+    """The programme from rest to rest.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    intervals : int, or None
+        How many; None for the usual number.
+    more : float
+        Factor of the number of intervals [1].
+
+    Returns
+    -------
+    Programme
+        With its initial guess.
 
     Raises
     ------
@@ -103,12 +119,38 @@ def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
 
 
 def briefest(jerk: Array) -> float:
-    """Least duration [s] of an interval whose jerk rounding in q leaves as it is."""
+    """Least duration of an interval whose jerk is not changed by rounding in q.
+
+    Parameters
+    ----------
+    jerk : (n,) array
+        Limits on the jerk [rad/s³, m/s³].
+
+    Returns
+    -------
+    float
+        [s].
+    """
     return float(np.cbrt(60.0 * ROUNDING / (DROWNED * jerk.min())))
 
 
 def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
-    """Which of some times, increasing, are kept so that they stand apart, and apart from 0 and from the end."""
+    """Choose times, increasing, that stand apart, and apart from 0 and from the end.
+
+    Parameters
+    ----------
+    times : (k,) array
+        Times [s].
+    end : float
+        The last time [s].
+    least : float
+        How far apart [s].
+
+    Returns
+    -------
+    (k,) array of bool
+        Which are kept.
+    """
     kept, last = np.zeros(times.size, dtype=bool), 0.0
     for i, t in enumerate(times):
         if t - last >= least and end - t >= least:

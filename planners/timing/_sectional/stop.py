@@ -30,6 +30,20 @@ def stop_from(joint_path: JointPath, limits: MotionLimits, s: float, v: float, a
 
     A stop is of three sections, each with a jerk of its own: to no acceleration, to a deceleration, and to rest.
 
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s, v, a : float
+        The state: s [m, rad], ṡ [m/s, rad/s] and s̈ [m/s², rad/s²].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        s(t), at rest at its last knot.
+
     Raises
     ------
     NoSolution
