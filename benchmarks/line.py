@@ -20,7 +20,7 @@ from optik.ik import make_solver
 from optik.types import Array
 from planners.certificate.continuity import steps
 from planners.limits import MotionLimits
-from planners.limits.base import plain
+from planners.limits._extreme import plain
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 

@@ -1,4 +1,4 @@
-"""What a robot's controller makes of a motion that it gets as points at a fixed rate: it interpolates between them again."""
+"""The trajectory a controller executes when it interpolates setpoints sent at a fixed rate."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from planners.hermite import through
 from planners.trajectory import Trajectory
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")
-"""Through positions; positions and velocities; positions, velocities and accelerations."""
+"""Interpolation through positions; positions and velocities; positions, velocities and accelerations."""
 
-SAME = 1e-9
-"""Instants this near to a knot are at it [s]: controllers count in nanoseconds."""
+SAME_INSTANT = 1e-9
+"""Largest distance [s] of an instant from a knot that counts as zero: controllers count in nanoseconds."""
 
 POINTS = 1_000_000
-"""Most points that are sent."""
+"""Most setpoints of a motion: two hours at 125 per second."""
 
 
 def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Trajectory:
-    """Return the motion that a controller executes which gets points at n / rate and at the end.
+    """Return the trajectory a controller executes when it gets setpoints at n / rate and at the end.
 
     Certify it to see what the arm will do: ``certify(robot, path, executed(trajectory, 125.0, "cubic"), limits)``.
 
@@ -98,7 +98,7 @@ def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """
     x, c = trajectory.knots, trajectory.coefficients
     sides = []
-    for beside in (t - SAME, t + SAME):
+    for beside in (t - SAME_INSTANT, t + SAME_INSTANT):
         piece = np.clip(np.searchsorted(x, beside, side="right") - 1, 0, x.size - 2)
         u = (t - x[piece])[:, None]
         q = v = a = np.zeros((t.size, trajectory.n))

@@ -80,13 +80,13 @@ def monomials(rates: Sequence[Array]) -> tuple[Array, ...]:
 
     Parameters
     ----------
-    rates : one to three arrays of one shape
-        ṡ, s̈, s⃛ [unit of s over s, s², s³].
+    rates : one to three (k, ...) arrays
+        ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
 
     Returns
     -------
-    tuple of arrays
-        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three.
+    tuple of (k, ...) arrays
+        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three [m/s^i, rad/s^i].
     """
     v = rates[0]
     if len(rates) == 1:
@@ -102,12 +102,12 @@ def chain_rows(derivatives: Sequence[Array]) -> Array:
     Parameters
     ----------
     derivatives : one to three (k, n) arrays
-        f', f'', f''' [unit of f over powers of that of s]; as many as the order of the derivative in time.
+        f', f'', f''' [as f over powers of s]; as many as the order of the derivative in time.
 
     Returns
     -------
     (k, n, order) array
-        [unit of f over powers of that of s].
+        [as f over powers of s].
     """
     factors = CHAIN[len(derivatives) - 1]
     return np.stack([factor * f for factor, f in zip(factors, derivatives, strict=True)], axis=-1)
@@ -119,14 +119,14 @@ def composed(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array
     Parameters
     ----------
     derivatives : one to three (k, ...) arrays
-        f', f'', f''' [unit of f over powers of that of s].
-    rates : as many arrays that broadcast with them
-        ṡ, s̈, s⃛ [unit of s over s, s², s³].
+        f', f'', f''' [as f over powers of s].
+    rates : as many (k, ...) arrays, which broadcast with them
+        ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
 
     Returns
     -------
     list of (k, ...) arrays
-        Orders 1, 2, 3, as many as were given [unit of f over s, s², s³].
+        Orders 1, 2, 3, as many as were given [as f over s, s², s³].
     """
     found = []
     for order in range(1, len(rates) + 1):
@@ -146,7 +146,7 @@ def passed_at(moving: Callable[[Array], Array], places: Array, end: float) -> Ar
     moving : callable
         From times (k,) [s] to values (k,), increasing in each.
     places : (k,) array
-        Values [unit of the function].
+        Values [as the function].
     end : float
         Latest time [s]; the earliest is 0.
 
@@ -170,9 +170,9 @@ def bell(S: Array, B: Array) -> None:
     Parameters
     ----------
     S : (m,) array
-        Bounds on the derivatives of order 1 to m − 1 [1/s to the order]; S[0] is not used.
+        Bounds on the derivatives of order 1 to m − 1 [1/s^i]; S[0] is not used.
     B : (m,) array
-        Filled with the polynomials of order 0 to m − 1 [1/s to the order].
+        Filled with the polynomials of order 0 to m − 1 [1/s^i].
     """
     B[0] = 1.0
     for k in range(1, B.shape[0]):

@@ -113,7 +113,7 @@ def piece_ends(c: Array, h: Array, first: Array, last: Array) -> None:
     """
     for k in range(c.shape[1]):
         for j in range(c.shape[2]):
-            factor = np.ones(6)  # of each power, after so many derivatives
+            factor = np.ones(6)  # of each power, after `order` derivatives
             for order in range(4):
                 value = 0.0
                 for power in range(5, order - 1, -1):

@@ -24,7 +24,7 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     trajectory : Trajectory
         From rest to rest.
     limits : MotionLimits
-        What it shall keep.
+        The limits that it should keep.
     keeps : tuple of str, optional
         Which of them; by default all.
 
@@ -50,7 +50,7 @@ def fitted(
     trajectory : Trajectory
         From rest to rest.
     limits : MotionLimits
-        What it shall keep.
+        The limits that it should keep.
     keeps : tuple of str, optional
         Which of them; by default all.
 

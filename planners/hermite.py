@@ -16,10 +16,10 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
     Parameters
     ----------
     x : (m + 1,) array
-        Knots, increasing.
+        Knots, increasing [as the parameter].
     left, right : three (m, n) arrays each
-        Value, first and second derivative at the left and the right end of each of the m pieces. They are given apart
-        so that a derivative may jump at a knot.
+        Value, first and second derivative at the left and the right end of each of the m pieces [as the curve].
+        They are given apart so that a derivative may jump at a knot.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Motions cut and put together: what is left of one, one after another, one held, one begun at exactly a given state."""
+"""Motions cut and joined: the rest of one, one after another, one held at its end, one begun at exactly a given state."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ State = tuple[Array, Array, Array]
 
 PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
 """Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
-LITTLE = 1e-3
-"""Share of the jerk limits with which a motion goes over from the given state to its path: it costs no time worth naming."""
-SAME = 1e-14
-"""Positions this near to each other differ by rounding only [rad or m]."""
+FADE_SHARE = 1e-3
+"""Share of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
+SAME_POSITION = 1e-14
+"""Difference of positions [rad or m] that is rounding."""
 
 
 def _powers(trajectory: Trajectory) -> Array:
@@ -105,15 +105,15 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     """Return the motion begun at exactly q, q̇, q̈ (n,) each, close to its own.
 
     A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
-    that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `LITTLE`, else at the last. What
-    is rounding only in position stays: on a short way to fade it out would cost jerk.
+    that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `FADE_SHARE`, else at the last. What
+    is rounding only in position stays: on a short way to fade it out would need jerk.
 
     Parameters
     ----------
     trajectory : Trajectory
         The motion.
     start : tuple of three (n,) arrays
-        q, q̇, q̈ that the motion shall begin with [rad, rad/s, rad/s², or m].
+        q, q̇, q̈ that the motion begins with [rad, rad/s, rad/s², or m].
     limits : MotionLimits
         Limits of the motion.
 
@@ -123,12 +123,12 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
         Begun exactly so.
     """
     off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
-    off[0, np.abs(off[0]) <= SAME] = 0.0
+    off[0, np.abs(off[0]) <= SAME_POSITION] = 0.0
     knots, c = trajectory.knots, _powers(trajectory).copy()
     jerk = limits.arrays(trajectory.n)["jerk"]
     ends = knots[1:, None]
     peaks = sum(PEAKS[2, i] * np.abs(off[i]) / ends ** (3 - i) for i in range(3)) / jerk
-    little = np.flatnonzero(np.max(peaks, axis=1) <= LITTLE)
+    little = np.flatnonzero(np.max(peaks, axis=1) <= FADE_SHARE)
     count = int(little[0]) + 1 if little.size else knots.size - 1
     still = np.zeros((1, trajectory.n))
     over = quintic(knots[[0, count]], (off[:1], off[1:2], off[2:]), (still, still, still)).c

@@ -154,7 +154,7 @@ class Trajectory(Curve):
 
         Returns
         -------
-        (m − 1, n) array
+        (m - 1, n) array
             [rad, rad/s, rad/s², rad/s³, or m].
         """
         first, last = self.ends(order)

@@ -9,7 +9,7 @@ import numpy as np
 from optik.types import Array
 from planners.certificate.examined import Examined
 from planners.limits import MotionLimits
-from planners.limits.base import plain
+from planners.limits._extreme import plain
 
 
 class Binding(NamedTuple):

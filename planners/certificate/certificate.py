@@ -21,7 +21,7 @@ from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
 from planners.limits import ALL_LIMITS, Extreme, MotionLimits, ToolExtreme, kind_of
-from planners.limits.base import plain
+from planners.limits._extreme import plain
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -56,7 +56,7 @@ class Certificate:
     path_error : PathError
         Tool against path: proved bounds for every instant.
     tolerance : (2,) tuple of float, or None
-        Largest distance [m] and angle [rad] to the path with which it holds; None where none was asked for.
+        Largest distance [m] and angle [rad] to the path with which it holds; None where no tolerance is set.
     tool_speed, rotation_speed : ToolExtreme
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s]: proved bounds, their ratios to the limits (NaN
         where there is none) and when.
@@ -226,7 +226,7 @@ def certify(
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which the certificate holds.
     span : (2,) tuple of float, optional
-        Places of the path where the motion shall begin and end; by default the path's own ends.
+        Places of the path where the motion should begin and end; by default the path's own ends.
 
     Returns
     -------

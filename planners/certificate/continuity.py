@@ -9,11 +9,11 @@ from planners.certificate.failure import Failure
 from planners.trajectory import Trajectory
 
 JUMP = 1e-5
-"""A joint's derivative jumps where its one-sided values differ by more than this part of its own greatest value…"""
+"""Difference of one-sided values, as a share of the joint's largest value of that derivative, above which it is a jump."""
 STEP_ROUNDING = 1e-14
-"""…and by more than rounding can: this share of q, over the shorter piece's duration to the power of the derivative's order."""
+"""Rounding of a derivative: this share of q, over the shorter piece's duration to the power of the derivative's order."""
 AT_REST = 1e-9
-"""A joint ends at rest where its velocity is below this part of its own greatest one, or below what rounding can make."""
+"""Final velocity, as a share of the joint's largest one, below which it is at rest; rounding is added to it."""
 
 
 def jumps(trajectory: Trajectory) -> Flags:
@@ -78,7 +78,7 @@ def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None
     Returns
     -------
     (m + 1, n) array
-        [rad/s to the order, or metres].
+        [rad/s^order, m/s^order].
     """
     first, last = trajectory.ends(order)
     # the position of a standstill is that of the end beside it: it cannot jump

@@ -26,7 +26,7 @@ class Coverage(NamedTuple):
     """Which part of its path a motion runs through.
 
     ``begin`` and ``end`` are the places where it begins and ends, ``wanted`` those where it should; ``back`` and ``t_back`` are
-    the place that it goes back to farthest from one it had come to before, and when it is there [s]. ``missing`` says how far
+    the place at the end of its longest backward stretch, and when it is there [s]. ``missing`` says how far
     along the path [m, rad] it begins away from where it should, ends away from where it should, and goes back.
     """
 
@@ -43,7 +43,7 @@ class Coverage(NamedTuple):
         Parameters
         ----------
         tolerance : (2,) tuple of float, or None
-            Largest length [m] and angle [rad] that may be missing; `COVERED` where none was asked for.
+            Largest length [m] and angle [rad] that may be missing; `COVERED` where no tolerance is set.
         duration : float
             Of the motion [s].
 
@@ -125,7 +125,7 @@ def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
 
 
 def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
-    """Return the part of a path that a motion shall run through.
+    """Return the part of a path that a motion should run through.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ class Divided(ABC, Generic[Side]):
         Returns
         -------
         (2,) array
-            The bounds, at least as large as `found`.
+            The bounds, at least as large as `found` [as the values].
         """
         for side in (left, right):
             self.note(side)
@@ -201,6 +201,11 @@ def _judged(between: Array, h: Array, target: Array, shortest: float, room: int,
     """Intervals (k,) that are divided: their bounds (k, 2) exceed the target (2,); the bounds of the others count.
 
     Into over (k,), by what factor. None is divided where there were more than there is room for.
+
+    Returns
+    -------
+    (k,) array of bool
+        Those intervals.
     """
     count = over.shape[0]
     loose, number = np.empty(count, np.bool_), 0

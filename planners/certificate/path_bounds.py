@@ -142,7 +142,7 @@ def path_rates(
     h : float
         Duration [s].
     out : (2, 5) array
-        Filled with bounds on the derivatives of order 0 to 4 of position [m/s to the order] and rotation [1/s to the order].
+        Filled with bounds on the derivatives of order 0 to 4 of position [m/s^i] and rotation [1/s^i].
     """
     (s0, s1), (v0, v1) = places, speeds
     slope = (s1 - s0) / h
@@ -224,7 +224,7 @@ def product_bound(a: Array, b: Array) -> float:
     Parameters
     ----------
     a, b : (5,) array
-        Bounds on the spectral norms of the derivatives of order 0 to 4 of both rotations [1/s to the order].
+        Bounds on the spectral norms of the derivatives of order 0 to 4 of both rotations [1/s^i].
 
     Returns
     -------
@@ -237,7 +237,7 @@ def product_bound(a: Array, b: Array) -> float:
 
 @compiled
 def _fall(s0: float, v0: float, s1: float, v1: float) -> tuple[float, float]:
-    """Places between which the cubic with these values and slopes at 0 and 1 goes back farthest; twice the same if nowhere."""
+    """Ends of the longest backward stretch of the cubic with these values and slopes at 0 and 1; equal where it has none."""
     c3, c2 = 2.0 * (s0 - s1) + v0 + v1, 3.0 * (s1 - s0) - 2.0 * v0 - v1
     root = c2 * c2 - 3.0 * c3 * v0
     turns = (0.0, 1.0)  # where it turns, in order: the roots of 3 c₃ u² + 2 c₂ u + v₀

@@ -19,7 +19,7 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 ERROR_EXCESS = 1.048
-"""The bound is at most so many times the largest value found; with the room for rounding it is below 1.05 times it."""
+"""Largest ratio of the bound to the largest value found; with rounding it stays below 1.05."""
 ERROR_FLOOR = 1e-9
 """Value [m or rad] below which the excess is counted from here: far below what any arm repeats."""
 ERROR_INTERVALS = 400_000
@@ -33,7 +33,7 @@ ERROR_ROUNDING = 2e-15
 class PathError(NamedTuple):
     """Bounds on the tool's distance [m] from its path and on its angle [rad] to it, proved for every instant.
 
-    The largest values that were found, and when, stand beside them: the truth is between.
+    The largest values found and their times are given too: the true maximum lies between value and bound.
     """
 
     distance: float
@@ -49,7 +49,7 @@ class PathError(NamedTuple):
         Parameters
         ----------
         tolerance : (2,) tuple of float, or None
-            Largest distance [m] and angle [rad]; None where none was asked for.
+            Largest distance [m] and angle [rad]; None where no tolerance is set.
 
         Returns
         -------
@@ -164,6 +164,11 @@ def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flag
     """Intervals in which the tool stays within about `BEND` of the straight way: their pieces, their ends, one-sided.
 
     Also which of the k + 1 instants between them are knots of the motion.
+
+    Returns
+    -------
+    tuple
+        Pieces (k,), ends (k,), and which of the k + 1 instants between are knots of the motion.
     """
     t = bounds.knots
     piece = np.arange(t.size - 1)
@@ -198,7 +203,7 @@ def _parts(left: Instants, right: Instants, parts: Indices) -> None:
 
 
 def _between(u: Array, times: int, left: Compared, right: Compared) -> tuple[Array, Array]:
-    """Instants after shares u of intervals, tiled so many times, and the places that the cubic through their ends has there."""
+    """Instants after shares u of intervals, all of them `times` times, and the places on the cubic through their ends."""
     t0, h = tiled(left.t, times), tiled(right.t - left.t, times)
     s0, v0, s1, v1 = (tiled(x, times) for x in (left.s, left.speed, right.s, right.speed))
     w = 1.0 - u

@@ -9,16 +9,16 @@ from optik.types import Array, Flags, Indices
 from planners.paths._nearest import chords, embedded
 from planners.paths.base import Path
 
-TURN = 0.1
-"""Metres that a radian counts, to tell places of a path apart where only the rotation differs."""
+CHORD_TURN = 0.1
+"""Metres that a radian counts for, so that places of a path are distinguished where only the rotation differs."""
 BEND = 1e-5
-"""How far the path may bend away from its chords, and the tool between two instants from its own [m]."""
-CELLS = 12
-"""Chords at least of a piece that bends: one that is shorter than what chords may be off has to be seen all the same."""
-ROOM, WIDER = 1e-4, 8.0
-"""How far the tool may be from the chords of its path [m], and how many times as far where it leaves them by more."""
-MOST = 20_000_000
-"""Pairs of an instant and a chord that are looked at; a motion that needs more is nowhere near its path."""
+"""Largest distance of the path from its chords, and of the tool between two instants from its chord [m]."""
+CHORD_CELLS = 12
+"""Least number of chords of a piece that bends: also a piece shorter than `BEND` is resolved."""
+CHORD_ROOM, ROOM_FACTOR = 1e-4, 8.0
+"""Distance of the tool from the path's chords [m] that is searched first, and the factor by which it grows where that fails."""
+MOST_PAIRS = 20_000_000
+"""Most pairs of an instant and a chord; a motion that needs more is far from its path."""
 
 
 def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
@@ -34,26 +34,26 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     path : Path
         With a length.
     poses : (k, 4, 4) array
-        T_base_tool at successive instants.
+        T_base_tool at successive instants [1, m].
     bend : float
         How far the tool may be from the straight way between two of them [m].
 
     Returns
     -------
     (k,) array
-        Places in [0, end], exact but for the path's bend; where the tool is nowhere near, those that are nearest.
+        Places in [0, end] [m, rad], exact but for the path's bend; where the tool is far from the path, the nearest ones.
     """
-    edges, off = chords(path, TURN, BEND, CELLS)
-    z, y = (np.ascontiguousarray(embedded(T, TURN)) for T in (path.pose(edges), poses))
-    cell, room = np.empty(len(poses), np.int64), ROOM + 2.0 * (bend + float(off.max()))
+    edges, off = chords(path, CHORD_TURN, BEND, CHORD_CELLS)
+    z, y = (np.ascontiguousarray(embedded(T, CHORD_TURN)) for T in (path.pose(edges), poses))
+    cell, room = np.empty(len(poses), np.int64), CHORD_ROOM + 2.0 * (bend + float(off.max()))
     size = float(np.ptp(np.concatenate([z, y]), axis=0).sum())
     while True:
-        found = _cheapest(z, y, room, MOST, cell)
+        found = _cheapest(z, y, room, MOST_PAIRS, cell)
         if found == FOUND:
             return _within(edges, z, y, cell)
         if found == TOO_MANY or room > size:
             return path.nearest(poses)
-        room *= WIDER
+        room *= ROOM_FACTOR
 
 
 def _within(edges: Array, z: Array, y: Array, cell: Indices) -> Array:
@@ -85,7 +85,7 @@ def _distance2(x: Array, a: Array, b: Array) -> float:
 
 @compiled
 def _grown(x: Indices, count: int) -> Indices:
-    """The same array with room for so many entries."""
+    """The array, copied into a larger one where it has fewer entries than `count`."""
     if count <= x.shape[0]:
         return x
     more = np.empty(2 * count, np.int64)
@@ -98,7 +98,12 @@ def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
     """Dynamic programming: the chord of z (m + 1, d) of every point y (k, d), into cell (k,).
 
     A state is a chord within `room` of the point. From one point to the next it stays or goes over vertices that the way
-    between the points passes within `room`: on for nothing, back for `room` times the chord's length.
+    between the points passes within `room`: going on costs nothing, going back costs `room` times the chord's length.
+
+    Returns
+    -------
+    int
+        FOUND, or why there is none.
     """
     m, k, limit = z.shape[0] - 1, y.shape[0], room * room
     cost, new, origin = np.full(m, np.inf), np.full(m, np.inf), np.empty(m, np.int64)
@@ -143,13 +148,19 @@ def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
             return TOO_MANY
         if first == last:
             return TOO_FAR
-    if first == last:
+    return _traced(cost, cells[:last], before, first, cell)
+
+
+@compiled
+def _traced(cost: Array, cells: Indices, before: Indices, first: int, cell: Indices) -> int:
+    """Follow the cheapest of the states from `first` on back to the start, into `cell`; TOO_FAR where there is none."""
+    if first == cells.shape[0]:
         return TOO_FAR
     at, least = first, np.inf
-    for j in range(first, last):
+    for j in range(first, cells.shape[0]):
         if cost[cells[j]] < least:
             at, least = j, cost[cells[j]]
-    for row in range(k - 1, -1, -1):
+    for row in range(cell.shape[0] - 1, -1, -1):
         cell[row] = cells[at]
         at = before[at]
     return FOUND
@@ -160,6 +171,11 @@ def _touched(z: Array, a: Array, b: Array, limit: float, active: Indices, near: 
     """Chords that the way from a to b may reach from the active ones, in order, into `touched`; how many.
 
     near[i] is set where vertex i lies within the limit of that way.
+
+    Returns
+    -------
+    int
+        How many.
     """
     m, number, next_free = z.shape[0] - 1, 0, 0
     for i in active:

@@ -10,7 +10,7 @@ from optik.types import Array
 from planners.trajectory import Trajectory
 
 RATES = (1e-6, 1e9)
-"""Range of a controller's rate [1/s]: at rates beyond, differences say nothing of the motion."""
+"""Range of a controller's rate [1/s]: beyond it, differences do not describe the motion."""
 PERIODS = 1_000_000
 """Most periods of a controller that are all looked at: half a minute of computing."""
 

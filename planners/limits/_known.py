@@ -6,8 +6,9 @@ from functools import cache
 
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
+from planners.limits._derivative import DerivativeLimit
 from planners.limits.acceleration import Acceleration
-from planners.limits.base import DerivativeLimit, Limit
+from planners.limits.base import Limit
 from planners.limits.jerk import Jerk
 from planners.limits.rotation_speed import RotationSpeed
 from planners.limits.tool_speed import ToolSpeed

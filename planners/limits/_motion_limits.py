@@ -129,14 +129,14 @@ class MotionLimits:
         Returns
         -------
         dict of arrays
-            By name: (n,), or (1,) for limits of the whole arm, in the limit's units; infinity where free; read-only.
+            By name: (n,), or (1,) for limits of the whole arm [as the limit's units], infinity where free; read-only.
 
         Raises
         ------
         InvalidInput
             A length other than n.
         """
-        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_bounds", {})  # asked for many times by a law
+        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_bounds", {})  # laws read it many times
         if n not in kept:
             kept[n] = {kind.name: kind.array(self.value(kind.name), n) for kind in self.kinds}
         return dict(kept[n])
@@ -152,7 +152,7 @@ class MotionLimits:
         Returns
         -------
         dict of (n,) arrays
-            By name, infinity where free [rad/s, rad/s², rad/s³, or metres]; read-only.
+            By name [rad/s, rad/s², rad/s³, or m]; infinity where free; read-only.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class MotionLimits:
         Returns
         -------
         (k, m, order) array
-            See `Limit.rows` [1 over the unit of the monomials].
+            See `Limit.rows` [as 1 over the monomials].
         """
         return kind_of(name).rows(at, self.bounds(at.joint_path.robot.n)[name])
 
@@ -189,7 +189,7 @@ class MotionLimits:
         at : PathPoints
             Points of the joint path.
         rates : (k,) arrays
-            ṡ, s̈, s⃛ there [unit of s over s, s², s³]; as many as the limit's order, or more.
+            ṡ, s̈, s⃛ there [m/s, m/s², m/s³, or rad]; as many as the limit's order, or more.
 
         Returns
         -------
@@ -216,7 +216,7 @@ class MotionLimits:
         return MotionLimits(**{name: getattr(self, name) for name in ALL_LIMITS if name in names}, extra=extra)
 
     def scaled(self, share: float, names: tuple[str, ...] | None = None) -> MotionLimits:
-        """Return the same limits, so many times as wide.
+        """Return the limits multiplied by a factor.
 
         Parameters
         ----------

@@ -21,7 +21,7 @@ class PathPoints:
     s : (k,) array
         Places [m, or rad].
     derivatives : sequence of (k, n) arrays
-        q, q', q'' … there [rad or m, over powers of the unit of s], where they are known; the others are evaluated.
+        q, q', q'' … there [as q over powers of s], where they are known; the others are evaluated.
     """
 
     def __init__(self, joint_path: JointPath, s: Array, derivatives: Array | tuple[Array, ...] = ()) -> None:
@@ -39,7 +39,7 @@ class PathPoints:
         Returns
         -------
         (k, n) array
-            [rad or m, over powers of the unit of s].
+            [as q over powers of s].
         """
         while len(self._derivatives) <= order:
             self._derivatives.append(self.joint_path(self.s, len(self._derivatives)))

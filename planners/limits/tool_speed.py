@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from planners.certificate.examined import Examined
-from planners.limits.base import ToolSpeedLimit
+from planners.limits._tool import ToolSpeedLimit
 
 
 class ToolSpeed(ToolSpeedLimit):

@@ -1,7 +1,7 @@
 """A motion along a path that nearly keeps its limits of jerk: two sweeps, and a filter as wide as each place allows.
 
 On places s_i the greatest speeds are known. A sweep from either end lets the speed rise under what is left of the limits on
-acceleration and jerk; where it meets a bound, it goes on from there with no acceleration. The lower of both is a motion whose
+acceleration and jerk; where it meets a bound, it continues from there without acceleration. The lower of both is a motion whose
 acceleration jumps only where it is fastest. A mean over as much time as it would take to come to rest at that jerk rounds
 these tops: near a sharp corner that is short, on a long straight piece it is long. What is still too fast is slowed there,
 and only there.
@@ -18,7 +18,7 @@ from optik.compiled import compiled
 from optik.types import Array
 
 LEFT = 0.1
-"""Least share of a limit that is left to s̈ and s⃛, whatever the path's bends use of it."""
+"""Least share of a limit that remains for s̈ and s⃛ where the path's bends use the rest."""
 
 
 class Along(NamedTuple):
@@ -295,7 +295,7 @@ def _widen(t: Array, half: Array) -> None:
 def _changes(along: Along, motion: Array, out: Array) -> None:
     """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
 
-    Both are counted in their limits; q̈ in what the limit on jerk makes of it within half the width of the mean, if less.
+    Both are counted in their limits; q̈ in what the limit on jerk allows within half the width of the mean, if that is less.
     So is s̈ in the greatest one that counts: where speeds alone bind, ramps are changes too.
     """
     v, a, half = motion[1], motion[2], motion[3]
@@ -319,7 +319,7 @@ def spread(
 ) -> float:
     """Count the intervals before each place of a swept motion: some in all, and some for each change of q̈ by its limit.
 
-    These are as many as the first of `per_change` says for motions of few changes, and go down to the second for motions
+    The number for each change is the first of `per_change` for motions of few changes, and falls to the second for motions
     of far more than the third. None is briefer than the least; neighbours differ little.
 
     Parameters
@@ -369,7 +369,7 @@ def spread(
 def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
     """s, ṡ and s̈ of a swept motion at times: ṡ a cubic between two places, from ṡ and s̈ there.
 
-    For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s goes on.
+    For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s does not decrease.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class TimeLaw(ABC):
             The law starts at rest only, or a limit that it needs is missing.
         NoSolution
             No timing exists within the limits from that state.
-        """
+        """  # noqa: DOC202
         raise InvalidInput("timing", self.name, "a law that can start from a moving state: optimal")
 
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
@@ -119,7 +119,7 @@ class TimeLaw(ABC):
         Returns
         -------
         dict of (n,) arrays
-            Velocity, acceleration and jerk [rad/s, rad/s², rad/s³, or metres], infinity where free.
+            Velocity, acceleration and jerk [rad/s, rad/s², rad/s³, or m], infinity where free.
 
         Raises
         ------
@@ -170,7 +170,7 @@ def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
     Returns
     -------
     (k,) array
-        [unit of s over s]; infinity where none binds.
+        [m/s, rad/s]; infinity where none binds.
     """
     at, bounds = PathPoints(joint_path, s), limits.bounds(joint_path.robot.n)
     first = [kind for kind in limits.kinds if kind.order == 1 and np.isfinite(bounds[kind.name]).any()]

@@ -23,7 +23,7 @@ from planners.trajectory import Trajectory
 
 
 class RuckigLaw(TimeLaw):
-    """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not pace the whole line.
+    """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not slow the whole path.
 
     Where the sections end, and how fast the motion is there, is found by dynamic programming over candidate places and
     speeds: a chain of ramps, each judged at sampled instants by what it asks of every joint, q̈ = q' s̈ + q'' ṡ² and
@@ -108,6 +108,16 @@ def _solved(ramp: Ramp) -> Array:
 
     Speeds are counted from v0 in units of v1 − v0, and times in units of the ramp's duration: so Ruckig's numbers are
     of size 1, on any path. Between v0 and v1 the speed only rises or only falls, so the sections are never left.
+
+    Returns
+    -------
+    (3, 2) array
+        The phases.
+
+    Raises
+    ------
+    NoSolution
+        Ruckig left the section.
     """
     wanted = phases_of(ramp)
     if len(wanted) == 1:

@@ -19,8 +19,8 @@ from planners.trajectory import Trajectory
 
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""
-NO_MOTION = 1e-11
-"""Joint motions below this are rounding [rad or m]: a limit on such a joint bounds no motion."""
+NO_JOINT_MOTION = 1e-11
+"""Joint motion [rad or m] that is rounding: a limit on such a joint bounds no motion."""
 
 
 class Smooth(TimeLaw):
@@ -63,7 +63,7 @@ class Smooth(TimeLaw):
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:
-    """Shortest T of one quintic in s that keeps the limits at so many instants, and wherever the path has a node.
+    """Shortest T of one quintic in s that keeps the limits at sampled instants and around every node of the path.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     """
     if not joint_path.end > 0.0:
         raise InvalidInput("joint_path", "a length of 0", "a path whose ends differ")
-    moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
+    moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
     bound = limits.arrays(joint_path.robot.n)
     free: dict[str, Any] = {field: np.where(moving, of, np.inf) for field, of in bound.items()}
     limits = replace(limits, **free)
@@ -104,7 +104,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
 
 
 def _when(part: Array) -> Array:
-    """Shares u (k,) of the duration after which the quintic has come to parts of the way, and between, in thirds."""
+    """Shares u (k,) of the duration at which the quintic reaches given parts of the way, and thirds between them."""
     low = passed_at(lambda u: np.polyval(QUINTIC, u), part, 1.0)
     return np.concatenate([low[:-1] + np.diff(low) * share for share in (0.0, 1.0 / 3.0, 2.0 / 3.0)])
 

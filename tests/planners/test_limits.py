@@ -15,8 +15,18 @@ from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
 from planners.certificate.examined import Examined
 from planners.fit import fitted, stretch
-from planners.limits import ALL_LIMITS, NAMED, Extreme, Limit, PathPoints, ToolExtreme, _known, register
-from planners.limits.base import DerivativeLimit, scale_of
+from planners.limits import (
+    ALL_LIMITS,
+    NAMED,
+    DerivativeLimit,
+    Extreme,
+    Limit,
+    PathPoints,
+    ToolExtreme,
+    _known,
+    register,
+    scale_of,
+)
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])

@@ -21,9 +21,9 @@ from optik.types import Array
 from planners.timing._optimal.newton import Iterate, Problem, back, first, forth
 
 MET = 1e-5
-"""What the dynamics of an interval may leave at the end, over its length."""
+"""Residual of the dynamics of an interval that is accepted, over its length."""
 TRUE = 1e-4
-"""What that may change in the jerk of any joint, over its limit: in brief intervals far more than in s."""
+"""Change of a joint's jerk by that residual that is accepted, over its limit: in brief intervals it is the stricter test."""
 
 
 @compiled
@@ -38,7 +38,7 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
         v, a, τ, j [as the problem].
     g : (K, 3) array
         Filled with the residuals [as the problem].
-    c : (K + 1, 3 n) array
+    c : (K + 1, 3·n) array
         Filled with the values over their limits [1].
     """
     node, edge = problem.node, problem.edge
@@ -147,6 +147,11 @@ def _better(passed: Array, count: int, objective: float, off: float, small: floa
     """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
 
     Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
+
+    Returns
+    -------
+    bool
+        True where it is taken.
     """
     last = passed[0, count - 1]
     if off < small and objective <= last + 1e-9 * abs(last):
@@ -176,6 +181,18 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
             for i in range(3 * n):
                 at.slack[k, side, i] = max(1.0 - sign * at.c[k, i], 1e-2)
                 at.dual[k, side, i] = mu * problem.tau[k] / at.slack[k, side, i]
+
+
+@compiled
+def _move(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
+    """Put the unknowns and the slacks after a step of length alpha into the trial point."""
+    K, rows = at.g.shape[0], at.c.shape[1]
+    for k in range(K + 1):
+        for i in range(4):
+            trial.z[k, i] = at.z[k, i] + alpha * d[k, i]
+        for side in range(2):
+            for i in range(rows):
+                trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
 
 
 @compiled
@@ -274,12 +291,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
         passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
         count, off = count + 1, 0.0
         for _ in range(12):
-            for k in range(K + 1):
-                for i in range(4):
-                    trial.z[k, i] = at.z[k, i] + alpha * d[k, i]
-                for side in range(2):
-                    for i in range(rows):
-                        trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
+            _move(at, alpha, d, dslack, trial)
             values(problem, trial.z, trial.g, trial.c)
             objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
             if _better(passed, count, objective, off, 1e-6 * K):

@@ -14,12 +14,12 @@ from optik.compiled import compiled, inlined
 from optik.types import Array
 
 TERMINAL = 1e4
-"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier takes up what it leaves.
+"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier removes the remaining error.
 
-All that the sweep carries back is rounded to this: weights far above what it compares with drown the pivots."""
+Rounding in the backward sweep is relative to this: far larger weights make the pivots meaningless."""
 
 PIVOT = 1e-8
-"""Curvature of the model in a stage's free number, in the stage's units, below which it is rounding."""
+"""Least curvature of the model in a stage's free number, in the stage's units: below it is rounding."""
 
 
 class Problem(NamedTuple):
@@ -160,7 +160,7 @@ def _fold(z: Array, g: Array, M: Array, m: Array, Q: Array, q: Array) -> None:
 
 @inlined
 def _place_row(z: Array, row: Array) -> int:
-    """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it shall determine."""
+    """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it determines."""
     v, a, tau, j = z[0], z[1], z[2], z[3]
     row[0], row[1] = tau, 0.5 * tau * tau
     row[2], row[3] = v + tau * (a + 0.5 * tau * j), tau * tau * tau / 6.0

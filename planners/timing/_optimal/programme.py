@@ -20,23 +20,23 @@ from planners.timing.smooth import QUINTIC, least_duration
 
 UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
-INTERVALS, PER_BREAK = 128, 8
-"""Of a path without breaks, and what each break adds."""
-PER_PIECE = 12
-"""Intervals of the start between any two breaks."""
+USUAL_INTERVALS, MORE_PER_BREAK = 128, 8
+"""Intervals of a path without breaks, and those that each break adds: enough for ramps on either side of it."""
+START_PER_PIECE = 12
+"""Intervals of the initial guess between any two breaks."""
 STEADY = 1.5
-"""Times the speed that would keep the jerk limits at rest of s̈ and s⃛, where the start is cut."""
+"""Ratio of the initial guess's largest speed to the speed that keeps the jerk limits at s̈ = s⃛ = 0."""
 SMOOTHEST = 0.02
-"""Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
-SHORTEST = 0.02
-"""No interval lasts less than this share of its first guess."""
-BRIEFEST = 0.95
-"""Nor less than this share of what it takes at the greater of the speeds that its ends allow, or speeds would be kept there
-and nowhere between: where they alone bind, that would be the optimum, and the iteration would not find it."""
-STILL = 1e-9
-"""Share of the way below which what a motion covers within the filter's width is none: rounding in s would make the rest."""
+"""Least width of the initial guess's filter, as a share of the motion: shorter ramps fit into one interval."""
+SHORTEST_INTERVAL = 0.02
+"""Least duration of an interval, as a share of its initial guess: time must not run backwards during the iteration."""
+BRIEFEST_AT_TOP = 0.95
+"""Least duration of an interval, as a share of its duration at the greater of the speeds that its ends allow: limits on
+speed that held at the ends only would be exceeded between them, and the iteration would not converge."""
+NO_WAY = 1e-9
+"""Share of the path below which the distance covered within the filter's width is neglected: it is rounding in s."""
 TOOL_SPARE = 0.9999
-"""Share of the tool's limits that a motion uses which starts in motion."""
+"""Share of the tool's limits that a motion from a moving state uses: it cannot be slowed afterwards."""
 
 
 class Programme(NamedTuple):
@@ -77,10 +77,10 @@ def programme(
     """
     bound = limits.arrays(joint_path.robot.n)
     begin, first = state.s, state.speed
-    s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
+    s = joint_path.path.places(max(150, joint_path.knots.size), START_PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
-    if s.size <= PER_PIECE:  # a stop within one cell of the path
-        s = np.linspace(begin, end, PER_PIECE + 1)
+    if s.size <= START_PER_PIECE:  # a stop within one cell of the path
+        s = np.linspace(begin, end, START_PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     _, q1, q2, q3 = derivatives(joint_path, s)
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
@@ -92,7 +92,7 @@ def programme(
     reach.in_time(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
-    if first * width > STILL * (end - begin):  # the filter looks back on a motion that came in at its speed
+    if first * width > NO_WAY * (end - begin):  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
     when = _spread(t, s, v, width, since, _count(joint_path, intervals))
@@ -198,7 +198,7 @@ def divided(
 
 
 def _count(joint_path: JointPath, intervals: int | None) -> int:
-    return intervals or min(INTERVALS + PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
+    return intervals or min(USUAL_INTERVALS + MORE_PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
 
 
 def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
@@ -224,7 +224,17 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
     """Velocities and accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
 
     A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
-    velocity V and a jerk J never beyond the acceleration (J V)^½; a little room is left.
+    velocity V and a jerk J never beyond the acceleration (J V)^½; with a margin.
+
+    Returns
+    -------
+    tuple
+        Velocities (n,), accelerations (n,) and the width.
+
+    Raises
+    ------
+    NoSolution
+        No limit bounds a joint that moves.
     """
     V, A, J = (bound[field] for field in DERIVATIVES)
     D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
@@ -286,10 +296,10 @@ def numbers(
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
-    if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
+    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
         limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
-    least = np.maximum(SHORTEST * tau, BRIEFEST * ds / np.maximum(top[:-1], top[1:]))
+    least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
     return Programme(problem, s, start, units, moving)

@@ -15,14 +15,14 @@ from planners.timing._ruckig import velocity_control
 from planners.timing.base import PathState
 from planners.trajectory import Trajectory
 
-SHORTEST = 1e-6
+SHORTEST_STOP = 1e-6
 """Shortest way to rest, as a share of the path, for which a programme is solved: below it the joint path is straight."""
-SHARES = (1.0 - 1e-9, 0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15)
+STOP_SHARES = (1.0 - 1e-9, 0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15)
 """Shares of the greatest deceleration and its jerk, tried in turn until the limits are kept on the path's own curve."""
-PARTS = 8
-"""Pieces of every phase of such a stop."""
-ROUNDING = 5e-13
-"""By how much a limit may be passed where nothing is slowed afterwards: half of what a certificate forgives."""
+PHASE_PARTS = 8
+"""Pieces of every phase of a straight stop: quintics that follow the curved joint path."""
+LIMIT_ROUNDING = 5e-13
+"""Excess of a limit that is accepted where nothing is slowed afterwards: half of what a certificate accepts as rounding."""
 STOPS = (1.02, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0)
 """Distances to rest that are tried, over the one that the limits would allow on a straight joint path."""
 
@@ -50,11 +50,11 @@ def stopping_places(
     list of float
         Places [m, rad], the nearest first.
     """
-    phases = _phases(joint_path, limits, state, SHARES[0])
+    phases = _phases(joint_path, limits, state, STOP_SHARES[0])
     distance = joint_path.end if phases is None else _travelled(state, phases)[0]
-    if distance < SHORTEST * joint_path.end and known is not None:
+    if distance < SHORTEST_STOP * joint_path.end and known is not None:
         return []
-    places = [state.s + max(distance, SHORTEST * joint_path.end) * factor for factor in STOPS]
+    places = [state.s + max(distance, SHORTEST_STOP * joint_path.end) * factor for factor in STOPS]
     return [s for s in places if s < joint_path.end] + [joint_path.end]
 
 
@@ -77,14 +77,14 @@ def straight_stop(joint_path: JointPath, limits: MotionLimits, state: PathState)
     Trajectory or None
         None where no such stop keeps the limits.
     """
-    for share in SHARES:
+    for share in STOP_SHARES:
         phases = _phases(joint_path, limits, state, share)
         if phases is None or state.s + _travelled(state, phases)[0] > joint_path.end:
             continue
         motion = _along(joint_path, state, phases)
         if motion is not None and state.joints is not None:
             motion = begun(motion, state.joints, limits)
-        if motion is not None and stretch(joint_path.robot, motion, limits) <= 1.0 + ROUNDING:
+        if motion is not None and stretch(joint_path.robot, motion, limits) <= 1.0 + LIMIT_ROUNDING:
             return motion
     return None
 
@@ -95,6 +95,11 @@ def _phases(
     """Phases (duration, jerk) of s to rest at a share of the limits, were the joint path straight; None where none are.
 
     Ruckig counts in units of the stop's own time and jerk, so that its numbers are near 1 however slow the motion is.
+
+    Returns
+    -------
+    list of tuple of float, or None
+        Durations and jerks.
     """
     bound = limits.arrays(joint_path.robot.n)
     q1 = np.maximum(np.abs(joint_path(state.s, 1)), 1e-12)
@@ -127,9 +132,14 @@ def _along(joint_path: JointPath, state: PathState, phases: list[tuple[float, fl
 
     Each piece is made from how far the joints move on it, the integral of q': the difference of two positions would
     leave rounding only of a motion of nanometres.
+
+    Returns
+    -------
+    Trajectory or None
+        The motion.
     """
-    h, j = (np.repeat(x, PARTS) for x in np.array(phases).T)
-    h /= PARTS
+    h, j = (np.repeat(x, PHASE_PARTS) for x in np.array(phases).T)
+    h /= PHASE_PARTS
     along = np.empty((3, h.size + 1))  # s from the start, ṡ, s̈
     along[:, 0] = 0.0, state.speed, state.acceleration
     for i in range(h.size):

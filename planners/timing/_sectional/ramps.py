@@ -15,12 +15,12 @@ from planners.paths.base import Path
 from planners.timing._places import graded
 from planners.timing.base import speed_bound
 
-INTERVALS, PER_PIECE = (1024, 16384), 12
-"""Least and most intervals of a table, and those of the path's shortest piece."""
+TABLE_INTERVALS, TABLE_PER_PIECE = (1024, 16384), 12
+"""Least and largest number of intervals of a table, and the number in the path's shortest piece."""
 LEAST_FLAT = 0.02
 """Least share of a ramp with constant acceleration: without any, Ruckig's roots lose half their digits; it costs 1e-4 of T."""
-SHORTEST = 5e-4
-"""Least time [s] in which the acceleration rises or falls: faster gains nothing, and its pieces drown in rounding."""
+SHORTEST_PHASE = 5e-4
+"""Least time [s] in which the acceleration rises or falls: shorter phases save no time and are dominated by round-off."""
 
 
 class Ramp(NamedTuple):
@@ -91,7 +91,9 @@ def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
         At those places.
     """
     breaks = joint_path.path.breaks
-    return _table(joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, INTERVALS[0], PER_PIECE))
+    return _table(
+        joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, TABLE_INTERVALS[0], TABLE_PER_PIECE)
+    )
 
 
 def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
@@ -111,7 +113,7 @@ def fine_enough(path: Path) -> int:
     int
         Intervals.
     """
-    return int(np.clip(PER_PIECE * path.end / np.diff(path.breaks).min(), *INTERVALS))
+    return int(np.clip(TABLE_PER_PIECE * path.end / np.diff(path.breaks).min(), *TABLE_INTERVALS))
 
 
 def parts(limits: MotionLimits, at: PathPoints) -> Array:
@@ -127,7 +129,7 @@ def parts(limits: MotionLimits, at: PathPoints) -> Array:
     Returns
     -------
     (m, 5, n) array
-        See `Table` [1 over the unit of the monomials].
+        See `Table` [as 1 over the monomials].
     """
     rows = np.concatenate([limits.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
@@ -188,7 +190,7 @@ def ramp_ratio(
 ) -> float:
     """Factor by which a ramp must be slowed to keep the limits, at its samples.
 
-    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and gives up once
+    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and stops once
     the factor is above `most`.
 
     Parameters
@@ -290,7 +292,7 @@ def law_of(ramps: list[Ramp], phases: list[Array]) -> PPoly:
     ----------
     ramps : list of Ramp
         One behind the other.
-    phases : list of (·, 2) arrays
+    phases : list of (k, 2) arrays
         Durations and jerks of s [s, m/s³, rad/s³].
 
     Returns

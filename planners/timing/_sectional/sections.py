@@ -9,22 +9,22 @@ import numpy as np
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.timing import _sweep
-from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST, Ramp, Table, profile, ramp_ratio
+from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST_PHASE, Ramp, Table, profile, ramp_ratio
 
-PLACES = 14
+SECTION_PLACES = 14
 """Intervals between candidate ends of sections; twice as many are no faster on lines (T / T* 1.036 for 1.037)."""
-LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
+SPEED_LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
 """Candidate speeds at a place, over the greatest that the limits could allow there."""
-SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
+SECTION_SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
 """Candidate shares of a ramp in which its acceleration rises and falls."""
-REACH = 24
-"""Most intervals that one section spans."""
+SECTION_REACH = 24
+"""Most intervals that one section spans: it bounds the work of the dynamic programming."""
 BRIEF = 4.0
-"""Least time at full speed between two ends of sections that are given, over the shortest phase of a ramp."""
-REACHED = 4
-"""Trial from which on candidate speeds are at most half above those of a motion swept along the path."""
+"""Least time at full speed between two breaks that are both ends of sections, over the shortest phase of a ramp."""
+REACHED_TRIAL = 4
+"""Trial from which on candidate speeds are at most 1.5 times those of a motion swept along the path."""
 RAMP_SAMPLES = 5
-"""Intervals of each phase of a ramp at whose ends the local search looks: it is repeated so often that more cost too much."""
+"""Intervals of each phase of a ramp that the local search samples: few, as it evaluates ramps thousands of times."""
 SEARCH = ((4, 15), (6, 15))
 """Sharpness (a power of two) and rounds of the local search, in turn."""
 
@@ -37,27 +37,27 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     what : Table
         The path and its limits.
     breaks : (k,) array
-        Places that ends of sections should meet.
+        Places at which sections should end, where that costs no time [m, rad].
     duration : float
         Of any motion that keeps the limits [s].
 
     Returns
     -------
     list of Ramp
-        They may exceed the limits a little, or leave room: a uniform scaling in time is left to the caller.
+        They may exceed the limits slightly or not use them fully: the caller scales them uniformly in time.
     """
     fastest = _fastest(what.slowness, what.parts, what.s)
-    shortest = min(SHORTEST, 0.01 * duration)
+    shortest = min(SHORTEST_PHASE, 0.01 * duration)
     nodes, open_since = _candidates(what, fastest, breaks, BRIEF * shortest)
-    speeds = fastest[nodes][:, None] * LEVELS
+    speeds = fastest[nodes][:, None] * SPEED_LEVELS
     speeds[[0, -1]] = -1.0
     speeds[[0, -1], 0] = 0.0
     most = 1.0 + 1e-9  # candidates that stand exactly on a limit are in, however they round
     tried = 0
     while True:
         tried += 1
-        if tried == REACHED:  # beside a slow corner few of these speeds can be reached at all
-            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * LEVELS
+        if tried == REACHED_TRIAL:  # beside a slow corner few of these speeds can be reached at all
+            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * SPEED_LEVELS
         found = _programme(what, what.s[nodes], open_since, speeds, most, shortest)
         if found.shape[0] or most > 1e6:
             break
@@ -114,11 +114,16 @@ def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tup
 
     Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
     half by s and half by time; each piece between two breaks has its ends and its quarters besides.
+
+    Returns
+    -------
+    tuple of arrays of int
+        The places (k,), and for each the index of the last break before it.
     """
     s, last = what.s, what.s.size - 1
     slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())
     time = np.concatenate([[0.0], np.cumsum(0.5 * (slow[1:] + slow[:-1]) * np.diff(s))])
-    even = np.interp(np.linspace(0.0, 1.0, PLACES + 1), 0.5 * time / time[-1] + 0.5 * s / s[-1], s)
+    even = np.interp(np.linspace(0.0, 1.0, SECTION_PLACES + 1), 0.5 * time / time[-1] + 0.5 * s / s[-1], s)
     passed = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (fastest[1:] + fastest[:-1]))])
     kept = [0.0]
     for x in breaks[(breaks > 0.0) & (breaks < s[-1])]:
@@ -144,6 +149,11 @@ def _programme(what: Table, s: Array, open_since: Indices, speeds: Array, most: 
     """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6).
 
     A ramp to place i starts at place open_since[i] or later.
+
+    Returns
+    -------
+    (k, 6) array
+        The ramps.
     """
     count, levels = speeds.shape
     best = np.full((count, levels), np.inf)
@@ -152,13 +162,13 @@ def _programme(what: Table, s: Array, open_since: Indices, speeds: Array, most: 
     for to in range(1, count):
         for high in range(levels):
             v1 = speeds[to, high]
-            for at in range(to - 1, max(to - 1 - REACH, open_since[to] - 1), -1):
+            for at in range(to - 1, max(to - 1 - SECTION_REACH, open_since[to] - 1), -1):
                 for low in range(levels):
                     v0 = speeds[at, low]
                     if v1 < 0.0 or v0 < 0.0 or v0 + v1 <= 0.0 or best[at, low] >= best[to, high]:
                         continue
-                    for shape in range(SHAPES.shape[0]):
-                        rise, fall = SHAPES[shape, 0], SHAPES[shape, 1]
+                    for shape in range(SECTION_SHAPES.shape[0]):
+                        rise, fall = SECTION_SHAPES[shape, 0], SECTION_SHAPES[shape, 1]
                         duration, peak = profile(s[to] - s[at], v0, v1, rise, fall)
                         better = best[at, low] + duration < best[to, high] * (1.0 - 1e-12)  # ties: the first stays
                         if not better or min(rise, fall) * duration < shortest:
@@ -175,7 +185,7 @@ def _programme(what: Table, s: Array, open_since: Indices, speeds: Array, most: 
         at, low, shape = back[to, high]
         k -= 1
         chain[k, 0], chain[k, 1], chain[k, 2], chain[k, 3] = s[at], speeds[at, low], s[to], speeds[to, high]
-        chain[k, 4], chain[k, 5] = SHAPES[shape, 0], SHAPES[shape, 1]
+        chain[k, 4], chain[k, 5] = SECTION_SHAPES[shape, 0], SECTION_SHAPES[shape, 1]
         to, high = at, low
     return chain[k:].copy()
 
@@ -186,6 +196,11 @@ def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> 
 
     r is each velocity's, acceleration's and jerk's ratio to its limit to the power 1, 1/2 and 1/3, after slowing by
     `slow`.
+
+    Returns
+    -------
+    tuple of float
+        Duration and integral.
     """
     places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak = profile(row[2] - row[0], row[1], row[3], row[4], row[5])
