@@ -5,8 +5,8 @@ from planners.certificate.certificate import Certificate, certify
 from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve
-from planners.files.motion_file import load_motion, save
-from planners.files.ros import from_ros, to_ros
+from planners.files import formats, load_motion, save
+from planners.files._ros.export import from_ros, to_ros
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import MotionLimits
 from planners.motion import Motion
@@ -15,9 +15,9 @@ from planners.paths.arc import Arc
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.paths.polyline import Polyline
-from planners.plan import Plan, PlanStatus, laws, make_law, plan
+from planners.plan import Plan, PlanStatus, plan
 from planners.replan import replan
-from planners.timing.base import TimeLaw
+from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "certify",
     "executed",
     "follow",
+    "formats",
     "from_ros",
     "laws",
     "load_motion",

@@ -1,4 +1,4 @@
-"""What every time law shares: the limits that it needs and promises, greatest speeds, and the refit of s(t) to a trajectory."""
+"""What every time law shares: the limits that it needs and keeps, greatest speeds, and the refit of s(t) to q(t)."""
 
 from __future__ import annotations
 

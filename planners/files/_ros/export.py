@@ -1,0 +1,263 @@
+"""Motions for ROS 2's joint_trajectory_controller, without ROS; certified as that controller will execute them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path as FilePath
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput, NoSolution
+from optik.files import content_of, suffix_of, text_of, write_whole
+from planners.certificate.certificate import Certificate, certify
+from planners.certificate.continuity import JUMP
+from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
+from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
+from planners.limits import DERIVATIVES
+from planners.motion import HasMotion, Motion, motion_of
+from planners.trajectory import Trajectory
+
+JointNames = Mapping[str, str] | Sequence[str] | None
+
+MESSAGE_SUFFIXES = (".yaml", ".yml", ".json")
+"""Suffixes of message files; ROS's own tools write YAML."""
+
+
+class Sent(NamedTuple):
+    """What `to_ros` wrote, and what the controller makes of it.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        What the controller executes, in the robot's joint order.
+    certificate : Certificate
+        Of that trajectory.
+    factor : float
+        Duration of that trajectory over that of the motion: slowed for whole periods and for the limits, or held at its end
+        where a tool speed was asked.
+    points : int
+        How many were written.
+    jumps : int
+        Knots inside the motion where an acceleration jumps. A point carries one value: the mean of both sides.
+    largest_jump : float
+        The largest of them [rad/s² or m/s²]; 0 where there is none.
+    """
+
+    trajectory: Trajectory
+    certificate: Certificate
+    factor: float
+    points: int
+    jumps: int
+    largest_jump: float
+
+
+def to_ros(
+    motion: Motion | HasMotion,
+    file: str | os.PathLike[str],
+    *,
+    rate: float | None = None,
+    interpolation: str = "quintic",
+    joint_names: JointNames = None,
+    start: ArrayLike | Mapping[str, float] | None = None,
+    tolerance: float = 0.01,
+    strict: bool = False,
+    keep_speed: bool = True,
+    frame_id: str = "",
+) -> Sent:
+    """Write a motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller keeps its limits.
+
+    Parameters
+    ----------
+    motion : Motion or Plan
+        It must end at rest.
+    file : str or path
+        ``.yaml``, ``.yml`` or ``.json``; written whole or not at all.
+    rate : float, optional
+        Points per second [1/s], for a whole number of periods; by default points at the knots.
+    interpolation : {"quintic", "cubic", "linear"}
+        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q.
+    joint_names : mapping or sequence, optional
+        Another order of the robot's joint names, or a mapping from them to the controller's.
+    start : (n,) array or mapping, optional
+        Where the arm stands now, in the robot's order or by the written names [rad, m].
+    tolerance : float
+        How far from there the motion may start [rad, m].
+    strict : bool
+        Refuse instead of slowing for limits.
+    keep_speed : bool
+        Refuse to slow a motion whose tool speed was asked (``constant_speed`` with a speed).
+    frame_id : str
+        Of the message's header.
+
+    Returns
+    -------
+    Sent
+        What the controller executes, its certificate, and by how much the motion was slowed.
+
+    Raises
+    ------
+    InvalidInput
+        An invalid argument, or a motion that a controller refuses; the message names it.
+    NoSolution
+        A plan that failed, or limits that the controller would leave.
+    OutputError
+        The file cannot be written.
+    """
+    suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
+    form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
+    _check_start(motion, start, tolerance, form)
+    message, executed = fit(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
+    sent = _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
+    text = to_text(message, suffix, _remarks(motion, rate, sent))
+    write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
+    return sent
+
+
+def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNames = None) -> Trajectory:
+    """Read a ``trajectory_msgs/JointTrajectory`` as the motion that ROS 2's joint_trajectory_controller makes of it.
+
+    Parameters
+    ----------
+    file : str or path
+        ``.yaml`` or ``.yml`` (needs PyYAML), or ``.json``.
+    robot : Robot
+        The arm.
+    joint_names : mapping, optional
+        From the robot's joint names to the file's, as for `to_ros`; the order is the file's.
+
+    Returns
+    -------
+    Trajectory
+        In the robot's joint order.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, or no such message: what is wrong is named.
+    MissingDependency
+        YAML without PyYAML.
+    """
+    suffix = suffix_of(file, MESSAGE_SUFFIXES)
+    if not isinstance(robot, Robot):
+        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+    form = Form("quintic", _columns(robot, joint_names))
+    try:
+        return controlled(from_text(text_of(content_of(FilePath(file))), suffix), form.names)
+    except InvalidInput as error:
+        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
+
+
+# ---------------------------------------------------------------- checks
+
+
+def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
+    if not isinstance(frame_id, str) or not frame_id.isprintable():
+        raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
+    return Form(interpolation, _columns(motion.robot, joint_names), frame_id)
+
+
+def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
+    """The rate, after checking that the motion can be sent at it."""
+    for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
+        if not isinstance(flag, bool):
+            raise InvalidInput(argument, repr(flag)[:60], "True or False")
+    rate = None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
+    _check_ends(motion.trajectory, rate)
+    return rate
+
+
+def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
+    """Index of the joint of each written name, in the order of writing."""
+    ours = robot.joint_names
+    if joint_names is None:
+        chosen: dict[Any, Any] = {name: name for name in ours}
+    elif isinstance(joint_names, Mapping):
+        chosen = dict(joint_names)
+    elif isinstance(joint_names, Sequence) and not isinstance(joint_names, str) and len(joint_names) == robot.n:
+        chosen = {name: name for name in joint_names}
+    else:
+        raise InvalidInput("joint_names", repr(joint_names)[:120], f"the names {', '.join(ours)} in any order")
+    if set(chosen) != set(ours):
+        raise InvalidInput("joint_names", ", ".join(map(str, chosen))[:120], f"each of {', '.join(ours)} once")
+    names = list(chosen.values())
+    if not all(isinstance(n, str) and n and n.isprintable() for n in names) or len(set(names)) != len(names):
+        raise InvalidInput("joint_names", repr(names)[:120], "different names that can be printed")
+    return {name: ours.index(our) for our, name in chosen.items()}
+
+
+def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
+    """Raise InvalidInput for a motion that controllers refuse: one that is too long or does not end at rest."""
+    if rate is not None and rate * LONGEST_DURATION < 1.0:
+        raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST_DURATION} s")
+    if trajectory.duration > LONGEST_DURATION:
+        raise InvalidInput("motion", f"{trajectory.duration:.3g} s", f"at most {LONGEST_DURATION} s")
+    start, end = at_rest(trajectory)
+    if not end:
+        speed = np.abs(trajectory(trajectory.end, 1)).max()
+        raise InvalidInput("motion", f"a speed of {speed:.3g} at its end", "a motion that ends at rest")
+    periods = Fraction(trajectory.duration) * Fraction(rate or 1.0)
+    if rate is not None and not start and abs(periods - round(periods)) > WHOLE_PERIOD * Fraction(rate):
+        wanted = "none, or one that divides the duration of a motion that starts on the move and cannot be slowed"
+        raise InvalidInput("rate", f"{rate:.9g}", wanted)
+
+
+def _check_start(motion: Motion, start: Any, tolerance: float, form: Form) -> None:
+    check_number(tolerance, "tolerance", "rad or m, at least 0", least=0.0)
+    if start is None:
+        return
+    if isinstance(start, Mapping):
+        missing = [name for name in form.columns if name not in start]
+        if missing:
+            raise InvalidInput("start", f"none for {', '.join(missing)}", f"positions of {', '.join(form.columns)}")
+        start = [start[name] for name in form.names]
+    off = np.abs(motion.robot.configuration(start, "start") - motion.trajectory(0.0))
+    if (off > tolerance).any():
+        i = int(np.argmax(off))
+        got = f"{motion.robot.joint_names[i]} {off[i]:.6g} from where the motion starts"
+        raise InvalidInput("start", got, f"an arm within {tolerance:g} rad or m of it")
+
+
+# ---------------------------------------------------------------- proof and report
+
+
+def _proved(motion: Motion, executed: Trajectory, form: Form) -> Certificate:
+    """Certificate of the motion that the controller makes; raises NoSolution where a judged limit does not hold."""
+    certificate = certify(
+        motion.robot, motion.path, executed, motion.limits, law=motion.law, keeps=motion.keeps, span=motion.span
+    )
+    judged = replace(certificate, keeps=judged_fields(motion, form))
+    if form.interpolation == "linear":  # velocities of lines jump, also at the end
+        judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
+    if judged.broken:
+        raise NoSolution(f"as the controller interpolates, {'; '.join(judged.broken)}", advice=ADVICE)
+    return certificate
+
+
+def _report(motion: Motion, executed: Trajectory, points: int, certificate: Certificate) -> Sent:
+    source = motion.trajectory
+    jumps = np.abs(source.jumps(2)).max(axis=1, initial=0.0)
+    jumps = jumps[jumps > JUMP * max(source.extrema(2).worst.max(), 1e-12)]
+    factor = executed.duration / source.duration
+    return Sent(executed, certificate, factor, points, jumps.size, float(jumps.max(initial=0.0)))
+
+
+def _remarks(motion: Motion, rate: float | None, sent: Sent) -> list[str]:
+    """Lines for people who read the file: the motion, its duration and what the controller makes of it."""
+    at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
+    worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}
+    remarks = [
+        f"{quoted(motion.robot.name)}, law {quoted(motion.law)}: {sent.points} points {at}",
+        f"{sent.trajectory.duration:.9f} s: {sent.factor:.9g} times the {motion.trajectory.duration!r} s of the motion",
+        "worst over limit, as the controller interpolates: " + ", ".join(f"{f} {r:.9g}" for f, r in worst.items()),
+    ]
+    if sent.jumps:
+        jump = f"accelerations jump at {sent.jumps} knots, by up to {sent.largest_jump:.6g} rad/s^2 (m/s^2)"
+        remarks.append(f"{jump}; a point carries the mean of both sides")
+    return remarks
