@@ -179,3 +179,18 @@ def bell(S: Array, B: Array) -> None:
         B[k] = 0.0
         for i in range(k):
             B[k] += BINOMIAL[k - 1, i] * B[k - 1 - i] * S[i + 1]
+
+
+@compiled
+def bells(S: Array, B: Array) -> None:
+    """Complete Bell polynomials of many rows; see `bell`.
+
+    Parameters
+    ----------
+    S : (k, m) array
+        Bounds on derivatives [1/s^i, 1/m^i]; the first column is not used.
+    B : (k, m) array
+        Filled with the polynomials [1/s^i, 1/m^i].
+    """
+    for i in range(S.shape[0]):
+        bell(S[i], B[i])
