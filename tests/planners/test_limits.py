@@ -197,8 +197,8 @@ def test_what_cannot_be_a_limit_is_refused() -> None:
 
 def test_rows_are_the_chain_rule() -> None:
     """Against differences of q(s(t)) for a cubic s(t)."""
-    joint_path, h = default_joint_path(), 1e-4
-    s0, v, a, j = 0.4 * joint_path.end, 0.05, 0.08, -0.3
+    joint_path, h = default_joint_path(), 3e-4
+    s0, v, a, j = 0.4 * joint_path.end, 0.4, 2.0, -3.0
     s = [s0 + t * (v + t * (0.5 * a + t * j / 6.0)) for t in h * np.arange(-3, 4)]
     q = joint_path(np.array(s))
     first = (q[4] - q[2]) / (2 * h)
@@ -206,9 +206,10 @@ def test_rows_are_the_chain_rule() -> None:
     third = (q[0] - 8 * q[1] + 13 * q[2] - 13 * q[4] + 8 * q[5] - q[6]) / (8 * h**3)
     at = PathPoints(joint_path, np.array([s0]))
     rates = tuple(np.array([x]) for x in (v, a, j))
-    for name, expected, error in (("velocity", first, 1e-7), ("acceleration", second, 1e-6), ("jerk", third, 1e-2)):
+    for name, expected, error in (("velocity", first, 1e-5), ("acceleration", second, 1e-5), ("jerk", third, 1e-3)):
         ratio = OUR.ratios(name, at, rates)[0]
-        np.testing.assert_allclose(ratio, np.abs(expected) / OUR.bounds(6)[name], rtol=error, atol=error)
+        expected = np.abs(expected) / OUR.bounds(6)[name]
+        assert np.abs(ratio - expected).max() <= error * expected.max()
 
 
 def test_each_limit_is_one_file_that_says_its_name_units_and_order() -> None:
