@@ -137,7 +137,7 @@ def test_files_hold_it_under_its_name(tmp_path: Path, suffix: str, monkeypatch: 
     assert again.keeps == motion.keeps == (*ALL_LIMITS, "weighted_speed", "loaded_acceleration")
     assert again.certify().worst("weighted_speed") == motion.certify().worst("weighted_speed")
     monkeypatch.setattr(_known, "_ADDED", {})
-    with pytest.raises(InvalidInput, match="weighted_speed, loaded_acceleration not known"):
+    with pytest.raises(InvalidInput, match="weighted_speed, loaded_acceleration unknown"):
         load_motion(file)
 
 
