@@ -1,6 +1,7 @@
 """planners: which way an arm moves, and how fast, with a certificate of what the motion keeps."""
 
-from planners.certificate.certificate import Binding, Certificate, certify
+from planners.certificate.active import Binding
+from planners.certificate.certificate import Certificate, certify
 from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve

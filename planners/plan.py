@@ -342,7 +342,7 @@ class Asked:
         """
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
-            law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
+            law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
             span=self.span,
         )  # fmt: skip
         status, stop = PlanStatus.SOLVED, None
@@ -382,7 +382,7 @@ class Asked:
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
-        field = max(self.law.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
+        field = max(proof.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
         place = float(np.interp(t, proof.binding.t, proof.binding.s))
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
@@ -397,7 +397,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     if followed.stop is not None:
         return asked._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
     assert followed.joint_path is not None
-    joints, keeps = followed.joint_path, asked.law.keeps
+    joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
         raw = asked.law.run(joints, asked.limits)
         factor = stretch(asked.robot, raw, asked.limits, keeps)

@@ -18,9 +18,9 @@ from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.types import Array
-from planners.certificate.certificate import plain
 from planners.certificate.continuity import steps
 from planners.limits import MotionLimits
+from planners.limits._extreme import plain
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 
