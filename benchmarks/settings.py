@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from optik.check import check_count, check_number
-from optik.errors import InvalidInput, UnknownName
-from optik.registry import names
+from optik.errors import InvalidInput
+from optik.registry import check_name
 
 Item = TypeVar("Item")
 
@@ -72,10 +72,31 @@ def check_list(value: Any, where: str) -> list[Any]:
     return value
 
 
-def check_known(name: Any, folder: str, kind: str) -> None:
-    """Refuse a name that is no file of a folder."""
-    if name not in names(folder):
-        raise UnknownName(kind, str(name), names(folder))
+def check_known(name: Any, group: str, kind: str) -> str:
+    """Return a name that can be used, a plug-in's file as its absolute path, without running any code.
+
+    Parameters
+    ----------
+    name : str
+        A name of ours, of an entry point, or the path of a file.
+    group : str
+        Dotted name of the group, such as ``"optik.ik"``.
+    kind : str
+        What it should be, for messages.
+
+    Returns
+    -------
+    str
+        As `optik.registry.check_name`.
+
+    Raises
+    ------
+    UnknownName
+        No such name; the nearest are offered.
+    InvalidInput
+        No text, no such file, or a plug-in with a name that is taken.
+    """
+    return check_name(group, name, kind)
 
 
 def check_different(values: list[str], where: str, what: str) -> None:

@@ -178,19 +178,37 @@ class Plan:
 
 
 def laws() -> tuple[str, ...]:
-    """Names of all time laws."""
+    """Names of all time laws, ours and those of installed packages; a file is a law by its path.
+
+    Returns
+    -------
+    tuple of str
+        Sorted.
+    """
     return names("planners.timing")
 
 
-def make_law(law: str, **options: Any) -> TimeLaw:
-    """Build a time law by name.
+def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
+    """Build a time law by its name, or from a file that is given as a path.
+
+    Parameters
+    ----------
+    law : str or path
+        A name from `laws`, or a Python file such as ``"./law.py"``, which is run.
+    **options
+        Those of the law.
+
+    Returns
+    -------
+    TimeLaw
+        Ready to `TimeLaw.run`.
 
     Raises
     ------
     UnknownName
         No such law; the nearest names are offered.
     InvalidInput
-        An option that the law does not have, or out of range.
+        An option that the law does not have, or out of range; a file that is no law.
     """
     built: TimeLaw = build_method("planners.timing", law, "time law", **options)
     return built
@@ -201,8 +219,8 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    ik: str | IKSolver = "lm",
-    timing: str | TimeLaw = "optimal",
+    ik: str | os.PathLike[str] | IKSolver = "lm",
+    timing: str | os.PathLike[str] | TimeLaw = "optimal",
     limits: MotionLimits | None = None,
     samples: int = 151,
     branch: str | None = None,
@@ -222,9 +240,9 @@ def plan(
     q_start : (n,) array, optional
         Configuration at the path's start; without one, the best there.
     ik : str or IKSolver
-        Method, by name or built.
+        Method, by name, by the path of a file (``"./jt.py"``), or built.
     timing : str or TimeLaw
-        Law, by name or built.
+        Law, by name, by the path of a file (``"./law.py"``), or built.
     limits : MotionLimits, optional
         The robot's own by default.
     samples : int
@@ -255,8 +273,8 @@ def plan(
     UnknownName
         No such method or law.
     """
-    solver = solver_for(robot, ik) if isinstance(ik, str) else ik
-    law = make_law(timing) if isinstance(timing, str) else timing
+    solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
+    law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
     limits = MotionLimits.of(robot) if limits is None else limits
     for argument, value, kind in (("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):

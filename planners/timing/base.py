@@ -173,3 +173,7 @@ def _chain(joint_path: JointPath, law: Any, t: Array, x: Array) -> tuple[Array, 
     at = np.clip(s[:, 0], 0.0, joint_path.end)
     q, q1, q2, q3 = (joint_path(at, order) for order in (0, 1, 2, 3))
     return q, q1 * j + 3.0 * q2 * v * a + q3 * v**3
+
+
+METHOD_BASE = TimeLaw
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

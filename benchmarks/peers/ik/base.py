@@ -131,3 +131,7 @@ def one(q: Any) -> Array:
 def none(robot: Robot) -> Array:
     """No answer, as (0, n)."""
     return np.empty((0, robot.n))
+
+
+METHOD_BASE = Peer
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
