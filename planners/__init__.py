@@ -4,8 +4,8 @@ from planners.certificate.certificate import Binding, Certificate, certify
 from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve
-from planners.files.motion_file import load_motion, save
-from planners.files.ros import from_ros, to_ros
+from planners.files import formats, load_motion, save
+from planners.files._ros.export import from_ros, to_ros
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import MotionLimits
 from planners.motion import Motion
@@ -42,6 +42,7 @@ __all__ = [
     "certify",
     "executed",
     "follow",
+    "formats",
     "from_ros",
     "laws",
     "load_motion",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from optik.arm.robot import Robot
 from optik.check import check_number
@@ -13,9 +13,6 @@ from planners.certificate.coverage import check_span
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from planners.plan import Plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +77,26 @@ class Motion:
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
 
-def motion_of(thing: Motion | Plan) -> Motion:
-    """Return the motion of a plan; a motion is its own.
+class HasMotion(Protocol):
+    """What has a motion: a plan."""
+
+    @property
+    def motion(self) -> Motion:
+        """The motion; raises `NoSolution` where there is none."""
+
+
+def motion_of(thing: Motion | HasMotion) -> Motion:
+    """Return the motion of a plan, or a motion itself.
+
+    Parameters
+    ----------
+    thing : Motion or Plan
+        What was given for a motion.
+
+    Returns
+    -------
+    Motion
+        The motion.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from optik.ik import IKSolver, Tolerance, solver_for
 from optik.ik._problem import check_start
 from optik.registry import build_method, names
 from planners.certificate.certificate import Certificate, certify, check_tolerance
-from planners.files.motion_file import save
+from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import FollowStatus, JointPath, Stop, follow
 from planners.limits import SAME_SPEED, MotionLimits
@@ -134,7 +134,7 @@ class Plan:
             "ik": self.ik,
             "law": self.law,
             "limits": self.limits.to_dict(self.robot.n),
-            "path": getattr(self.path, "to_dict", dict)(),
+            "path": self.path.to_dict(),
         }
         if self.stop is not None:
             out |= {"s": self.stop.s, "joint": self.stop.joint, "reason": self.stop.reason, "advice": self.stop.advice}
@@ -162,19 +162,28 @@ class Plan:
             self.speed,
         )  # fmt: skip
 
-    def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion, whole or not at all, as NPZ, JSON or CSV by the file's suffix: `planners.load_motion` reads it.
+    def save(self, file: str | os.PathLike[str], *, format: str | None = None) -> None:
+        """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
+
+        Parameters
+        ----------
+        file : str or path
+            ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
+        format : str, optional
+            Name of the format, for a file with another suffix.
 
         Raises
         ------
         NoSolution
             The plan failed: there is no motion. `to_dict` says why.
         InvalidInput
-            Another suffix.
+            A suffix of no format.
+        UnknownName
+            No format has that name.
         OutputError
             The file cannot be written.
         """
-        save(self.motion, file)
+        save(self.motion, file, format=format)
 
 
 def laws() -> tuple[str, ...]:

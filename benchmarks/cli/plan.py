@@ -20,7 +20,7 @@ plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=Tru
 START = "20,-35,40,25,50,-30"
 """Where a plan starts if nobody says, for arms with as many joints."""
 ROS = (".yaml", ".yml")
-FILES = (".json", ".npz", ".csv", *ROS)
+FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
 
 Start = Annotated[
     str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")

@@ -1,1 +1,98 @@
-"""Motions in files and messages: one file a format."""
+"""Motions in files: one module a format, found by the suffix of a file or by its name; and messages for ROS 2."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path as FilePath
+
+from optik.errors import InvalidInput, OptikError
+from optik.files import write_whole
+from optik.registry import build_method, names
+from planners.files._reading import content_of, suffix_of
+from planners.files.base import Format
+from planners.motion import HasMotion, Motion, motion_of
+
+__all__ = ["Format", "formats", "load_motion", "save"]
+
+
+def formats() -> tuple[str, ...]:
+    """Names of all formats, which are the suffixes of their files."""
+    return names("planners.files")
+
+
+def save(motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: str | None = None) -> None:
+    """Write a motion, whole or not at all, in the format of the file's suffix or in one that is named.
+
+    Every format holds the arm, the path, the limits, the law's name and promises, and the exact polynomials.
+
+    Parameters
+    ----------
+    motion : Motion or Plan
+        What is written.
+    file : str or path
+        ``.npz``: arrays ``knots`` and ``coefficients``, the rest as JSON in ``header``. ``.json``: one key a line.
+        ``.csv``: the same lines as comments, then a table of t, q, q̇, q̈ at the knots.
+    format : str, optional
+        Name of the format, for a file with another suffix; by default the suffix is the name.
+
+    Raises
+    ------
+    InvalidInput
+        A suffix of no format.
+    UnknownName
+        No format has that name.
+    MissingDependency
+        The format needs a package that is not installed.
+    NoSolution
+        A plan that failed.
+    OutputError
+        The file cannot be written.
+    """
+    chosen = _format(file, format)
+    content = chosen.to_bytes(motion_of(motion))
+    write_whole(file, lambda part: part.write_bytes(content))
+
+
+def load_motion(file: str | os.PathLike[str], *, format: str | None = None) -> Motion:
+    """Read a motion that `save` wrote, equal to the last bit; `Motion.certify` finds the same certificate.
+
+    Parameters
+    ----------
+    file : str or path
+        The file.
+    format : str, optional
+        Name of the format, for a file with another suffix; by default the suffix is the name.
+
+    Returns
+    -------
+    Motion
+        The motion with its arm, path and limits.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, a suffix of no format, or damage; the message names what is wrong. No code is ever run from the file.
+    UnknownName
+        No format has that name.
+    MissingDependency
+        The format needs a package that is not installed.
+    """
+    chosen = _format(file, format)
+    try:
+        return chosen.from_bytes(content_of(FilePath(file)))
+    except InvalidInput as error:
+        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
+    except OptikError as error:
+        raise InvalidInput(str(file), str(error), "a whole motion") from None
+
+
+def _format(file: str | os.PathLike[str], name: str | None) -> Format:
+    """Build the format that is named, or that of the file's suffix."""
+    if name is None:
+        name = suffix_of(file, tuple(f".{known}" for known in formats()))[1:]
+    elif not isinstance(file, str | os.PathLike):
+        raise InvalidInput("file", repr(file)[:120], "a path")
+    built = build_method("planners.files", name, "file format")
+    if not isinstance(built, Format):
+        raise InvalidInput("format", repr(built)[:60], "the name of a Format")
+    return built

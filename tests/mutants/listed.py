@@ -40,7 +40,11 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
-FILES = ("tests/planners/test_export.py", "tests/planners/test_export_ros.py")
+FILES = (
+    "tests/contract/test_file_formats.py",
+    "tests/planners/test_export.py",
+    "tests/planners/test_export_ros.py",
+)
 LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/contract/test_time_laws.py")
 
 TESTS: dict[str, tuple[str, ...]] = {
@@ -63,9 +67,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     "optik/ik/base.py": JUDGE,
     "optik/kinematics.py": KINEMATICS,
     "optik/se3.py": ("tests/optik/test_se3.py", *KINEMATICS[:2], *PATHS),
-    "planners/files/motion_file.py": FILES,
-    "planners/files/ros.py": FILES[::-1],
-    "planners/files/_ros_message.py": FILES[::-1],
+    "planners/files/base.py": FILES,
+    "planners/files/json.py": FILES,
+    "planners/files/csv.py": FILES,
+    "planners/files/npz.py": FILES,
+    "planners/files/_ros/export.py": FILES[::-1],
+    "planners/files/_ros/pace.py": FILES[::-1],
+    "planners/files/_ros/message.py": FILES[::-1],
     "planners/timing/_optimal/newton.py": LAWS,
     "planners/timing/_optimal/iteration.py": LAWS,
     "planners/timing/base.py": LAWS[::-1],
@@ -91,9 +99,13 @@ DRAWN = (
     "optik/ik/base.py",
     "optik/kinematics.py",
     "optik/se3.py",
-    "planners/files/motion_file.py",
-    "planners/files/ros.py",
-    "planners/files/_ros_message.py",
+    "planners/files/base.py",
+    "planners/files/json.py",
+    "planners/files/csv.py",
+    "planners/files/npz.py",
+    "planners/files/_ros/export.py",
+    "planners/files/_ros/pace.py",
+    "planners/files/_ros/message.py",
 )
 """Certificate, its bounds, extrema, following, the judge, kinematics, poses, motion files and ROS."""
 
@@ -148,8 +160,8 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ): "a Newton step to the very end of the bracket ends there, or is halved from there",
     (
         "planners/following/track.py",
-        "if np.abs(right.q - left.q).max() > _march.LARGEST_STEP:",
-        "if np.abs(right.q - left.q).max() >= _march.LARGEST_STEP:",
+        "if np.abs(right.q - left.q).max() > march.LARGEST_STEP:",
+        "if np.abs(right.q - left.q).max() >= march.LARGEST_STEP:",
     ): "a step of exactly the largest length is divided",
     (
         "planners/following/course.py",
@@ -167,7 +179,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "e[i] -= side if e[i] >= 0.0 else -side",
     ): "an error of exactly 0 is inside its box and not changed here",
     (
-        "planners/files/ros.py",
+        "planners/files/_ros/pace.py",
         "if motion.speed is not None and needed > 1.0 + SAME_SPEED:",
         "if motion.speed is not None and needed >= 1.0 + SAME_SPEED:",
     ): "a slow-down of exactly the share that counts as none",

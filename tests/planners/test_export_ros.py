@@ -22,8 +22,9 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, certify, make_law, plan
-from planners.files._ros_message import LONGEST, SECOND, _to_yaml
-from planners.files.ros import NEAR, from_ros, to_ros
+from planners.files._ros.export import from_ros, to_ros
+from planners.files._ros.message import LONGEST_DURATION, SECOND, _to_yaml
+from planners.files._ros.pace import NEAR_KNOT
 from planners.motion import Motion, motion_of
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
@@ -271,7 +272,7 @@ def test_points_of_the_rate_stand_apart_from_the_knots_between(rate: float, tmp_
     inner = of_rate[1:-1]
     assert inner.any() and not inner.all()
     apart = np.minimum(np.diff(times)[:-1], np.diff(times)[1:])[inner]
-    assert apart.min() >= NEAR * SECOND / rate - 1
+    assert apart.min() >= NEAR_KNOT * SECOND / rate - 1
 
 
 def test_the_longest_time_of_ros_is_a_time_and_equal_times_are_named(tmp_path: Path) -> None:
@@ -279,10 +280,10 @@ def test_the_longest_time_of_ros_is_a_time_and_equal_times_are_named(tmp_path: P
     message = read(tmp_path / "motion.json")
     last = message["points"][-1]
     file = tmp_path / "other.json"
-    last["time_from_start"] = {"sec": LONGEST, "nanosec": 0}
+    last["time_from_start"] = {"sec": LONGEST_DURATION, "nanosec": 0}
     file.write_text(json.dumps(message))
-    assert from_ros(file, paper6r()).end == float(LONGEST)
-    last["time_from_start"] = {"sec": LONGEST + 1, "nanosec": 0}
+    assert from_ros(file, paper6r()).end == float(LONGEST_DURATION)
+    last["time_from_start"] = {"sec": LONGEST_DURATION + 1, "nanosec": 0}
     file.write_text(json.dumps(message))
     with pytest.raises(InvalidInput, match="time_from_start"):
         from_ros(file, paper6r())

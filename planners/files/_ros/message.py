@@ -18,7 +18,7 @@ Times = NDArray[np.int64]
 
 SECOND = 1_000_000_000
 """Nanoseconds: ROS counts in whole ones."""
-LONGEST = 2**31 - 1
+LONGEST_DURATION = 2**31 - 1
 """Seconds that a ROS duration holds."""
 FIELDS = ("positions", "velocities", "accelerations")
 
@@ -91,7 +91,7 @@ def _times(points: list[dict[str, Any]]) -> Times:
 
 def _nanoseconds(time: Any, point: str) -> int:
     sec, nanosec = (time.get(k) for k in ("sec", "nanosec")) if isinstance(time, dict) else (None, None)
-    if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST and 0 <= nanosec < SECOND:
+    if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST_DURATION and 0 <= nanosec < SECOND:
         return sec * SECOND + nanosec
     raise InvalidInput(f"{point}.time_from_start", repr(time)[:80], "whole sec and nanosec, from 0")
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,31 +16,19 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.files import write_whole
-from optik.types import Array
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.continuity import JUMP
-from planners.controller import POINTS, points_of
 from planners.files._reading import content_of, suffix_of, text_of
-from planners.files._ros_message import LONGEST, SECOND, Form, Times, controlled, from_text, message_of, quoted, to_text
-from planners.fit import stretch
-from planners.limits import DERIVATIVES, SAME_SPEED, TOOL_SPEEDS
-from planners.motion import Motion, motion_of
-from planners.splice import held
+from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
+from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
+from planners.limits import DERIVATIVES
+from planners.motion import HasMotion, Motion, motion_of
 from planners.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from planners.plan import Plan
 
 JointNames = Mapping[str, str] | Sequence[str] | None
 
-SUFFIXES = (".yaml", ".yml", ".json")
-ROUNDS = 20
-"""How often a motion is slowed before it is given up."""
-ROUNDING = Fraction(1, 2 * SECOND)
-"""Durations this near to whole periods [s] are whole: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
-NEAR = 0.1
-"""Part of a period within which a point at a knot replaces one at the period: shorter quintics drown in rounding."""
-ADVICE = "a motion that keeps its own limits, points at its knots, or a higher rate"
+MESSAGE_SUFFIXES = (".yaml", ".yml", ".json")
+"""Suffixes of message files; ROS's own tools write YAML."""
 
 
 class Sent(NamedTuple):
@@ -54,8 +41,8 @@ class Sent(NamedTuple):
     certificate : Certificate
         Of that trajectory.
     factor : float
-        How many times as long as the motion it takes: for whole periods (slowed, or held at its end where a tool speed was
-        asked), and to keep the limits.
+        Duration of that trajectory over that of the motion: slowed for whole periods and for the limits, or held at its end
+        where a tool speed was asked.
     points : int
         How many were written.
     jumps : int
@@ -73,7 +60,7 @@ class Sent(NamedTuple):
 
 
 def to_ros(
-    motion: Motion | Plan,
+    motion: Motion | HasMotion,
     file: str | os.PathLike[str],
     *,
     rate: float | None = None,
@@ -85,37 +72,30 @@ def to_ros(
     keep_speed: bool = True,
     frame_id: str = "",
 ) -> Sent:
-    """Write a motion as a ``trajectory_msgs/JointTrajectory``, whole or not at all.
-
-    What ROS 2's joint_trajectory_controller makes of the points is rebuilt and certified: quintics through positions,
-    velocities and accelerations, cubics without accelerations, lines without velocities. Where that exceeds limits
-    which the law promises, the motion is slowed uniformly; what the chosen interpolation cannot keep (accelerations
-    of lines, jerks of cubics) is in the certificate, not repaired.
+    """Write a motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller keeps its limits.
 
     Parameters
     ----------
     motion : Motion or Plan
         It must end at rest.
     file : str or path
-        ``.yaml``, ``.yml`` or ``.json``.
+        ``.yaml``, ``.yml`` or ``.json``; written whole or not at all.
     rate : float, optional
-        Points per second; the motion is slowed to a whole number of periods. Where a tool speed was asked of its law, it is
-        held at its end to a whole number of them instead, and its knots are points too, so that the controller makes exactly
-        this motion of them. By default points at its knots, and the motion is slowed to a whole number of nanoseconds.
-    interpolation : str
-        ``"quintic"``, ``"cubic"`` or ``"linear"``: what is written for the controller to interpolate through.
+        Points per second [1/s], for a whole number of periods; by default points at the knots.
+    interpolation : {"quintic", "cubic", "linear"}
+        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q.
     joint_names : mapping or sequence, optional
-        Another order of the robot's joint names; or a mapping from them to the controller's, in the controller's order.
+        Another order of the robot's joint names, or a mapping from them to the controller's in its order.
     start : (n,) array or mapping, optional
-        Where the arm stands now, in the robot's order, or by the written names [rad or m].
+        Where the arm stands now, in the robot's order or by the written names [rad, m].
     tolerance : float
-        How far from there the motion may start [rad or m].
+        How far from there the motion may start [rad, m].
     strict : bool
         Refuse instead of slowing for limits.
     keep_speed : bool
-        Refuse to slow a motion whose tool speed was asked (``constant_speed`` with a speed). ``False`` treats it as any other.
+        Refuse to slow a motion whose tool speed was asked (``constant_speed`` with a speed).
     frame_id : str
-        Of the header.
+        Of the message's header.
 
     Returns
     -------
@@ -125,26 +105,18 @@ def to_ros(
     Raises
     ------
     InvalidInput
-        Arguments that cannot be meant, names that are not the robot's, an arm that stands elsewhere, a motion that does
-        not end at rest, times that would not increase.
+        An invalid argument, or a motion that a controller refuses; the message names it.
     NoSolution
-        A plan that failed; or the controller would leave the limits, and slowing is refused, would change the tool speed
-        that was asked, or does not help.
+        A plan that failed, or limits that the controller would leave.
     OutputError
         The file cannot be written.
     """
-    suffix = suffix_of(file, SUFFIXES)
-    motion = motion_of(motion)
-    if not isinstance(frame_id, str) or not frame_id.isprintable():
-        raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
-    form = Form(interpolation, _columns(motion.robot, joint_names), frame_id)
-    for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
-        if not isinstance(flag, bool):
-            raise InvalidInput(argument, repr(flag)[:60], "True or False")
-    rate = None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
+    suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
+    form = _form(motion, interpolation, joint_names, frame_id)
+    rate = _checked_rate(rate, strict, keep_speed)
     _check_ends(motion.trajectory, rate)
     _check_start(motion, start, tolerance, form)
-    message, executed = _fitted(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
+    message, executed = fit(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
     sent = _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
@@ -175,7 +147,7 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
     MissingDependency
         YAML without PyYAML.
     """
-    suffix = suffix_of(file, SUFFIXES)
+    suffix = suffix_of(file, MESSAGE_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     form = Form("quintic", _columns(robot, joint_names))
@@ -186,6 +158,19 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
 
 
 # ---------------------------------------------------------------- checks
+
+
+def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
+    if not isinstance(frame_id, str) or not frame_id.isprintable():
+        raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
+    return Form(interpolation, _columns(motion.robot, joint_names), frame_id)
+
+
+def _checked_rate(rate: float | None, strict: bool, keep_speed: bool) -> float | None:
+    for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
+        if not isinstance(flag, bool):
+            raise InvalidInput(argument, repr(flag)[:60], "True or False")
+    return None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
 
 
 def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
@@ -209,24 +194,18 @@ def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
 
 def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
     """A controller refuses a motion that does not end at rest, and one that starts on the move cannot be slowed."""
-    if rate is not None and rate * LONGEST < 1.0:
-        raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST} s")
-    if trajectory.duration > LONGEST:
-        raise InvalidInput("motion", f"{trajectory.duration:.3g} s", f"at most {LONGEST} s")
-    start, end = _rest(trajectory)
+    if rate is not None and rate * LONGEST_DURATION < 1.0:
+        raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST_DURATION} s")
+    if trajectory.duration > LONGEST_DURATION:
+        raise InvalidInput("motion", f"{trajectory.duration:.3g} s", f"at most {LONGEST_DURATION} s")
+    start, end = at_rest(trajectory)
     if not end:
         speed = np.abs(trajectory(trajectory.end, 1)).max()
         raise InvalidInput("motion", f"a speed of {speed:.3g} at its end", "a motion that ends at rest")
     periods = Fraction(trajectory.duration) * Fraction(rate or 1.0)
-    if rate is not None and not start and abs(periods - round(periods)) > ROUNDING * Fraction(rate):
+    if rate is not None and not start and abs(periods - round(periods)) > WHOLE_PERIOD * Fraction(rate):
         wanted = "none, or one that divides the duration of a motion that starts on the move and cannot be slowed"
         raise InvalidInput("rate", f"{rate:.9g}", wanted)
-
-
-def _rest(trajectory: Trajectory) -> tuple[bool, bool]:
-    slow = 1e-9 * float(trajectory.extrema(1).worst.max())
-    start, end = (bool((np.abs(trajectory(t, 1)) <= slow).all()) for t in (0.0, trajectory.end))
-    return start, end
 
 
 def _check_start(motion: Motion, start: Any, tolerance: float, form: Form) -> None:
@@ -245,80 +224,6 @@ def _check_start(motion: Motion, start: Any, tolerance: float, form: Form) -> No
         raise InvalidInput("start", got, f"an arm within {tolerance:g} rad or m of it")
 
 
-# ---------------------------------------------------------------- pace
-
-
-def _judged(motion: Motion, form: Form) -> tuple[str, ...]:
-    """Of the limits that the law promises, those that the interpolation can keep."""
-    possible = DERIVATIVES[: points_of(form.interpolation)] + TOOL_SPEEDS
-    return tuple(field for field in motion.keeps if field in possible)
-
-
-def _fitted(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
-    """Message, and what the controller makes of it: slowed until that keeps the limits that are judged."""
-    source, judged = motion.trajectory, _judged(motion, form)
-    between = np.empty(0)
-    if motion.speed is not None and rate is not None:
-        source, between = _whole(source, rate), source.knots
-    factor, margin = 1.0, 1e-12
-    for _ in range(ROUNDS):
-        message = message_of(*_paced(source, rate, factor, between), form)
-        executed = controlled(message, form.names)
-        needed = stretch(motion.robot, executed, motion.limits, judged)
-        if needed <= 1.0:
-            return message, executed
-        _check_slowing(motion, executed.duration / source.duration * needed, strict)
-        factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
-    reason = f"{factor:.3g} times as long it would still leave its limits as the controller interpolates"
-    raise NoSolution(reason, advice=ADVICE)
-
-
-def _whole(trajectory: Trajectory, rate: float) -> Trajectory:
-    """The motion, held where it ends to the end of the period."""
-    periods = Fraction(trajectory.duration) * Fraction(rate)
-    left = math.ceil(periods - ROUNDING * Fraction(rate)) - periods
-    return held(trajectory, float(left / Fraction(rate))) if left > ROUNDING * Fraction(rate) else trajectory
-
-
-def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
-    reason = f"as the controller interpolates, the motion leaves its limits; {needed:.9g} times as long it would not"
-    if strict:
-        raise NoSolution(reason, advice=f"strict=False, which slows it; {ADVICE}")
-    if motion.speed is not None and needed > 1.0 + SAME_SPEED:
-        raise NoSolution(
-            f"{reason}, with a tool speed of {motion.speed / needed:.6g}, and {motion.speed:.6g} was asked",
-            advice="quintic interpolation, or keep_speed=False, which slows it",
-        )
-    if not _rest(motion.trajectory)[0]:
-        raise NoSolution(f"{reason}, but it starts on the move and cannot be slowed", advice=ADVICE)
-
-
-def _paced(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
-    """The motion slowed by at least a factor to whole periods, or nanoseconds; and the times of the points [ns].
-
-    Instants `between` the periods (k,) [s] are points too, instead of those of a period that are nearly there.
-    """
-    duration = Fraction(trajectory.duration) * Fraction(factor)
-    if rate is None:
-        times = np.rint(trajectory.knots * factor * SECOND).astype(np.int64)
-        times[-1] = math.ceil(duration * SECOND)
-    else:
-        periods = max(math.ceil((duration - ROUNDING) * Fraction(rate)), 1)
-        if periods > POINTS:
-            raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
-        times = np.rint(np.arange(periods + 1) * SECOND / rate).astype(np.int64)
-        if between.size:
-            more = np.rint(between * factor * SECOND).astype(np.int64)
-            near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR * SECOND / rate
-            times = np.unique(np.concatenate([times[:1], times[1:-1][~near], times[-1:], more]))
-    if (np.diff(times) <= 0).any():
-        i = int(np.argmax(np.diff(times) <= 0))
-        got = f"{rate}, which puts points {i} and {i + 1} at the same {times[i]} ns"
-        raise InvalidInput("rate", got, "points at least 1 ns apart" + ("" if rate else ": give a rate"))
-    stretched = float(Fraction(int(times[-1]), SECOND) / Fraction(trajectory.duration))
-    return (trajectory if stretched == 1.0 else trajectory.slowed(stretched)), times
-
-
 # ---------------------------------------------------------------- proof and report
 
 
@@ -327,7 +232,7 @@ def _proved(motion: Motion, executed: Trajectory, form: Form) -> Certificate:
     certificate = certify(
         motion.robot, motion.path, executed, motion.limits, law=motion.law, keeps=motion.keeps, span=motion.span
     )
-    judged = replace(certificate, keeps=_judged(motion, form))
+    judged = replace(certificate, keeps=judged_fields(motion, form))
     if form.interpolation == "linear":  # its velocity jumps, as asked, and so it does at the end
         judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
     if judged.broken:

@@ -1,0 +1,156 @@
+"""Slow a motion until a controller that interpolates its points keeps the limits; instants of the points."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
+from planners.controller import POINTS, points_of
+from planners.files._ros.message import SECOND, Form, Times, controlled, message_of
+from planners.fit import stretch
+from planners.limits import DERIVATIVES, SAME_SPEED, TOOL_SPEEDS
+from planners.motion import Motion
+from planners.splice import held
+from planners.trajectory import Trajectory
+
+SLOWINGS = 20
+"""Most times a motion is slowed before it counts as one that slowing does not help; two are usual."""
+WHOLE_PERIOD = Fraction(1, 2 * SECOND)
+"""Durations this near to whole periods [s] are whole: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
+NEAR_KNOT = 0.1
+"""Share of a period within which a point at a knot replaces the one at the period: in shorter quintics rounding dominates."""
+ADVICE = "a motion that keeps its own limits, points at its knots, or a higher rate"
+"""What helps where the controller would leave the limits between the points."""
+
+
+def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
+    """Slow a motion until what the controller makes of its points keeps the limits that are judged.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion to send.
+    form : Form
+        How the message is written.
+    rate : float or None
+        Points per second [1/s]; None for points at the knots.
+    strict : bool
+        Whether to refuse instead of slowing.
+
+    Returns
+    -------
+    message : dict
+        The message as plain data.
+    executed : Trajectory
+        What the controller makes of it.
+
+    Raises
+    ------
+    InvalidInput
+        Points at the same instant, or too many of them.
+    NoSolution
+        Slowing is refused, would change the tool speed that was asked, or does not help.
+    """
+    source, judged = motion.trajectory, judged_fields(motion, form)
+    between = np.empty(0)
+    if motion.speed is not None and rate is not None:
+        source, between = _hold_to_period(source, rate), source.knots
+    factor, margin = 1.0, 1e-12
+    for _ in range(SLOWINGS):
+        message = message_of(*_paced(source, rate, factor, between), form)
+        executed = controlled(message, form.names)
+        needed = stretch(motion.robot, executed, motion.limits, judged)
+        if needed <= 1.0:
+            return message, executed
+        _check_slowing(motion, executed.duration / source.duration * needed, strict)
+        factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
+    reason = f"{factor:.3g} times as long it would still leave its limits as the controller interpolates"
+    raise NoSolution(reason, advice=ADVICE)
+
+
+def judged_fields(motion: Motion, form: Form) -> tuple[str, ...]:
+    """Return those of the limits promised by the law that the interpolation can keep.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion to send.
+    form : Form
+        How the message is written.
+
+    Returns
+    -------
+    tuple of str
+        Names of limits.
+    """
+    possible = DERIVATIVES[: points_of(form.interpolation)] + TOOL_SPEEDS
+    return tuple(field for field in motion.keeps if field in possible)
+
+
+def at_rest(trajectory: Trajectory) -> tuple[bool, bool]:
+    """Return whether a motion starts at rest, and whether it ends at rest.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+
+    Returns
+    -------
+    start, end : bool
+        Whether no joint is faster there than 1e-9 of the greatest velocity.
+    """
+    slow = 1e-9 * float(trajectory.extrema(1).worst.max())
+    start, end = (bool((np.abs(trajectory(t, 1)) <= slow).all()) for t in (0.0, trajectory.end))
+    return start, end
+
+
+def _hold_to_period(trajectory: Trajectory, rate: float) -> Trajectory:
+    """Append rest to a motion, to the end of its last period."""
+    periods = Fraction(trajectory.duration) * Fraction(rate)
+    left = math.ceil(periods - WHOLE_PERIOD * Fraction(rate)) - periods
+    return held(trajectory, float(left / Fraction(rate))) if left > WHOLE_PERIOD * Fraction(rate) else trajectory
+
+
+def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
+    reason = f"as the controller interpolates, the motion leaves its limits; {needed:.9g} times as long it would not"
+    if strict:
+        raise NoSolution(reason, advice=f"strict=False, which slows it; {ADVICE}")
+    if motion.speed is not None and needed > 1.0 + SAME_SPEED:
+        raise NoSolution(
+            f"{reason}, with a tool speed of {motion.speed / needed:.6g}, and {motion.speed:.6g} was asked",
+            advice="quintic interpolation, or keep_speed=False, which slows it",
+        )
+    if not at_rest(motion.trajectory)[0]:
+        raise NoSolution(f"{reason}, but it starts on the move and cannot be slowed", advice=ADVICE)
+
+
+def _paced(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
+    """The motion slowed by at least a factor to whole periods, or nanoseconds; and the times of the points [ns].
+
+    Instants `between` the periods (k,) [s] are points too, instead of those of a period that are nearly there.
+    """
+    duration = Fraction(trajectory.duration) * Fraction(factor)
+    if rate is None:
+        times = np.rint(trajectory.knots * factor * SECOND).astype(np.int64)
+        times[-1] = math.ceil(duration * SECOND)
+    else:
+        periods = max(math.ceil((duration - WHOLE_PERIOD) * Fraction(rate)), 1)
+        if periods > POINTS:
+            raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
+        times = np.rint(np.arange(periods + 1) * SECOND / rate).astype(np.int64)
+        if between.size:
+            more = np.rint(between * factor * SECOND).astype(np.int64)
+            near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR_KNOT * SECOND / rate
+            times = np.unique(np.concatenate([times[:1], times[1:-1][~near], times[-1:], more]))
+    if (np.diff(times) <= 0).any():
+        i = int(np.argmax(np.diff(times) <= 0))
+        got = f"{rate}, which puts points {i} and {i + 1} at the same {times[i]} ns"
+        raise InvalidInput("rate", got, "points at least 1 ns apart" + ("" if rate else ": give a rate"))
+    stretched = float(Fraction(int(times[-1]), SECOND) / Fraction(trajectory.duration))
+    return (trajectory if stretched == 1.0 else trajectory.slowed(stretched)), times

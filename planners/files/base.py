@@ -1,0 +1,284 @@
+"""Base class of the file formats, and the plain data that a motion file of any format holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from optik.arm.plain import numbers, plain_numbers, record, word, words
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from planners.motion import Motion
+from planners.paths import path_of
+from planners.trajectory import Trajectory
+
+CONTENT = "optik-motion/1"
+"""Value of the key ``format`` in every motion file; a change of the keys needs another number."""
+HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")
+"""Keys that every motion file has, beside the knots and coefficients."""
+OPTIONAL = ("span", "speed")
+"""Keys that a file has only where the motion has them, so that files without them stay as they were."""
+HIGHEST_DEGREE = 5
+"""Trajectories are piecewise polynomials of at most this degree."""
+
+
+class Format(ABC):
+    """A file format for motions: a motion to bytes and back, equal to the last bit.
+
+    A format is one module with a subclass of `Format` that has two methods, and the line ``METHOD = <the class>``. The name
+    of the module is the name of the format and the suffix of its files: ``npz.py`` reads and writes ``.npz``. A file with
+    another suffix needs ``format=``; a second suffix of the same format is a second module that imports the class and says
+    ``METHOD = <the class>`` again. A whole format, in a file ``packed.py``::
+
+        import json
+        import zlib
+
+        from optik.errors import InvalidInput
+        from planners.files.base import Format, from_plain, to_plain
+
+
+        class Packed(Format):
+            def to_bytes(self, motion):
+                return zlib.compress(json.dumps(to_plain(motion)).encode())
+
+            def from_bytes(self, content):
+                try:
+                    data = json.loads(zlib.decompress(content))
+                except (zlib.error, ValueError) as error:
+                    raise InvalidInput("content", str(error)[:120], "compressed JSON") from None
+                return from_plain(data)
+
+
+        METHOD = Packed
+    """
+
+    @abstractmethod
+    def to_bytes(self, motion: Motion) -> bytes:
+        """Return the content of the file.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion to write.
+
+        Returns
+        -------
+        bytes
+            The whole content.
+        """
+
+    @abstractmethod
+    def from_bytes(self, content: bytes) -> Motion:
+        """Return the motion that `to_bytes` wrote.
+
+        Parameters
+        ----------
+        content : bytes
+            The whole content of a file, which others may have changed.
+
+        Returns
+        -------
+        Motion
+            Equal to the last bit. Reading never runs code from the file.
+
+        Raises
+        ------
+        InvalidInput
+            Damaged content; the argument names what is wrong.
+        """
+
+
+class Parts(NamedTuple):
+    """What every format holds: the header as plain data, knots (m + 1,) and coefficients (d, m, n), highest power first."""
+
+    header: dict[str, Any]
+    knots: Array
+    coefficients: Array
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of header and arrays: a file with a changed digit is still a motion, but not the one that was written."""
+        digest = hashlib.sha256(json.dumps(self.header, sort_keys=True).encode())
+        for array in (self.knots, self.coefficients):
+            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+
+def to_plain(motion: Motion) -> dict[str, Any]:
+    """Return a motion as plain data that JSON can hold.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion to write.
+
+    Returns
+    -------
+    dict
+        The header's keys, ``knots`` and ``coefficients`` as nested lists, and ``sha256``, the digest of all of them.
+    """
+    parts = to_parts(motion)
+    arrays = {"knots": parts.knots.tolist(), "coefficients": parts.coefficients.tolist()}
+    return parts.header | arrays | {"sha256": parts.digest}
+
+
+def from_plain(data: Any) -> Motion:
+    """Return the motion that `to_plain` wrote, after checking every entry.
+
+    Parameters
+    ----------
+    data : dict
+        What was read from a file.
+
+    Returns
+    -------
+    Motion
+        Equal to the last bit.
+
+    Raises
+    ------
+    InvalidInput
+        Another type, missing or unknown keys, wrong values, or a digest of other content.
+    """
+    if not isinstance(data, dict):
+        raise InvalidInput("content", repr(data)[:60], f"a mapping with {', '.join(HEADER)}")
+    header = {k: v for k, v in data.items() if k not in ("knots", "coefficients", "sha256")}
+    check_header(header)
+    for key in ("knots", "coefficients"):
+        if not isinstance(data.get(key), list):
+            raise InvalidInput(key, repr(data.get(key))[:60], "a list")
+    knots, powers = data["knots"], data["coefficients"]
+    pieces = powers[0] if powers and isinstance(powers[0], list) else []
+    joints = pieces[0] if pieces and isinstance(pieces[0], list) else []
+    shape = (len(powers), len(pieces), len(joints))
+    parts = Parts(header, numbers(knots, (len(knots),), "knots"), numbers(powers, shape, "coefficients"))
+    return from_parts(parts, data.get("sha256"))
+
+
+def to_parts(motion: Motion) -> Parts:
+    """Return the header and the arrays of a motion, for a format that stores arrays as they are.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion to write.
+
+    Returns
+    -------
+    Parts
+        Header, knots and coefficients.
+    """
+    limits: dict[str, Any] = {}
+    for field in (*DERIVATIVES, *TOOL_SPEEDS):
+        value = getattr(motion.limits, field)
+        limits[field] = None if value is None else plain_numbers(value)
+    header: dict[str, Any] = {
+        "format": CONTENT,
+        "robot": motion.robot.to_dict(),
+        "path": motion.path.to_dict(),
+        "limits": limits,
+        "law": motion.law,
+        "keeps": list(motion.keeps),
+        "tolerance": None if motion.tolerance is None else list(motion.tolerance),
+    }
+    if motion.span is not None:
+        header["span"] = list(motion.span)
+    if motion.speed is not None:
+        header["speed"] = motion.speed
+    return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
+
+
+def from_parts(parts: Parts, digest: Any) -> Motion:
+    """Return the motion of a header and arrays that were read from a file, after checking them.
+
+    Parameters
+    ----------
+    parts : Parts
+        What was read.
+    digest : str or None
+        The ``sha256`` that the file states; None where it states none.
+
+    Returns
+    -------
+    Motion
+        Equal to the last bit.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong or missing entries, or content that does not have the digest.
+    """
+    check_header(parts.header)
+    if digest is not None and digest != parts.digest:
+        raise InvalidInput("sha256", "content that is not what was written", "a file that nobody changed")
+    header = parts.header
+    robot = Robot.from_dict(header["robot"])
+    limits = record(header["limits"], (*DERIVATIVES, *TOOL_SPEEDS), "limits")
+    bounds: dict[str, Any] = {
+        f: _limit(limits[f], (robot.n,) if f in DERIVATIVES else (), f"limits.{f}") for f in limits
+    }
+    return Motion(
+        robot,
+        path_of(header["path"], robot),
+        MotionLimits(**bounds),
+        _trajectory(parts.knots, parts.coefficients, robot.n),
+        word(header["law"], "law"),
+        words(header["keeps"], "keeps"),
+        None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
+        None if header.get("span") is None else _pair(header["span"], "span"),
+        None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),
+    )
+
+
+def check_header(header: Mapping[str, Any]) -> None:
+    """Check the keys of a header, before anything is made of its values.
+
+    Parameters
+    ----------
+    header : dict
+        Without knots, coefficients and digest.
+
+    Raises
+    ------
+    InvalidInput
+        Another format, or missing or unknown keys.
+    """
+    found = header.get("format")
+    if found != CONTENT:
+        raise InvalidInput("format", repr(found)[:60], repr(CONTENT))
+    record(header, (*HEADER, *(key for key in OPTIONAL if key in header)), "header")
+
+
+def _pair(value: Any, argument: str) -> tuple[float, float]:
+    first, second = numbers(value, (2,), argument).tolist()
+    return first, second
+
+
+def _limit(value: Any, shape: tuple[int, ...], argument: str) -> Array | float | None:
+    if value is None:
+        return None
+    return numbers(value, shape, argument) if shape and isinstance(value, list) else float(numbers(value, (), argument))
+
+
+def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:
+    if knots.ndim != 1 or knots.size < 2:
+        raise InvalidInput("knots", f"shape {knots.shape}", "at least two times")
+    if not np.isfinite(knots).all() or knots[0] != 0.0 or not (np.diff(knots) > 0.0).all():
+        wrong = int(np.argmin(np.append(knots[0] == 0.0, np.diff(knots) > 0.0)))
+        raise InvalidInput("knots", f"knot {wrong} at {knots[wrong]:.9g} s", "finite times that increase from 0")
+    wanted = (knots.size - 1, n)
+    if coefficients.ndim != 3 or not 1 <= len(coefficients) <= 1 + HIGHEST_DEGREE or coefficients.shape[1:] != wanted:
+        expected = f"shape (1 to {1 + HIGHEST_DEGREE}, {wanted[0]}, {wanted[1]})"
+        raise InvalidInput("coefficients", f"shape {coefficients.shape}", expected)
+    if not np.isfinite(coefficients).all():
+        power, piece, joint = np.argwhere(~np.isfinite(coefficients))[0]
+        raise InvalidInput("coefficients", f"{coefficients[power, piece, joint]} in piece {piece}", "finite numbers")
+    return Trajectory(PPoly(coefficients, knots))

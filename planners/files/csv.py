@@ -1,0 +1,106 @@
+"""The format CSV: the keys of the JSON format as comment lines, then a table of t, q, q̇, q̈ at the knots."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.files._reading import parsed, text_of
+from planners.files.base import Format, from_plain, to_plain
+from planners.motion import Motion
+
+
+class Csv(Format):
+    """A table for spreadsheets; the motion itself is the polynomials in the comment lines."""
+
+    def to_bytes(self, motion: Motion) -> bytes:
+        """As `Format.to_bytes`.
+
+        Parameters
+        ----------
+        motion : Motion
+            The motion to write.
+
+        Returns
+        -------
+        bytes
+            Text in UTF-8.
+        """
+        columns, rows = _table(motion)
+        out = io.StringIO()
+        for key, value in to_plain(motion).items():
+            out.write(f"# {key}: {json.dumps(value, allow_nan=False)}\n")
+        table = csv.writer(out, lineterminator="\n")
+        table.writerow(columns)
+        table.writerows(rows.tolist())
+        return out.getvalue().encode(errors="surrogatepass")
+
+    def from_bytes(self, content: bytes) -> Motion:
+        """As `Format.from_bytes`; the table must show the motion of the comment lines.
+
+        Parameters
+        ----------
+        content : bytes
+            Text in UTF-8.
+
+        Returns
+        -------
+        Motion
+            Equal to the last bit.
+
+        Raises
+        ------
+        InvalidInput
+            Comment lines of another form, or a table that disagrees with them.
+        """
+        lines = text_of(content).split("\n")
+        count = next((i for i, line in enumerate(lines) if not line.startswith("# ")), len(lines))
+        data = {}
+        for line in lines[:count]:
+            key, colon, value = line[2:].partition(": ")
+            if not colon:
+                raise InvalidInput("header", repr(line[:60]), "comment lines '# KEY: JSON'")
+            data[key] = parsed(value, key)
+        motion = from_plain(data)
+        try:
+            rows = [row for row in csv.reader(io.StringIO("\n".join(lines[count:]), newline="")) if row]
+        except csv.Error as error:
+            raise InvalidInput("table", str(error), "comma-separated values") from None
+        _check_table(rows, motion)
+        return motion
+
+
+def _table(motion: Motion) -> tuple[list[str], Array]:
+    """Names of the columns, and rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots."""
+    t = motion.trajectory.knots
+    columns = ["t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in motion.robot.joint_names)]
+    return columns, np.hstack([t[:, None], *(motion.trajectory(t, order) for order in range(3))])
+
+
+def _check_table(rows: list[list[str]], motion: Motion) -> None:
+    """Raise InvalidInput unless the table shows the polynomials of the header to nine digits."""
+    columns, expected = _table(motion)
+    if not rows or rows[0] != columns:
+        raise InvalidInput("table", repr(rows[0] if rows else [])[:80], f"the columns {', '.join(columns)}"[:200])
+    if len(rows) != len(expected) + 1:
+        raise InvalidInput("table", f"{len(rows) - 1} rows", f"{len(expected)}, one a knot")
+    scale = 1e-9 * np.maximum(np.abs(expected).max(axis=0), 1e-9)
+    for i, (row, wanted) in enumerate(zip(rows[1:], expected, strict=True)):
+        try:
+            with np.errstate(invalid="ignore", over="ignore"):
+                off = np.abs(np.array([float(x) for x in row]) - wanted) / scale
+        except ValueError:  # an entry that is no number, or another number of entries
+            raise InvalidInput(f"table, row {i}", repr(row)[:80], f"{len(columns)} numbers") from None
+        if not (off <= 1.0).all():
+            k = int(np.argmax(~(off <= 1.0)))
+            raise InvalidInput(
+                f"table, row {i}, {columns[k]}", row[k][:40], f"{wanted[k]!r}, as the header's polynomial"
+            )
+
+
+METHOD = Csv
