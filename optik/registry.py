@@ -85,7 +85,7 @@ def refused(group: str) -> tuple[Refused, ...]:
         Those with a name of ours, with a name that another package has too, or with a name that means a path.
     """
     return tuple(
-        Refused(group, name, distribution_of(point), reason)
+        Refused(group, name, point.value, distribution_of(point), reason)
         for name, points in sorted(entry_points(group).items())
         if (reason := _reason(group, name, len(points)))
         for point in points

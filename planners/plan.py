@@ -162,7 +162,7 @@ class Plan:
             self.speed,
         )  # fmt: skip
 
-    def save(self, file: str | os.PathLike[str], *, format: str | None = None) -> None:
+    def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
         Parameters

@@ -17,6 +17,8 @@ class Refused(NamedTuple):
     ----------
     group, name : str
         Under which it is registered.
+    value : str
+        The object that it names, as module:object.
     distribution : str
         The package that registers it.
     reason : str
@@ -25,6 +27,7 @@ class Refused(NamedTuple):
 
     group: str
     name: str
+    value: str
     distribution: str
     reason: str
 

@@ -1,0 +1,182 @@
+"""`optik bench` and `optik demo`: suites are listed, checked and run, and their reports written."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from benchmarks.cli.shared import AsJson, command, err_console, out_console, print_json
+
+bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
+
+Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
+
+
+@command(bench_app, "list")
+def bench_list(as_json: AsJson = False) -> None:
+    """List the suites.
+
+    Parameters
+    ----------
+    as_json
+        As ``--help`` says.
+    """
+    from benchmarks.suite import SUITES, load_suite
+    from optik.registry import names
+
+    suites = [load_suite(name) for name in names(SUITES)]
+    if as_json:
+        print_json(
+            [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
+        )
+        return
+    table = Table("suite", "what", "blocks", "timed call by call", "batches", "time laws", "line")
+    for suite in suites:
+        line = f"{len(suite.line.ik)} IK methods × {len(suite.line.laws)} laws" if suite.line else "none"
+        ids = [
+            ", ".join(b.id for b in part) or "none" for part in (suite.blocks, suite.speed, suite.batch, suite.timing)
+        ]
+        table.add_row(suite.name, suite.title, *ids, line)
+    out_console.print(table)
+
+
+@command(bench_app, "run")
+def bench_run(
+    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
+    workers: Workers = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Run a suite into a folder; a run that was stopped is continued.
+
+    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers.
+
+    Parameters
+    ----------
+    suite, out, workers, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, OutputError
+        As `load_suite` and `run_suite`.
+    """
+    folder = run_with_progress(suite, out, workers)
+    if as_json:
+        print_json(folder.manifest())
+    else:
+        out_console.print(
+            f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
+        )
+
+
+@command(bench_app, "report")
+def bench_report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    as_json: AsJson = False,
+) -> None:
+    """Write the report of a run: one HTML file that opens offline.
+
+    Parameters
+    ----------
+    run, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    OutputError
+        No folder of a run, or one that cannot be written.
+    """
+    from benchmarks.records import RunFolder
+    from benchmarks.report import write_report
+
+    with err_console.status("writing the report"):
+        page = write_report(RunFolder(run))
+    if as_json:
+        print_json({"report": str(page)})
+    else:
+        out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the run and its report.")] = Path("optik-demo"),
+    workers: Workers = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Compare the methods on the paper's line and workspace: the suite `paper` and its report.
+
+    Parameters
+    ----------
+    out, workers, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written or holds something else.
+    """
+    from benchmarks.experiments.claims import judge
+    from benchmarks.report import write_report
+
+    folder = run_with_progress("paper", out, workers)
+    with err_console.status("writing the report"):
+        page = write_report(folder)
+    findings = judge(folder)
+    if as_json:
+        print_json({"report": str(page), "claims": [{"claim": f.claim, "verdict": f.verdict} for f in findings]})
+        return
+    table = Table("", "the paper's claim", "verdict")
+    for f in findings:
+        table.add_row(f.key, f.claim, f.verdict)
+    out_console.print(table)
+    out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+def run_with_progress(suite: str, out: Path, workers: int) -> Any:
+    """Run a suite with a progress bar on the error stream.
+
+    Parameters
+    ----------
+    suite : str
+        A name or a file.
+    out : Path
+        Folder of the run.
+    workers : int
+        Processes.
+
+    Returns
+    -------
+    RunFolder
+        The finished run.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, OutputError
+        As `load_suite` and `run_suite`.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from benchmarks.run import run_suite
+    from benchmarks.suite import load_suite
+
+    asked = load_suite(suite)
+    command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err_console, transient=True) as bar:
+        task = bar.add_task("compiling", total=None)
+        try:
+            return run_suite(
+                asked,
+                out,
+                workers=workers,
+                command=command,
+                progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
+            )
+        except KeyboardInterrupt:
+            bar.stop()
+            err_console.print("stopped; run the same command again to continue", style="yellow")
+            raise typer.Exit(130) from None
