@@ -1,30 +1,33 @@
-"""Compiled forward kinematics, Jacobian and their derivatives, over plain arrays; one configuration or a batch.
+"""Compiled forward kinematics, Jacobian and their derivatives, of one configuration or a batch.
 
-A chain is four arrays: ``fixed`` (n, 4, 4), the transform from the joint before (or the base) to joint i at q_i = 0;
-``prismatic`` (n,) of bool, the joint slides along its z instead of turning about it; ``tool`` (4, 4); and q (n,).
-Frame i is reached by fixed_i followed by Rot(z, q_i) or Trans(z, q_i). Outputs are written into the caller's arrays.
+Every kernel that needs the arm takes it first, as one argument: a `Chain`. Joint frame i is reached from the one before
+by fixed_i followed by Rot(z, q_i), or Trans(z, q_i) where the joint slides. Outputs are written into the caller's arrays.
+
+A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike, and a kernel names the parts that it reads in
+its first line. To call a kernel with a plain tuple of arrays takes the same 0.65 µs as with the arrays themselves; a
+NamedTuple, whose type Numba finds anew at every call, takes 1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that
+belong together go from Python into a kernel as a plain tuple; NamedTuples are made and used inside kernels.
 """
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-from optik.linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from optik.linear import damped_step, qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 from optik.se3 import pose_error
-from optik.types import Array
+from optik.types import Array, Flags
 
-Bools = NDArray[np.bool_]
 Triple = tuple[float, float, float]
+
+Chain = tuple[Array, Flags, Array]
+"""An arm as kernels take it: fixed (n, 4, 4), the transforms [1, m] from the joint before (the base, for the first) to
+each joint at q = 0; prismatic (n,), which joints slide; tool (4, 4), the transform from the last joint to the tool."""
 
 DAMPED = 1e-4
 """Damping at a singular configuration: directions that move the tool 100 times as far keep 1e-4 of their error a step."""
-
-LOST = 3e-5
-"""A Jacobian whose last pivot is below this share of its first has lost rank: derivatives have lost their meaning."""
 
 
 @compiled
@@ -54,8 +57,9 @@ def copy_vector(a: Array, out: Array) -> None:
 
 
 @compiled
-def frames(fixed: Array, prismatic: Bools, q: Array, out: Array) -> None:
+def frames(chain: Chain, q: Array, out: Array) -> None:
     """Pose of every joint frame in the base, after its own motion, into out (n, 4, 4)."""
+    fixed, prismatic, _tool = chain
     before = np.empty((4, 4))
     for i in range(q.shape[0]):
         if i == 0:
@@ -75,14 +79,16 @@ def frames(fixed: Array, prismatic: Bools, q: Array, out: Array) -> None:
 
 
 @compiled
-def tool_pose(frame: Array, tool: Array, out: Array) -> None:
+def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     """Tool pose (4, 4) from the joint frames of `frames`."""
+    _fixed, _prismatic, tool = chain
     multiply(frame[frame.shape[0] - 1], tool, out)
 
 
 @compiled
-def jacobian_from(frame: Array, prismatic: Bools, T: Array, J: Array) -> None:
+def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
     """Geometric Jacobian (6, n) in the base frame at the tool point, (v, ω), from joint frames and the tool pose T."""
+    _fixed, prismatic, _tool = chain
     for i in range(frame.shape[0]):
         zx, zy, zz = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
         if prismatic[i]:
@@ -97,102 +103,43 @@ def jacobian_from(frame: Array, prismatic: Bools, T: Array, J: Array) -> None:
 
 
 @compiled
-def fk_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+def fk_batch(chain: Chain, q: Array, out: Array) -> None:
     """Tool poses (k, 4, 4) of configurations (k, n)."""
     frame = np.empty((q.shape[1], 4, 4))
     for k in range(q.shape[0]):
-        frames(fixed, prismatic, q[k], frame)
-        tool_pose(frame, tool, out[k])
+        frames(chain, q[k], frame)
+        tool_pose(chain, frame, out[k])
 
 
 @compiled
-def frames_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+def frames_batch(chain: Chain, q: Array, out: Array) -> None:
     """Joint frames and, last, the tool pose: (k, n + 1, 4, 4) of configurations (k, n)."""
     n = q.shape[1]
     for k in range(q.shape[0]):
-        frames(fixed, prismatic, q[k], out[k, :n])
-        multiply(out[k, n - 1], tool, out[k, n])
+        frames(chain, q[k], out[k, :n])
+        tool_pose(chain, out[k, :n], out[k, n])
 
 
 @compiled
-def jacobian_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
     """Geometric Jacobians (k, 6, n) of configurations (k, n)."""
     frame = np.empty((q.shape[1], 4, 4))
     T = np.empty((4, 4))
     for k in range(q.shape[0]):
-        frames(fixed, prismatic, q[k], frame)
-        tool_pose(frame, tool, T)
-        jacobian_from(frame, prismatic, T, out[k])
+        frames(chain, q[k], frame)
+        tool_pose(chain, frame, T)
+        jacobian_from(chain, frame, T, out[k])
 
 
 @compiled
-def errors_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets: Array, out: Array) -> None:
+def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
     """Error twists (k, 6) from the tool at q (k, n) to targets (k, 4, 4): what judges every method."""
     frame = np.empty((q.shape[1], 4, 4))
     T = np.empty((4, 4))
     for k in range(q.shape[0]):
-        frames(fixed, prismatic, q[k], frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q[k], frame)
+        tool_pose(chain, frame, T)
         pose_error(T, targets[k], out[k])
-
-
-@compiled
-def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
-    """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
-
-    Returns False, with b spoilt, where a pivot keeps less than the share `least` of its diagonal entry: A is then not
-    positive definite to working precision.
-    """
-    n = b.shape[0]
-    for j in range(n):
-        d = A[j, j]
-        for k in range(j):
-            d -= A[j, k] * A[j, k]
-        if not d > least * A[j, j]:
-            return False
-        d = sqrt(d)
-        A[j, j] = d
-        for i in range(j + 1, n):
-            s = A[i, j]
-            for k in range(j):
-                s -= A[i, k] * A[j, k]
-            A[i, j] = s / d
-    for i in range(n):
-        s = b[i]
-        for k in range(i):
-            s -= A[i, k] * b[k]
-        b[i] = s / A[i, i]
-    for i in range(n - 1, -1, -1):
-        s = b[i]
-        for k in range(i + 1, n):
-            s -= A[k, i] * b[k]
-        b[i] = s / A[i, i]
-    return True
-
-
-@compiled
-def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
-    """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,), of J (m, n); y (m,) and A, at least (m, m), are scratch.
-
-    Returns False where the matrix is singular to working precision (only without damping).
-    """
-    m, n = J.shape
-    for i in range(m):
-        y[i] = e[i]
-        for j in range(i + 1):
-            s = 0.0
-            for k in range(n):
-                s += J[i, k] * J[j, k]
-            A[i, j] = s
-        A[i, i] += damping2
-    if not cholesky_solve(A, y, least):
-        return False
-    for k in range(n):
-        s = 0.0
-        for i in range(m):
-            s += J[i, k] * y[i]
-        dq[k] = s
-    return True
 
 
 @compiled
@@ -217,12 +164,13 @@ def _turned(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tuple[Triple, Trip
 
 
 @compiled
-def tool_motion(frame: Array, T: Array, prismatic: Bools, fixed: Array, q: Array, dq: Array, out: Array) -> None:
+def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: Array) -> None:
     """Twist of the tool and its first two derivatives, (3, 6) rows (v, ω), (v̇, ω̇), (v̈, ω̈), base frame.
 
     By the forward recursion of Newton–Euler dynamics carried one order further (Siciliano et al., Robotics, §7.5;
     differentiated once more). dq (3, n) holds q̇, q̈, q⃛ with respect to any parameter.
     """
+    fixed, prismatic, _tool = chain
     n = q.shape[0]
     zero = (0.0, 0.0, 0.0)
     w0, w1, w2, p1, p2, p3 = zero, zero, zero, zero, zero, zero
@@ -261,25 +209,25 @@ def tool_motion(frame: Array, T: Array, prismatic: Bools, fixed: Array, q: Array
 
 
 @compiled
-def tool_motion_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, dq: Array, out: Array) -> None:
+def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
     """`tool_motion` of configurations (k, n) with derivatives dq (k, 3, n), into out (k, 3, 6)."""
     frame = np.empty((q.shape[1], 4, 4))
     T = np.empty((4, 4))
     for k in range(q.shape[0]):
-        frames(fixed, prismatic, q[k], frame)
-        tool_pose(frame, tool, T)
-        tool_motion(frame, T, prismatic, fixed, q[k], dq[k], out[k])
+        frames(chain, q[k], frame)
+        tool_pose(chain, frame, T)
+        tool_motion(chain, frame, T, q[k], dq[k], out[k])
 
 
 @compiled
-def singular_values_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, out: Array) -> None:
+def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
     """Smallest singular value of the Jacobian (of n where n < 6, else of 6) at configurations (k, n), into out (k,)."""
     n = q.shape[1]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     for k in range(q.shape[0]):
-        frames(fixed, prismatic, q[k], frame)
-        tool_pose(frame, tool, T)
-        jacobian_from(frame, prismatic, T, J)
+        frames(chain, q[k], frame)
+        tool_pose(chain, frame, T)
+        jacobian_from(chain, frame, T, J)
         out[k] = smallest_singular_value(J)
 
 
@@ -294,9 +242,7 @@ def _stack(J: Array, rows: Array, A: Array) -> None:
 
 
 @compiled
-def put_on(
-    fixed: Array, prismatic: Bools, tool: Array, target: Array, rows: Array, values: Array, steps: int, q: Array
-) -> tuple[float, float]:
+def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
     """Undamped Newton, in place, on q (n,) for a target (4, 4) and rows · q = values, until rounding stops it.
 
     For n ≤ 6 joints there are no rows (0, n), and steps are least squares where n < 6; for n > 6 there are n − 6, which
@@ -309,8 +255,8 @@ def put_on(
     e, dq, best = np.empty(6 + d), np.empty(n), q.copy()
     smallest, worst, rank = np.inf, np.inf, 1.0
     for _ in range(steps + 1):
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
         pose_error(T, target, e)
         for i in range(d):
             e[6 + i] = values[i]
@@ -327,7 +273,7 @@ def put_on(
         # Newton squares the error: from 1e-9 it comes to rounding, and another step would only stir that
         if size < 1e-30 or (before < 1e-18 and size < 1e-26):
             break
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         _stack(J, rows, A)
         rank = qr_factor(A, beta, order)
         if rank == 0.0:
@@ -341,7 +287,7 @@ def put_on(
 
 @compiled
 def derivatives_at(
-    fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, rows: Array, values: Array, dq: Array,
+    chain: Chain, q: Array, twists: Array, rows: Array, values: Array, dq: Array,
     floor: float = np.inf,
 ) -> tuple[float, float]:  # fmt: skip
     """q', q'', q''' into dq (3, n) at q (n,), of a motion with tool twists (3, 6) and rows(s) · q(s) = values(s); exact.
@@ -355,9 +301,9 @@ def derivatives_at(
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
     e, made = np.empty(6 + d), np.empty((3, 6))
-    frames(fixed, prismatic, q, frame)
-    tool_pose(frame, tool, T)
-    jacobian_from(frame, prismatic, T, J)
+    frames(chain, q, frame)
+    tool_pose(chain, frame, T)
+    jacobian_from(chain, frame, T, J)
     _stack(J, rows[0], A)
     rank = qr_factor(A, beta, order)
     singular = 0.0
@@ -372,7 +318,7 @@ def derivatives_at(
         return rank, singular
     for k in range(3):
         if k > 0:
-            tool_motion(frame, T, prismatic, fixed, q, dq, made)
+            tool_motion(chain, frame, T, q, dq, made)
         for i in range(6):
             e[i] = twists[k, i] - (made[k, i] if k > 0 else 0.0)
         for i in range(d):  # Leibniz: the derivative of order k + 1 of rows · q, less its term rows · q⁽ᵏ⁺¹⁾
@@ -389,9 +335,7 @@ def derivatives_at(
 
 
 @compiled
-def settle(
-    fixed: Array, prismatic: Bools, tool: Array, target: Array, twist: Array, steps: int, q: Array, v: Array
-) -> float:
+def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: Array) -> float:
     """Bring q (n,) onto a target (4, 4) and v (n,) onto a twist (6,), in place, at or near a singular configuration.
 
     By damped least squares: what moves the tool is corrected, what does not stays as it was given. Returns the largest
@@ -403,9 +347,9 @@ def settle(
     worst = 0.0
     for step in range(2 * steps):
         of_pose = step < steps
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
-        jacobian_from(frame, prismatic, T, J)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
+        jacobian_from(chain, frame, T, J)
         if of_pose:
             pose_error(T, target, e)
         else:
@@ -428,7 +372,7 @@ def settle(
 
 
 @compiled
-def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets: Array, steps: int) -> None:
+def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
     """Undamped Newton, in place, on q (k, n) that nearly solve targets (k, 4, 4), until rounding stops it.
 
     Steps are least squares where n < 6, and the shortest where n > 6.
@@ -439,12 +383,12 @@ def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
     best, no_rows, no_values = np.empty(n), np.empty((0, n)), np.empty(0)
     for k in range(q.shape[0]):
         if n <= 6:
-            put_on(fixed, prismatic, tool, targets[k], no_rows, no_values, steps, q[k])
+            put_on(chain, targets[k], no_rows, no_values, steps, q[k])
             continue
         smallest = np.inf
         for _ in range(steps + 1):
-            frames(fixed, prismatic, q[k], frame)
-            tool_pose(frame, tool, T)
+            frames(chain, q[k], frame)
+            tool_pose(chain, frame, T)
             pose_error(T, targets[k], e)
             size = 0.0
             for i in range(6):
@@ -455,42 +399,9 @@ def polish_batch(fixed: Array, prismatic: Bools, tool: Array, q: Array, targets:
             copy_vector(q[k], best)
             if size < 1e-30:
                 break
-            jacobian_from(frame, prismatic, T, J)
+            jacobian_from(chain, frame, T, J)
             if not damped_step(J, e, 0.0, A, y, dq):
                 break
             for i in range(n):
                 q[k, i] += dq[i]
         copy_vector(best, q[k])
-
-
-@compiled
-def path_derivatives(fixed: Array, prismatic: Bools, tool: Array, q: Array, twists: Array, dq: Array) -> int:
-    """q', q'', q''' of configurations (k, n) that follow twists (k, 3, 6), into dq (k, 3, n); exact, no differences.
-
-    As `derivatives_at`, where n ≤ 6; twists that an arm of fewer joints cannot make are met as least squares. Where
-    n > 6, the shortest that make the twists: not the derivatives of one another, see `derivatives_at` for those. Returns
-    the index of the first configuration whose Jacobian has lost rank, or −1.
-    """
-    n = q.shape[1]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, y, e = np.empty((6, 6)), np.empty(6), np.empty(6)
-    made, no_rows, no_values = np.empty((3, 6)), np.empty((4, 0, n)), np.empty((4, 0))
-    for k in range(q.shape[0]):
-        if n <= 6:
-            rank, _ = derivatives_at(fixed, prismatic, tool, q[k], twists[k], no_rows, no_values, dq[k])
-            if rank < LOST:
-                return k
-            continue
-        frames(fixed, prismatic, q[k], frame)
-        tool_pose(frame, tool, T)
-        jacobian_from(frame, prismatic, T, J)
-        for order in range(3):
-            for i in range(n):
-                dq[k, order, i] = 0.0
-        for order in range(3):
-            tool_motion(frame, T, prismatic, fixed, q[k], dq[k], made)
-            for i in range(6):
-                e[i] = twists[k, order, i] - made[order, i]
-            if not damped_step(J, e, 0.0, A, y, dq[k, order], LOST * LOST):  # J Jᵀ has squared singular values
-                return k
-    return -1

@@ -1,23 +1,20 @@
-"""Small dense systems in compiled code: Householder least squares, and the smallest singular value of a Jacobian."""
+"""Small dense systems in compiled code: Cholesky, damped steps, Householder least squares, smallest singular values."""
 
 from __future__ import annotations
 
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-from optik.types import Array
-
-Ints = NDArray[np.int64]
+from optik.types import Array, Indices
 
 ORTHOGONAL = 1e-10
 """Cosine below which two rows count as orthogonal: its square is what it changes of lengths, itself where they are equal."""
 
 
 @compiled
-def qr_factor(A: Array, beta: Array, order: Ints) -> float:
+def qr_factor(A: Array, beta: Array, order: Indices) -> float:
     """Householder QR of A (m, n), m ≥ n, in place, the longest column first; |r_nn / r_11|, 0 where rank is lost.
 
     Golub and Van Loan, Matrix Computations, §5.4.2. R stands on and above the diagonal, the reflectors (first entry 1)
@@ -65,7 +62,7 @@ def qr_factor(A: Array, beta: Array, order: Ints) -> float:
 
 
 @compiled
-def qr_solve(A: Array, beta: Array, order: Ints, b: Array, x: Array) -> float:
+def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float:
     """Least squares of A x = b by the factors of `qr_factor`, into x (n,); b (m,) is overwritten. Returns |A x − b|."""
     m, n = A.shape
     for j in range(n):
@@ -154,3 +151,62 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
             s += A[p, i] * A[p, i]
         least = min(least, s)
     return sqrt(least)
+
+
+@compiled
+def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
+    """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
+
+    Returns False, with b spoilt, where a pivot keeps less than the share `least` of its diagonal entry: A is then not
+    positive definite to working precision.
+    """
+    n = b.shape[0]
+    for j in range(n):
+        d = A[j, j]
+        for k in range(j):
+            d -= A[j, k] * A[j, k]
+        if not d > least * A[j, j]:
+            return False
+        d = sqrt(d)
+        A[j, j] = d
+        for i in range(j + 1, n):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            A[i, j] = s / d
+    for i in range(n):
+        s = b[i]
+        for k in range(i):
+            s -= A[i, k] * b[k]
+        b[i] = s / A[i, i]
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= A[k, i] * b[k]
+        b[i] = s / A[i, i]
+    return True
+
+
+@compiled
+def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
+    """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,), of J (m, n); y (m,) and A, at least (m, m), are scratch.
+
+    Returns False where the matrix is singular to working precision (only without damping).
+    """
+    m, n = J.shape
+    for i in range(m):
+        y[i] = e[i]
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(n):
+                s += J[i, k] * J[j, k]
+            A[i, j] = s
+        A[i, i] += damping2
+    if not cholesky_solve(A, y, least):
+        return False
+    for k in range(n):
+        s = 0.0
+        for i in range(m):
+            s += J[i, k] * y[i]
+        dq[k] = s
+    return True

@@ -9,16 +9,13 @@ from math import atan2, sqrt, tan
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.kinematics import frames, tool_pose
+from optik.kinematics import Chain, frames, tool_pose
 from optik.se3 import log_rotation, pose_error
 from optik.types import Array
-
-Bools = NDArray[np.bool_]
 
 FRAMES = ("target", "base")
 _MASKS = {
@@ -192,9 +189,7 @@ def keep_rows(flags: Array, J: Array, e: Array) -> int:
 
 @compiled
 def judge(
-    fixed: Array,
-    prismatic: Bools,
-    tool: Array,
+    chain: Chain,
     lower: Array,
     upper: Array,
     flags: Array,
@@ -204,8 +199,8 @@ def judge(
 ) -> tuple[float, float, bool]:
     """Position and rotation error of q (n,) against a target, and whether q stands inside its limits within slack."""
     frame, T, e, w = np.empty((q.shape[0], 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(3)
-    frames(fixed, prismatic, q, frame)
-    tool_pose(frame, tool, T)
+    frames(chain, q, frame)
+    tool_pose(chain, frame, T)
     task_error(T, target, flags, e, w)
     inside = True
     for i in range(q.shape[0]):

@@ -256,6 +256,11 @@ class Robot:
         """Number of joints."""
         return int(self.fixed.shape[0])
 
+    @cached_property
+    def chain(self) -> kinematics.Chain:
+        """The arm as compiled kernels take it: (fixed, prismatic, tool)."""
+        return self.fixed, self.prismatic, self.tool
+
     # ------------------------------------------------------------ kinematics
 
     def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
@@ -289,7 +294,7 @@ class Robot:
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 4, 4))
-        kinematics.fk_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), out.reshape(-1, 4, 4))
+        kinematics.fk_batch(self.chain, q.reshape(-1, self.n), out.reshape(-1, 4, 4))
         return out
 
     def frames(self, q: ArrayLike) -> Array:
@@ -297,7 +302,7 @@ class Robot:
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], self.n + 1, 4, 4))
         flat = out.reshape(-1, self.n + 1, 4, 4)
-        kinematics.frames_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), flat)
+        kinematics.frames_batch(self.chain, q.reshape(-1, self.n), flat)
         return out
 
     def jacobian(self, q: ArrayLike) -> Array:
@@ -315,9 +320,7 @@ class Robot:
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 6, self.n))
-        kinematics.jacobian_batch(
-            self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), out.reshape(-1, 6, self.n)
-        )
+        kinematics.jacobian_batch(self.chain, q.reshape(-1, self.n), out.reshape(-1, 6, self.n))
         return out
 
     def errors(self, q: ArrayLike, targets: ArrayLike) -> Array:
@@ -333,7 +336,7 @@ class Robot:
         except ValueError:
             raise InvalidInput("targets", f"shape {poses.shape}", f"poses of shape (4, 4) or {shape}") from None
         out = np.empty((*q.shape[:-1], 6))
-        kinematics.errors_batch(self.fixed, self.prismatic, self.tool, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
+        kinematics.errors_batch(self.chain, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
         return out
 
     def with_tool(self, tool: ArrayLike) -> Robot:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.kinematics import cholesky_solve, copy_vector, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, copy_vector, frames, jacobian_from, tool_pose
+from optik.linear import cholesky_solve
 from optik.task import Task, task_error, task_rows
 from optik.types import Array
-
-Bools = NDArray[np.bool_]
 
 
 def nearest(robot: Robot, task: Task, target: Array, starts: Array, max_iterations: int = 500) -> Array:
@@ -19,7 +17,7 @@ def nearest(robot: Robot, task: Task, target: Array, starts: Array, max_iteratio
     q, best, least = robot.limits.clip(starts), starts[0], np.inf
     for one in q:
         cost: float = descend(
-            robot.fixed, robot.prismatic, robot.tool, robot.limits.lower, robot.limits.upper, task.flags, target,
+            robot.chain, robot.limits.lower, robot.limits.upper, task.flags, target,
             max_iterations, one,
         )  # fmt: skip
         if cost < least:
@@ -29,11 +27,11 @@ def nearest(robot: Robot, task: Task, target: Array, starts: Array, max_iteratio
 
 @compiled
 def _cost(
-    fixed: Array, prismatic: Bools, tool: Array, flags: Array, target: Array, q: Array,
+    chain: Chain, flags: Array, target: Array, q: Array,
     frame: Array, T: Array, e: Array, w: Array,
 ) -> float:  # fmt: skip
-    frames(fixed, prismatic, q, frame)
-    tool_pose(frame, tool, T)
+    frames(chain, q, frame)
+    tool_pose(chain, frame, T)
     task_error(T, target, flags, e, w)
     cost = 0.0
     for i in range(6):
@@ -43,9 +41,7 @@ def _cost(
 
 @compiled
 def descend(
-    fixed: Array,
-    prismatic: Bools,
-    tool: Array,
+    chain: Chain,
     lower: Array,
     upper: Array,
     flags: Array,
@@ -61,10 +57,10 @@ def descend(
     n = q.shape[0]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     e, w, A, g, dq, trial = np.empty(6), np.empty(3), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n)
-    cost = _cost(fixed, prismatic, tool, flags, target, q, frame, T, e, w)
+    cost = _cost(chain, flags, target, q, frame, T, e, w)
     damping, grow = 1e-3, 2.0
     for _ in range(max_iterations):
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         task_rows(target, flags, w, J)
         slope = 0.0
         for k in range(n):
@@ -90,7 +86,7 @@ def descend(
             if cholesky_solve(A, dq):
                 for k in range(n):
                     trial[k] = min(max(q[k] + dq[k], lower[k]), upper[k])
-                tried = _cost(fixed, prismatic, tool, flags, target, trial, frame, T, e, w)
+                tried = _cost(chain, flags, target, trial, frame, T, e, w)
                 better = tried < cost
             if better:
                 gain = cost - tried

@@ -8,17 +8,16 @@ from math import log
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.kinematics import cholesky_solve, copy_vector, damped_step, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, copy_vector, frames, jacobian_from, tool_pose
+from optik.linear import cholesky_solve, damped_step
 from optik.task import Task, task_error, task_rows
 from optik.types import Array
-
-Bools = NDArray[np.bool_]
 
 PREFERENCES: Mapping[str, str] = {
     "posture": "½|q − posture|²",
@@ -101,7 +100,7 @@ class Preference:
         robot, out = self.robot, q.copy()
         posture = start if self.posture is None else self.posture
         descend(
-            robot.fixed, robot.prismatic, robot.tool, robot.limits.lower, robot.limits.upper, task.flags, target,
+            robot.chain, robot.limits.lower, robot.limits.upper, task.flags, target,
             np.array([*self.weights, tolerance.position, tolerance.rotation]), posture, out,
         )  # fmt: skip
         return out
@@ -109,8 +108,7 @@ class Preference:
 
 @compiled
 def cost(
-    prismatic: Bools, lower: Array, upper: Array, weights: Array, posture: Array, q: Array, J: Array, flags: Array,
-    g: Array,
+    lower: Array, upper: Array, weights: Array, posture: Array, q: Array, J: Array, flags: Array, g: Array
 ) -> float:  # fmt: skip
     """What is preferred at q (n,), and its gradient into g (n,); J (6, n) is the geometric Jacobian there."""
     n, value = q.shape[0], 0.0
@@ -124,12 +122,12 @@ def cost(
             value += 0.5 * weights[1] * x * x
             g[k] += weights[1] * x / half
     if weights[2] > 0.0:
-        value -= weights[2] * log_manipulability(prismatic, J, flags, weights[2], g)
+        value -= weights[2] * log_manipulability(J, flags, weights[2], g)
     return value
 
 
 @compiled
-def log_manipulability(prismatic: Bools, J: Array, flags: Array, weight: float, g: Array) -> float:
+def log_manipulability(J: Array, flags: Array, weight: float, g: Array) -> float:
     """Return log √det(J Jᵀ) over the task's rows, and −weight times its gradient added to g (n,).
 
     The gradient is the trace of J⁺ ∂J/∂q_k; ∂J_i/∂q_k = (ω_k × v_i, ω_k × ω_i) for k ≤ i, and (ω_i × v_k, 0) for k > i.
@@ -220,17 +218,17 @@ def free_direction(J: Array, g: Array, lower: Array, upper: Array, q: Array, A: 
 
 @compiled
 def correct(
-    fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, flags: Array, target: Array,
+    chain: Chain, lower: Array, upper: Array, flags: Array, target: Array,
     tolerances: Array, q: Array, frame: Array, T: Array, J: Array,
 ) -> bool:  # fmt: skip
     """Bring q (n,) back onto the task, inside the limits, by a few Newton steps; J is left as it is at q."""
     n = q.shape[0]
     A, y, dq, e, w, K = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), np.empty((6, n))
     for _ in range(8):
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
         task_error(T, target, flags, e, w)
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         p2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
         r2 = e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
         # well inside the tolerance, so that the next correction starts from a met target
@@ -249,7 +247,7 @@ def correct(
 
 @compiled
 def descend(
-    fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, flags: Array, target: Array,
+    chain: Chain, lower: Array, upper: Array, flags: Array, target: Array,
     numbers: Array, posture: Array, q: Array,
 ) -> None:  # fmt: skip
     """Projected gradient descent with a growing step, from q (n,) in place; numbers are the weights and tolerances."""
@@ -259,12 +257,12 @@ def descend(
     A, y, g, d, trial = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(n), np.empty(n)
     e, w = np.empty(6), np.empty(3)
     copy_vector(q, trial)
-    if not correct(fixed, prismatic, tool, lower, upper, flags, target, tolerances, trial, frame, T, J):
+    if not correct(chain, lower, upper, flags, target, tolerances, trial, frame, T, J):
         return
     copy_vector(trial, q)
     K = np.empty((6, n))
     along_task(target, flags, J, K)
-    value = cost(prismatic, lower, upper, weights, posture, q, K, flags, g)
+    value = cost(lower, upper, weights, posture, q, K, flags, g)
     step = 1.0
     for _ in range(200):
         task_error(T, target, flags, e, w)
@@ -277,9 +275,9 @@ def descend(
             reach = min(step, 0.5 / size)  # half a radian at most, so that the correction stays on the same branch
             for k in range(n):
                 trial[k] = min(max(q[k] + reach * d[k], lower[k]), upper[k])
-            if correct(fixed, prismatic, tool, lower, upper, flags, target, tolerances, trial, frame, T, J):
+            if correct(chain, lower, upper, flags, target, tolerances, trial, frame, T, J):
                 along_task(target, flags, J, K)
-                tried = cost(prismatic, lower, upper, weights, posture, trial, K, flags, g)
+                tried = cost(lower, upper, weights, posture, trial, K, flags, g)
                 better = tried < value - 1e-4 * reach * size * size
             if not better:
                 step = 0.5 * reach

@@ -21,7 +21,7 @@ from optik.errors import InvalidInput
 from optik.ik._closest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
 from optik.task import Task, as_task, judge
-from optik.types import Array
+from optik.types import Array, Flags
 
 MOST_TRIES = 1_000_000_000
 """Iterations of an attempt, and restarts: more would not end, nor be counted in the integers of compiled code."""
@@ -145,7 +145,7 @@ class IKBatch(NamedTuple):
     rotation_error: Array
 
     @property
-    def solved(self) -> NDArray[np.bool_]:
+    def solved(self) -> Flags:
         """Which of them succeeded, (N,)."""
         return np.asarray(self.status == 0)
 
@@ -403,7 +403,7 @@ class IKSolver(ABC):
         robot = self.robot
         lower, upper = robot.limits.lower, robot.limits.upper
         flags = self.task.flags
-        return judge(robot.fixed, robot.prismatic, robot.tool, lower, upper, flags, LIMIT_TOLERANCE, q, target)
+        return judge(robot.chain, lower, upper, flags, LIMIT_TOLERANCE, q, target)
 
 
 def _merit(result: IKResult, tolerance: Tolerance) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
@@ -17,9 +17,7 @@ from optik.ik._lm.packed import draw_configurations
 from optik.ik._problem import check_start
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.se3 import check_pose, exp_so3, pose
-from optik.types import Array
-
-Bools = NDArray[np.bool_]
+from optik.types import Array, Flags
 
 BACKENDS = ("auto", "ssik", "eaik", "enumeration")
 ENUMERATION = "enumeration (numerical, may be incomplete)"
@@ -65,7 +63,7 @@ class Branches(NamedTuple):
     q: Array
     position_error: Array
     rotation_error: Array
-    free: Bools
+    free: Flags
     backend: str
     complete: bool
     message: str
@@ -85,7 +83,7 @@ class _Found(NamedTuple):
 
     roots: Array
     rows: Array
-    free: Bools
+    free: Flags
     backend: str
     complete: bool
     steps: int
@@ -130,7 +128,7 @@ class ClosedForm(IKSolver):
         self.backend = backend
         lower, upper = robot.limits.lower, robot.limits.upper
         moving = lower < upper
-        self._chain = robot.fixed, robot.prismatic, robot.tool
+        self._chain = robot.chain
         self._limits = lower, upper
         self._free = np.where(moving, -np.inf, lower), np.where(moving, np.inf, upper)
         self._errors = self.tolerance.position, self.tolerance.rotation
@@ -203,7 +201,7 @@ class ClosedForm(IKSolver):
         if self._closed is None or self._redundant:
             return self._nearest(target, start, self._all(target, start, self._ask(target), few=True))
         candidates, q = self._ask(target), np.empty(self.robot.n)
-        arm = (*self._chain, *self._free, *self._limits)
+        arm = (self._chain, *self._free, *self._limits)
         count, solved, doubt = branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
         if 0 < count < FULL and not doubt:
             candidates = np.vstack([candidates, start, *self._beside(target, 2)])
@@ -220,10 +218,10 @@ class ClosedForm(IKSolver):
             return Attempt(q.copy(), IKStatus.SOLVED, found.steps, None, found.message)
         q = start.copy()
         if len(found.roots):
-            branches.nearest(self.robot.prismatic, *self._limits, found.roots, start, q)
+            branches.nearest(self._chain, *self._limits, found.roots, start, q)
             return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
         q = self.robot.limits.clip(q)
-        branches.refine(*self._chain, *self._limits, target, self.max_iterations, q)
+        branches.refine(self._chain, *self._limits, target, self.max_iterations, q)
         return Attempt(q, IKStatus.STALLED, found.steps, None, found.message)
 
     # ------------------------------------------------------------ roots
@@ -238,14 +236,14 @@ class ClosedForm(IKSolver):
         except Refused:
             return none
 
-    def _distinct(self, target: Array, candidates: Array) -> tuple[Array, Bools]:
+    def _distinct(self, target: Array, candidates: Array) -> tuple[Array, Flags]:
         """Polish candidates (m, n); those that meet the target (k, n), each once, and which of them are singular.
 
         Where none does exactly (a target a hair beyond the arm), those within the tolerance.
         """
         roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
         for errors in (self._tight, self._errors):
-            count = branches.distinct(*self._chain, *self._free, target, *errors, candidates, roots, singular)
+            count = branches.distinct(self._chain, *self._free, target, *errors, candidates, roots, singular)
             if count:
                 break
         return roots[:count], singular[:count]
@@ -262,7 +260,7 @@ class ClosedForm(IKSolver):
         steps = 0
         for errors in (self._tight, self._errors):
             count, taken = branches.enumerate_roots(
-                *self._chain, low, high, target, *errors, starts, self.max_iterations, roots, PATIENCE
+                self._chain, low, high, target, *errors, starts, self.max_iterations, roots, PATIENCE
             )
             steps += taken
             if count:
@@ -306,8 +304,8 @@ class ClosedForm(IKSolver):
         return _Found(roots, rows, free, backend, trusted and not self._too_many, steps, message)
 
     def _expand(
-        self, target: Array, near: Array, roots: Array, singular: Bools, few: bool
-    ) -> tuple[Array, Bools]:  # fmt: skip
+        self, target: Array, near: Array, roots: Array, singular: Flags, few: bool
+    ) -> tuple[Array, Flags]:  # fmt: skip
         """Windings inside the limits of roots (k, n), a few or all: branches (m, n), and which are points of curves."""
         robot, every = self.robot, np.ones(self.robot.n, dtype=np.bool_)
         plain, curved = [np.empty((0, robot.n))], np.empty((0, robot.n))

@@ -5,27 +5,23 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.compiled import compiled
 from optik.ik.base import Attempt, IKSolver, IKStatus
-from optik.kinematics import copy_vector, damped_step, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, copy_vector, frames, jacobian_from, tool_pose
+from optik.linear import damped_step
 from optik.se3 import pose_error
 from optik.task import keep_rows, task_error, task_rows
 from optik.types import Array
-
-Bools = NDArray[np.bool_]
 
 _SOLVED, _MAX_ITERATIONS, _SINGULAR = 0, 1, 2
 
 
 @compiled
 def iterate(
-    fixed: Array,
-    prismatic: Bools,
-    tool: Array,
+    chain: Chain,
     lower: Array,
     upper: Array,
     flags: Array,
@@ -52,8 +48,8 @@ def iterate(
     smallest = np.inf
     k = 0
     while True:
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
         if pose:
             pose_error(T, target, e)  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
         else:
@@ -72,7 +68,7 @@ def iterate(
             return k, _MAX_ITERATIONS
         if as_printed != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
             e[3], e[4], e[5] = -e[3], -e[4], -e[5]
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         m = 6
         if not pose:
             task_rows(target, flags, w, J)
@@ -134,7 +130,7 @@ class DLS(IKSolver):
         q, best = limits.clip(start), np.empty(robot.n)
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))
         k, code = iterate(
-            robot.fixed, robot.prismatic, robot.tool, limits.lower, limits.upper,
+            robot.chain, limits.lower, limits.upper,
             self.task.flags, target, self._numbers, self.max_iterations, q, best, errors,
         )  # fmt: skip
         status, message = _STATUS[code]

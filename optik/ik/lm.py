@@ -187,7 +187,7 @@ class LM(IKSolver):
         # with motion to spare the limits are kept from the start: a free attempt drifts out of them (measured)
         q, errors = limits.clip(start), np.empty((self.max_iterations + 1 if trace else 0, 6))
         iterations, code = attempt_task(
-            robot.fixed, robot.prismatic, robot.tool, limits.lower, limits.upper, self.task.flags, target,
+            robot.chain, limits.lower, limits.upper, self.task.flags, target,
             self._numbers, self.task.size < robot.n, q, errors,
         )  # fmt: skip
         status = STATUSES[code]

@@ -143,10 +143,8 @@ class MotionBounds:
         robot = self.robot
         poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
         q = np.ascontiguousarray(joints[:, 0])
-        kinematics.fk_batch(robot.fixed, robot.prismatic, robot.tool, q, poses)
-        kinematics.tool_motion_batch(
-            robot.fixed, robot.prismatic, robot.tool, q, np.ascontiguousarray(joints[:, 1:4]), motion
-        )
+        kinematics.fk_batch(robot.chain, q, poses)
+        kinematics.tool_motion_batch(robot.chain, q, np.ascontiguousarray(joints[:, 1:4]), motion)
         return Instants(t, joints, poses, motion)
 
     def between(self, left: Instants, h: Array) -> tuple[Array, Array, Array]:

@@ -14,6 +14,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
 from optik.errors import InvalidInput
+from optik.kinematics import Chain
 from optik.types import Array
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.continuity import jumps as find_jumps
@@ -385,7 +386,7 @@ def _smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[floa
     low, high, count = 0.0, end, 121
     while True:
         t, values = np.linspace(low, high, count), np.empty(count)
-        _singular_values(robot.fixed, robot.prismatic, robot.tool, trajectory.padded, trajectory.knots, t, values)
+        _singular_values(robot.chain, trajectory.padded, trajectory.knots, t, values)
         k = int(values.argmin())
         if high - low <= 1e-4 * end:  # the least value is flat: 1e-8 of it
             return float(values[k]), float(t[k])
@@ -393,9 +394,7 @@ def _smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[floa
 
 
 @compiled
-def _singular_values(
-    fixed: Array, prismatic: NDArray[np.bool_], tool: Array, c: Array, knots: Array, t: Array, out: Array
-) -> None:
+def _singular_values(chain: Chain, c: Array, knots: Array, t: Array, out: Array) -> None:
     """Smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
     q = np.empty((t.shape[0], c.shape[2]))
     for k in range(t.shape[0]):
@@ -406,7 +405,7 @@ def _singular_values(
             for power in range(6):
                 value = value * u + c[power, i, j]
             q[k, j] = value
-    kinematics.singular_values_batch(fixed, prismatic, tool, q, out)
+    kinematics.singular_values_batch(chain, q, out)
 
 
 def _extreme(trajectory: Trajectory, order: int, bound: Array) -> Extreme:

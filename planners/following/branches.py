@@ -119,7 +119,7 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
     sigma = np.empty(len(way.s))
-    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, np.ascontiguousarray(way.q), sigma)
+    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(way.q), sigma)
     cost = MOTION * motion + posture - SINGULAR * float(np.log(np.maximum(sigma.min(), march.SMALLEST_SINGULAR_VALUE)))
     if near is not None:
         cost += START * float(np.linalg.norm(q - near))

@@ -292,11 +292,11 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
     between, nodes = through(way.s, way.q, way.dq[:, 0], way.dq[:, 1]), course.nodes(more)
     orders = [between(more)] + [between(more, order) for order in (1, 2, 3)]
     q, dq = orders[0], np.stack(orders[1:], axis=1)
-    arm, x, d = (robot.fixed, robot.prismatic, robot.tool), np.empty(robot.n), np.empty((3, robot.n))
+    chain, x, d = robot.chain, np.empty(robot.n), np.empty((3, robot.n))
     for k in range(len(more)):
         at, x[:] = (nodes.twists[k], nodes.rows[k], nodes.values[k]), q[k]
-        kinematics.put_on(*arm, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
-        if kinematics.derivatives_at(*arm, x, *at, d, march.REGULAR)[1] >= march.REGULAR:
+        kinematics.put_on(chain, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
+        if kinematics.derivatives_at(chain, x, *at, d, march.REGULAR)[1] >= march.REGULAR:
             q[k], dq[k] = x, d
     order = np.argsort(np.concatenate([way.s, more]), kind="stable")
     s, qs, dqs = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq), strict=True))
@@ -343,7 +343,7 @@ def _solve_samples(
 def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
     """Whether an answer that stands away from the tracked configuration is the same one, met with a loose tolerance."""
     x = q[None].copy()
-    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, target[None], 10)
+    kinematics.polish_batch(robot.chain, x, target[None], 10)
     return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 

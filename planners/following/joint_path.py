@@ -95,7 +95,7 @@ class JointPath(Curve):
     def singular_values(self) -> Array:
         """Smallest singular value (k,) of the Jacobian at the knots."""
         values, robot = np.empty(len(self.knots)), self.robot
-        kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, self.q, values)
+        kinematics.singular_values_batch(robot.chain, self.q, values)
         return values
 
     @cached_property
@@ -138,9 +138,7 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
     def bounds(s: Array, q: Array, dq: Array) -> Array:
         out = np.empty((len(s) - 1, 2))
         march.pieces_bound(
-            robot.fixed,
-            robot.prismatic,
-            robot.tool,
+            robot.chain,
             s,
             q,
             dq,

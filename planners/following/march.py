@@ -5,13 +5,10 @@ from __future__ import annotations
 from math import asin, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-from optik.kinematics import derivatives_at, frames, put_on, tool_motion, tool_pose
+from optik.kinematics import Chain, derivatives_at, frames, put_on, tool_motion, tool_pose
 from optik.types import Array
-
-Bools = NDArray[np.bool_]
 
 LARGEST_STEP = 0.25
 """Largest joint motion from one node to the next [rad or m]."""
@@ -46,7 +43,7 @@ def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Arra
 
 
 @compiled
-def piece_bound(fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array, fourth: Array) -> tuple[float, float]:
+def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float, float]:
     """Proved bounds on distance [m] and angle [rad] between tool and path on a piece with Bézier points b (n, 6).
 
     Where pose and twist agree at both ends, the difference e of positions, or of entries of rotations, is that of a
@@ -55,6 +52,7 @@ def piece_bound(fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array,
     k-th derivative; that of a chain by the product; so the tool's fourth derivative is bounded by Bell polynomials.
     fourth (2,) holds bounds on the path's own, of position and rotation.
     """
+    fixed, prismatic, tool = chain
     n = b.shape[0]
     m = np.zeros(5)  # Σ over the joints so far of the bounds on |θ⁽ᵏ⁾|
     d, x = np.empty(6), np.zeros(5)
@@ -93,15 +91,13 @@ def piece_bound(fixed: Array, prismatic: Bools, tool: Array, h: float, b: Array,
 
 
 @compiled
-def misfit(
-    fixed: Array, prismatic: Bools, tool: Array, q: Array, dq: Array, pose: Array, twist: Array, out: Array
-) -> None:
+def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Array) -> None:
     """How far a node is off its path: distance, angle as a chord, and the same of the twist, into out (4,)."""
     n = q.shape[0]
     frame, T, made = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((3, 6))
-    frames(fixed, prismatic, q, frame)
-    tool_pose(frame, tool, T)
-    tool_motion(frame, T, prismatic, fixed, q, dq, made)
+    frames(chain, q, frame)
+    tool_pose(chain, frame, T)
+    tool_motion(chain, frame, T, q, dq, made)
     for k in range(4):
         out[k] = 0.0
     for r in range(3):
@@ -131,7 +127,7 @@ def widened(bound: tuple[float, float], h: float, left: Array, right: Array) -> 
 
 @compiled
 def pieces_bound(
-    fixed: Array, prismatic: Bools, tool: Array, s: Array, q: Array, dq: Array, poses: Array, twists: Array,
+    chain: Chain, s: Array, q: Array, dq: Array, poses: Array, twists: Array,
     fourth: Array, out: Array,
 ) -> None:  # fmt: skip
     """`piece_bound` between any nodes s (k,) on a path with these poses and twists (k, 6), into out (k − 1, 2).
@@ -139,13 +135,13 @@ def pieces_bound(
     Whatever q and dq are: what the nodes are off counts. fourth (k, 2) counts from each node on.
     """
     b, left, right = np.empty((q.shape[1], 6)), np.empty(4), np.empty(4)
-    misfit(fixed, prismatic, tool, q[0], dq[0], poses[0], twists[0], right)
+    misfit(chain, q[0], dq[0], poses[0], twists[0], right)
     for i in range(s.shape[0] - 1):
         left[:] = right
-        misfit(fixed, prismatic, tool, q[i + 1], dq[i + 1], poses[i + 1], twists[i + 1], right)
+        misfit(chain, q[i + 1], dq[i + 1], poses[i + 1], twists[i + 1], right)
         h = s[i + 1] - s[i]
         control_points(h, q[i], dq[i], q[i + 1], dq[i + 1], b)
-        out[i, 0], out[i, 1] = widened(piece_bound(fixed, prismatic, tool, h, b, fourth[i]), h, left, right)
+        out[i, 0], out[i, 1] = widened(piece_bound(chain, h, b, fourth[i]), h, left, right)
 
 
 @compiled
@@ -191,7 +187,7 @@ def first_exit(points: Array, low: float, high: float) -> float:
 
 @compiled
 def march(
-    fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, s: Array, poses: Array, twists: Array,
+    chain: Chain, lower: Array, upper: Array, s: Array, poses: Array, twists: Array,
     rows: Array, values: Array, fourth: Array, tolerance: Array, least: float, q: Array, dq: Array, singular: Array,
 ) -> tuple[int, int, float, int]:  # fmt: skip
     """Go from q[0], dq[0] at s[0] to every next node, as far as each step is good.
@@ -202,7 +198,7 @@ def march(
 
     Parameters
     ----------
-    fixed, prismatic, tool
+    chain
         The arm.
     lower, upper : (n,) array
         Limits, slack included.
@@ -240,7 +236,7 @@ def march(
         reach = 1.0
         for r in range(3):
             reach = max(reach, abs(poses[k + 1, r, 3]))
-        worst, rank = put_on(fixed, prismatic, tool, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, q[k + 1])
+        worst, rank = put_on(chain, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, q[k + 1])
         largest = 0.0
         for i in range(n):
             largest = max(largest, abs(q[k + 1, i] - b[i, 0]))
@@ -250,12 +246,12 @@ def march(
             if not abs(q[k + 1, i] - q[k, i]) <= LARGEST_STEP:
                 return k + 1, TOO_LONG, 0.0, i
         rank, singular[k + 1] = derivatives_at(
-            fixed, prismatic, tool, q[k + 1], twists[k + 1], rows[k + 1], values[k + 1], dq[k + 1], least
+            chain, q[k + 1], twists[k + 1], rows[k + 1], values[k + 1], dq[k + 1], least
         )
         if not singular[k + 1] >= least or rank == 0.0:
             return k + 1, SINGULAR, singular[k + 1], 0
         control_points(h, q[k], dq[k], q[k + 1], dq[k + 1], b)
-        distance, angle = piece_bound(fixed, prismatic, tool, h, b, fourth[k])
+        distance, angle = piece_bound(chain, h, b, fourth[k])
         if not (distance <= tolerance[0] and angle <= tolerance[1]):
             return k + 1, LOOSE, max(distance / tolerance[0], angle / tolerance[1]), 0
         first, joint = 2.0, -1

@@ -84,7 +84,7 @@ class FreeMotion:
 
     def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
         self.robot, self.path, self.held = robot, path, held
-        self.arm = robot.fixed, robot.prismatic, robot.tool
+        self.chain = robot.chain
         lower, upper = robot.limits.lower, robot.limits.upper
         finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
         self.middle = np.where(finite, 0.5 * (np.where(finite, lower, 0.0) + np.where(finite, upper, 0.0)), 0.0)
@@ -110,7 +110,7 @@ class FreeMotion:
             at = np.array([self.s[-1], *ahead])
             way = np.repeat(self.way[-1:], len(at), axis=0)
             poses, N = np.ascontiguousarray(self.path.pose(at)), self.first.copy()
-            good = smoothing.carry(*self.arm, self.middle, self.half, poses, at / self.path.end, N, way)
+            good = smoothing.carry(self.chain, self.middle, self.half, poses, at / self.path.end, N, way)
             self.s, self.way = np.append(self.s, at[1:good]), np.concatenate([self.way, way[1:good]])
             ahead = ahead[good - 1 :]
             if ahead:
@@ -123,7 +123,7 @@ class FreeMotion:
         shares = self.s / self.path.end
         self.way = np.ascontiguousarray(self.way)
         smoothing.smooth(
-            *self.arm, self.middle, self.half, poses, shares, self.first, self.keep_off, self.held, self.way, self.N
+            self.chain, self.middle, self.half, poses, shares, self.first, self.keep_off, self.held, self.way, self.N
         )
 
     def refined(self, s: float, limit: bool) -> bool:
@@ -155,7 +155,7 @@ class FreeMotion:
 
 def _reach(robot: Robot, poses: Array, q: Array) -> NDArray[np.bool_]:
     """Bring configurations (k, n), in place, the shortest way onto poses (k, 4, 4); which of them come there."""
-    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, q, poses, 12)
+    kinematics.polish_batch(robot.chain, q, poses, 12)
     return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < REACHED)
 
 
@@ -236,7 +236,7 @@ def _solver(robot: Robot) -> IKSolver:
 def _standing(robot: Robot, q: Array) -> Array:
     """Cost (k,) of standing at configurations (k, n)."""
     sigma = np.empty(len(q))
-    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, np.ascontiguousarray(q), sigma)
+    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), sigma)
     lower, upper = robot.limits.lower, robot.limits.upper
     finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
     low, high = np.where(finite, lower, -1.0), np.where(finite, upper, 1.0)

@@ -39,7 +39,7 @@ class At(NamedTuple):
 def smallest(robot: Robot, q: Array) -> float:
     """Smallest singular value of the Jacobian at q (n,)."""
     out = np.empty(1)
-    kinematics.singular_values_batch(robot.fixed, robot.prismatic, robot.tool, q[None], out)
+    kinematics.singular_values_batch(robot.chain, q[None], out)
     return float(out[0])
 
 
@@ -49,18 +49,18 @@ def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At 
     Exact, if its smallest singular value is not below `away`. A singular end of the path is met by `kinematics.settle`.
     None where neither is so, or the configuration is not near where the motion leads.
     """
-    arm, h = (robot.fixed, robot.prismatic, robot.tool), s - near.s
+    chain, h = robot.chain, s - near.s
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
     nodes, predicted, dq = course.nodes(np.array([s])), q.copy(), np.empty((3, robot.n))
     rows, values, reach = nodes.rows[0], nodes.values[0], max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
-    error, _ = kinematics.put_on(*arm, nodes.poses[0], rows[0], values[0], 8, q)
-    rank, sigma = kinematics.derivatives_at(*arm, q, nodes.twists[0], rows, values, dq, away)
+    error, _ = kinematics.put_on(chain, nodes.poses[0], rows[0], values[0], 8, q)
+    rank, sigma = kinematics.derivatives_at(chain, q, nodes.twists[0], rows, values, dq, away)
     if not (sigma >= away and rank > 0.0):
         if 0.0 < s < course.path.end:
             return None
         q = predicted.copy()
         dq = np.stack([near.dq[0] + h * (near.dq[1] + 0.5 * h * near.dq[2]), near.dq[1] + h * near.dq[2], near.dq[2]])
-        error = kinematics.settle(*arm, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
+        error = kinematics.settle(chain, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
         error = 0.0 if np.isfinite(error) else error  # what is left counts in the bound
     if not (error <= march.ON_PATH * reach and np.abs(q - predicted).max() <= march.LARGEST_CORRECTION):
         return None
@@ -72,7 +72,7 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
 
     From every configuration a little ahead (or those near the given one, with its windings) back to the start.
     """
-    arm, none = (robot.fixed, robot.prismatic, robot.tool), np.empty((4, 0, robot.n))
+    chain, none = robot.chain, np.empty((4, 0, robot.n))
     for s in AHEAD * course.path.end:
         nodes, found = course.nodes(np.array([s])), False
         for q in roots(robot, nodes.poses[0], CLEAR)[0]:
@@ -82,8 +82,8 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
                     continue
             dq = np.empty((3, robot.n))
             at = nodes.twists[0], none, none[:, :, 0]
-            kinematics.put_on(*arm, nodes.poses[0], none[0], none[0, :, 0], 8, q)
-            rank, sigma = kinematics.derivatives_at(*arm, q, *at, dq, march.REGULAR)
+            kinematics.put_on(chain, nodes.poses[0], none[0], none[0, :, 0], 8, q)
+            rank, sigma = kinematics.derivatives_at(chain, q, *at, dq, march.REGULAR)
             if not (sigma >= CLEAR and rank > 0.0):
                 continue
             right = At(float(s), q, dq)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-from optik.kinematics import cholesky_solve, damped_step, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, frames, jacobian_from, tool_pose
+from optik.linear import cholesky_solve, damped_step
 from optik.se3 import pose_error
 from optik.types import Array
-
-Bools = NDArray[np.bool_]
 
 LARGEST_EDGE = 0.7
 """Largest joint motion from a station to the next [rad or m], before it is made smooth."""
@@ -38,14 +36,14 @@ REACHED = 1e-9
 
 
 @compiled
-def come_to(fixed: Array, prismatic: Bools, tool: Array, target: Array, q: Array, J: Array) -> float:
+def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
     """Bring q (n,), in place, the shortest way onto a target; the error left [m, rad], and the Jacobian (6, n) there."""
     n = q.shape[0]
     frame, T, e, dq = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(n)
     A, y, best, worst = np.empty((6, 6)), np.empty(6), np.empty(n), np.inf
     for _ in range(12):
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
         pose_error(T, target, e)
         error = 0.0
         for i in range(6):
@@ -54,7 +52,7 @@ def come_to(fixed: Array, prismatic: Bools, tool: Array, target: Array, q: Array
             q[:] = best  # rounding, or no progress: J is that of a step further
             break
         worst, best[:] = error, q
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         if error < 1e-14 or not damped_step(J, e, 0.0, A, y, dq):
             break
         for i in range(n):
@@ -114,9 +112,7 @@ def room(middle: float, half: float, q: float) -> tuple[float, float]:
 
 @compiled
 def carry(
-    fixed: Array,
-    prismatic: Bools,
-    tool: Array,
+    chain: Chain,
     middle: Array,
     half: Array,
     poses: Array,
@@ -132,7 +128,7 @@ def carry(
     J, on, other = np.empty((6, n)), np.empty((n, d)), np.empty(n)
     for k in range(1, way.shape[0]):
         way[k] = way[k - 1]
-        if not come_to(fixed, prismatic, tool, poses[k], way[k], J) < REACHED:
+        if not come_to(chain, poses[k], way[k], J) < REACHED:
             return k
         for i in range(n):
             if not abs(way[k, i] - way[k - 1, i]) <= LARGEST_EDGE:
@@ -153,20 +149,20 @@ def carry(
             largest = max(largest, abs(other[i]))
         for i in range(n):
             other[i] = way[k, i] + other[i] * min(1.0, AWAY / largest)
-        if come_to(fixed, prismatic, tool, poses[k], other, J) < REACHED:
+        if come_to(chain, poses[k], other, J) < REACHED:
             way[k] = other
     return len(way)
 
 
 @compiled
-def directions(fixed: Array, prismatic: Bools, tool: Array, way: Array, first: Array, N: Array) -> float:
+def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
     """`free_directions` (k, n, d) at configurations (k, n), each like the one before; how alike the least are."""
     n = way.shape[1]
     frame, T, J, least = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n)), 1.0
     for k in range(way.shape[0]):
-        frames(fixed, prismatic, way[k], frame)
-        tool_pose(frame, tool, T)
-        jacobian_from(frame, prismatic, T, J)
+        frames(chain, way[k], frame)
+        tool_pose(chain, frame, T)
+        jacobian_from(chain, frame, T, J)
         alike = free_directions(J, first if k == 0 else N[k - 1], N[k])
         if k > 0:
             least = min(least, alike)
@@ -243,7 +239,7 @@ def _assemble(
 
 @compiled
 def smooth(
-    fixed: Array, prismatic: Bools, tool: Array, middle: Array, half: Array, poses: Array, shares: Array, first: Array,
+    chain: Chain, middle: Array, half: Array, poses: Array, shares: Array, first: Array,
     keep_off: float, held: bool, way: Array, N: Array,
 ) -> float:  # fmt: skip
     """Move configurations (k, n) along their curves of solutions to the least cost of motion and room, in place.
@@ -256,7 +252,7 @@ def smooth(
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))
     move, J = np.empty((k, n)), np.empty((6, n))
     for _ in range(ROUNDS):
-        directions(fixed, prismatic, tool, way, first, N)
+        directions(chain, way, first, N)
         _assemble(middle, half, shares, keep_off, held, way, N, D, C, b)
         solve_blocks(D, C, b)
         largest = 1e-12
@@ -270,8 +266,8 @@ def smooth(
         for i in range(k):
             for j in range(n):
                 move[i, j] = way[i, j] + share * move[i, j]
-            if come_to(fixed, prismatic, tool, poses[i], move[i], J) < REACHED:
+            if come_to(chain, poses[i], move[i], J) < REACHED:
                 way[i] = move[i]
         if largest < SMOOTH:
             break
-    return directions(fixed, prismatic, tool, way, first, N)
+    return directions(chain, way, first, N)

@@ -82,7 +82,7 @@ class _Tracker:
 
     def __init__(self, robot: Robot, course: Course, tolerance: Tolerance, limits: tuple[Array, Array]) -> None:
         self.robot, self.course, self.limits = robot, course, limits
-        self.arm = robot.fixed, robot.prismatic, robot.tool
+        self.chain = robot.chain
         self.slack = limits[0] - LIMIT_TOLERANCE, limits[1] + LIMIT_TOLERANCE
         self.allowed = np.array([tolerance.position, tolerance.rotation])
         self.end, self.count, n = course.path.end, 0, robot.n
@@ -124,9 +124,9 @@ class _Tracker:
         """Put the start on the path; a singular one is where a motion that goes on smoothly begins."""
         q, dq = np.array(q_start), np.empty((3, self.robot.n))
         reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
-        error, _ = kinematics.put_on(*self.arm, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
+        error, _ = kinematics.put_on(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
         at = nodes.twists[0], nodes.rows[0], nodes.values[0]
-        rank, sigma = kinematics.derivatives_at(*self.arm, q, *at, dq, march.REGULAR)
+        rank, sigma = kinematics.derivatives_at(self.chain, q, *at, dq, march.REGULAR)
         outside = np.maximum(self.slack[0] - q, q - self.slack[1])
         given = np.clip(q_start, *self.limits)
         if not sigma >= march.REGULAR and self._depart(nodes, given):
@@ -168,7 +168,7 @@ class _Tracker:
         q, dq, singular = np.empty((k, n)), np.empty((k, 3, n)), np.empty(k)
         q[0], dq[0] = self.q[self.count - 1], self.dq[self.count - 1]
         good, code, value, joint = march.march(
-            *self.arm, *self.slack, *nodes, self.allowed, self.least, q, dq, singular
+            self.chain, *self.slack, *nodes, self.allowed, self.least, q, dq, singular
         )
         self._keep(nodes.s[1:good], q[1:good], dq[1:good])
         if self.least < march.REGULAR and good > 1 and smallest(self.robot, q[good - 1]) >= march.REGULAR:
@@ -218,7 +218,7 @@ class _Tracker:
         """
         middle, coarse, back = float(nodes.s[i + 1]), False, min(self.count, 64)
         sigma = np.empty(back)
-        kinematics.singular_values_batch(*self.arm, self.q[self.count - back : self.count], sigma)
+        kinematics.singular_values_batch(self.chain, self.q[self.count - back : self.count], sigma)
         for away in AWAY:
             from_here = np.flatnonzero(sigma >= away)
             if not from_here.size:

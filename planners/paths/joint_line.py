@@ -112,7 +112,7 @@ class JointLine(Path):
                 advice="another pose, or a q_start nearer to it",
             )
         exact = np.ascontiguousarray(result.q[None]).copy()
-        kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, exact, target[None], 6)
+        kinematics.polish_batch(robot.chain, exact, target[None], 6)
         # an arm that is singular there may be sent far away by the last step of rounding
         near = np.abs(exact[0] - result.q).max() <= 1e-3 and bool(robot.limits.contains(exact[0]))
         return cls(robot, q, robot.limits.clip(exact[0]) if near else result.q)
@@ -147,7 +147,7 @@ class JointLine(Path):
         robot = self.robot
         derivatives, twists = np.zeros((len(q), 3, robot.n)), np.empty((len(q), 3, 6))
         derivatives[:, 0] = self._joints.rate
-        kinematics.tool_motion_batch(robot.fixed, robot.prismatic, robot.tool, q, derivatives, twists)
+        kinematics.tool_motion_batch(robot.chain, q, derivatives, twists)
         return twists
 
     def derivative_bounds(self) -> Array:

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from optik.linear import qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from optik.linear import cholesky_solve, damped_step, qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
 
 
 def factored(A):
@@ -64,3 +66,40 @@ def test_above_a_floor_the_answer_is_a_lower_bound_above_it(shape):
             assert floor < found <= true * (1.0 + 1e-8)
             cheap += found < 0.99 * true
     assert cheap > 20
+
+
+@given(st.integers(1, 8), st.integers(0, 10**6), st.floats(0.01, 100))
+def test_cholesky_solve_is_numpys_solve(n, seed, scale):
+    rng = np.random.default_rng(seed)
+    B = rng.normal(size=(n, n + 2))
+    A, b = scale * (B @ B.T + 0.1 * np.eye(n)), rng.normal(size=n)
+    x = b.copy()
+    assert cholesky_solve(np.tril(A), x)  # the upper part is not read
+    expected = np.linalg.solve(A, b)
+    assert np.abs(x - expected).max() < 1e-12 * np.linalg.cond(A) * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    "A",
+    [np.zeros((3, 3)), -np.eye(3), np.diag([1.0, 1.0, 0.0]), np.diag([1.0, -1.0, 1.0]), np.full((3, 3), np.nan)],
+    ids=["zero", "negative", "rank two", "indefinite", "NaN"],
+)
+def test_cholesky_solve_refuses_what_is_not_positive_definite(A):
+    assert not cholesky_solve(A.copy(), np.ones(3))
+
+
+@given(st.integers(1, 8), st.integers(0, 10**6), st.floats(1e-3, 1.0))
+def test_damped_step_is_equations_11_and_12(n, seed, damping):
+    rng = np.random.default_rng(seed)
+    J, e, dq = rng.normal(size=(6, n)), rng.normal(size=6), np.empty(n)
+    assert damped_step(J, e, damping**2, np.empty((6, 6)), np.empty(6), dq)
+    expected = np.linalg.solve(J.T @ J + damping**2 * np.eye(n), J.T @ e)  # the same by the other identity
+    assert np.abs(dq - expected).max() < 1e-9 * max(1.0, np.abs(expected).max() / damping**2)
+
+
+@given(st.integers(0, 10**6))
+def test_a_step_without_damping_is_newtons(seed):
+    rng = np.random.default_rng(seed)
+    J, e, dq = rng.normal(size=(6, 6)) + 4 * np.eye(6), rng.normal(size=6), np.empty(6)
+    assert damped_step(J, e, 0.0, np.empty((6, 6)), np.empty(6), dq)
+    assert np.abs(dq - np.linalg.solve(J, e)).max() < 1e-14 * np.linalg.cond(J) ** 2

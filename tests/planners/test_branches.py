@@ -136,7 +136,7 @@ def test_the_bound_of_a_slider_is_the_fourth_derivative_of_its_motion() -> None:
     h, points = 0.5, np.array([[0.0, 0.0, 0.0, 0.0, 0.3, 0.4]])
     # of Σ bₖ Bₖ(u) the fourth derivative is linear between 5! times the fourth differences
     ends = 120.0 * np.abs([points[0, :5] @ [1, -4, 6, -4, 1], points[0, 1:] @ [1, -4, 6, -4, 1]]) / h**4
-    distance, angle = piece_bound(fixed, np.array([True]), tool, h, points, np.zeros(2))
+    distance, angle = piece_bound((fixed, np.array([True]), tool), h, points, np.zeros(2))
     assert distance == pytest.approx(h**4 / 384.0 * ends.max(), rel=1e-12)
     assert angle == 0.0
 
@@ -146,7 +146,7 @@ def test_the_bound_of_a_slider_that_turns_counts_both() -> None:
     fixed, tool, h, r0, v, w = np.tile(np.eye(4), (2, 1, 1)), np.eye(4), 0.5, 0.3, 0.2, 1.5
     fixed[1, :3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]  # slides along the turning x
     u = np.linspace(0.0, h, 6)  # the control points of what is linear are equally spaced
-    distance, angle = piece_bound(fixed, np.array([False, True]), tool, h, np.array([w * u, r0 + v * u]), np.zeros(2))
+    distance, angle = piece_bound((fixed, np.array([False, True]), tool), h, np.array([w * u, r0 + v * u]), np.zeros(2))
     assert distance == pytest.approx(h**4 / 384.0 * ((r0 + v * h) * w**4 + 4.0 * v * w**3), rel=1e-12)
     assert angle == pytest.approx(h**4 / 384.0 * w**4, rel=1e-4)
 

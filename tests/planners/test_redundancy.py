@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from optik import Robot, kinematics
 from optik.arm.library import load
@@ -19,10 +18,6 @@ from planners.following import smoothing
 from planners.following.redundancy import free_motions
 from planners.paths.arc import Arc
 from tests import oracles
-
-
-def arm(robot: Robot) -> tuple[Array, NDArray[np.bool_], Array]:
-    return robot.fixed, robot.prismatic, robot.tool
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
@@ -82,7 +77,7 @@ def test_the_smooth_free_motion_is_a_minimum_of_its_cost(held: bool) -> None:
         for step in (-1e-3, 1e-3):  # along the curve of solutions of one station, back onto it
             other = motion.way.copy()
             x = other[k : k + 1] + step * motion.N[k, :, 0]
-            kinematics.polish_batch(*arm(robot), x, poses[k : k + 1], 12)
+            kinematics.polish_batch(robot.chain, x, poses[k : k + 1], 12)
             other[k] = x[0]
             assert cost(robot, other, shares) > least
 

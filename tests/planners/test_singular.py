@@ -215,7 +215,7 @@ def beside(robot: Robot, rng: np.random.Generator, d: float) -> tuple[Line, Arra
     if not result:
         return None
     x = result.q[None].copy()
-    kinematics.polish_batch(robot.fixed, robot.prismatic, robot.tool, x, line.start[None], 10)
+    kinematics.polish_batch(robot.chain, x, line.start[None], 10)
     return (line, x[0]) if robot.limits.contains(x[0]) else None
 
 
@@ -258,7 +258,7 @@ def test_the_bound_counts_what_nodes_are_off_in_pose_and_twist(off: float) -> No
     out, plainly = deviation_bounds(robot, line, exact.nodes, x, d), np.empty((len(x) - 1, 2))
     fourth = np.tile(line.derivative_bounds()[:, 3], (len(x), 1))
     march.pieces_bound(
-        robot.fixed, robot.prismatic, robot.tool, exact.nodes, x, d, line.pose(exact.nodes), line.twist(exact.nodes),
+        robot.chain, exact.nodes, x, d, line.pose(exact.nodes), line.twist(exact.nodes),
         fourth, plainly,
     )  # fmt: skip
     for i in range(len(x) - 1):

@@ -77,7 +77,7 @@ class ProgrammeSolver(IKSolver):
         self._parameters = np.zeros(12 + robot.n)
         self._quick = self.time_limit is None and not self.chooses
         lower, upper, flags = robot.limits.lower, robot.limits.upper, self.task.flags
-        self._judge_of = partial(judge, robot.fixed, robot.prismatic, robot.tool, lower, upper, flags, LIMIT_TOLERANCE)
+        self._judge_of = partial(judge, robot.chain, lower, upper, flags, LIMIT_TOLERANCE)
         self._position, self._rotation = self.tolerance.position, self.tolerance.rotation
         self._prefix = f"{self.name.upper()}: "
         free = not self.prefer or self.chooses

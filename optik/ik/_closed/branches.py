@@ -12,17 +12,15 @@ from itertools import combinations, product
 from math import floor, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik._preference import descend
-from optik.kinematics import cholesky_solve, copy_vector, damped_step, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, copy_vector, frames, jacobian_from, tool_pose
+from optik.linear import cholesky_solve, damped_step
 from optik.se3 import pose_error
 from optik.task import POSE
-from optik.types import Array
-
-Bools = NDArray[np.bool_]
+from optik.types import Array, Flags
 
 SAME = 1e-5
 """Roots nearer than this on every joint are one: where two of them meet, rounding parts them by 1e-8 to 1e-6."""
@@ -76,9 +74,7 @@ def push(J: Array, e: Array, damping2: float, low: Array, high: Array, q: Array,
 
 
 @compiled
-def refine(
-    fixed: Array, prismatic: Bools, tool: Array, low: Array, high: Array, target: Array, steps: int, q: Array
-) -> tuple[int, float, float]:
+def refine(chain: Chain, low: Array, high: Array, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
     """Damped Gauss–Newton from q (n,), in place, within bounds, to rounding or until it gets no further.
 
     Returns (steps taken, position error, rotation error).
@@ -88,8 +84,8 @@ def refine(
     dq, best = np.empty(n), q.copy()
     least, position, rotation, stalls, k = np.inf, np.inf, np.inf, 0, 0
     while True:
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
         pose_error(T, target, e)
         p2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
         r2 = e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
@@ -102,7 +98,7 @@ def refine(
         if least < 1e-28 or (k == 0 and least < 1e-24) or stalls == 4 or k == steps or not size < np.inf:
             copy_vector(best, q)
             return k, position, rotation
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         if not push(J, e, 0.5 * GAIN * size + LEAST_DAMPING, low, high, q, dq):
             copy_vector(best, q)
             return k, position, rotation
@@ -112,8 +108,9 @@ def refine(
 
 
 @compiled
-def same(prismatic: Bools, a: Array, b: Array) -> bool:
+def same(chain: Chain, a: Array, b: Array) -> bool:
     """Whether two configurations (n,) are one, whole turns aside."""
+    _fixed, prismatic, _tool = chain
     for i in range(a.shape[0]):
         d = a[i] - b[i]
         if not prismatic[i]:
@@ -124,14 +121,14 @@ def same(prismatic: Bools, a: Array, b: Array) -> bool:
 
 
 @compiled
-def flat(fixed: Array, prismatic: Bools, tool: Array, low: Array, high: Array, q: Array) -> bool:
+def flat(chain: Chain, low: Array, high: Array, q: Array) -> bool:
     """Whether the columns of the Jacobian at q (n,), of the joints that can move, depend on each other."""
     n = q.shape[0]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y = np.empty((n, n)), np.zeros(n)
-    frames(fixed, prismatic, q, frame)
-    tool_pose(frame, tool, T)
-    jacobian_from(frame, prismatic, T, J)
+    frames(chain, q, frame)
+    tool_pose(chain, frame, T)
+    jacobian_from(chain, frame, T, J)
     for i in range(n):
         for j in range(i + 1):
             A[i, j] = 0.0
@@ -145,10 +142,11 @@ def flat(fixed: Array, prismatic: Bools, tool: Array, low: Array, high: Array, q
 
 
 @compiled
-def add_root(prismatic: Bools, low: Array, high: Array, q: Array, roots: Array, count: int) -> bool:
+def add_root(chain: Chain, low: Array, high: Array, q: Array, roots: Array, count: int) -> bool:
     """Write q (n,), turned into [−π, π), at the end of the roots (k, n), unless it is one of the first count."""
+    _fixed, prismatic, _tool = chain
     for k in range(count):
-        if same(prismatic, q, roots[k]):
+        if same(chain, q, roots[k]):
             return False
     for i in range(q.shape[0]):
         x = q[i]
@@ -160,23 +158,23 @@ def add_root(prismatic: Bools, low: Array, high: Array, q: Array, roots: Array, 
 
 @compiled
 def distinct(
-    fixed: Array, prismatic: Bools, tool: Array, low: Array, high: Array, target: Array, tolerance_p: float,
-    tolerance_r: float, candidates: Array, roots: Array, singular: Bools,
+    chain: Chain, low: Array, high: Array, target: Array, tolerance_p: float,
+    tolerance_r: float, candidates: Array, roots: Array, singular: Flags,
 ) -> int:  # fmt: skip
     """Refine candidates (m, n) and write those that meet the target into roots (m, n), each once; their number."""
     count = 0
     for k in range(candidates.shape[0]):
         q = candidates[k]
-        _, position, rotation = refine(fixed, prismatic, tool, low, high, target, 40, q)
-        if position <= tolerance_p and rotation <= tolerance_r and add_root(prismatic, low, high, q, roots, count):
-            singular[count] = flat(fixed, prismatic, tool, low, high, roots[count])
+        _, position, rotation = refine(chain, low, high, target, 40, q)
+        if position <= tolerance_p and rotation <= tolerance_r and add_root(chain, low, high, q, roots, count):
+            singular[count] = flat(chain, low, high, roots[count])
             count += 1
     return count
 
 
 @compiled
 def regular_answer(
-    fixed: Array, prismatic: Bools, tool: Array, low: Array, high: Array, lower: Array, upper: Array, target: Array,
+    chain: Chain, low: Array, high: Array, lower: Array, upper: Array, target: Array,
     tolerance_p: float, tolerance_r: float, candidates: Array, q0: Array, q: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """`distinct` and `nearest` at once: the branch nearest to q0 (n,) into q; candidates (m, n) are refined.
@@ -184,8 +182,8 @@ def regular_answer(
     Returns (number of roots, whether q is inside, whether there is a doubt: a singular root, or one on a limit).
     """
     roots, singular = np.empty_like(candidates), np.empty(candidates.shape[0], np.bool_)
-    count = distinct(fixed, prismatic, tool, low, high, target, tolerance_p, tolerance_r, candidates, roots, singular)
-    solved, doubt = nearest(prismatic, lower, upper, roots[:count], q0, q)
+    count = distinct(chain, low, high, target, tolerance_p, tolerance_r, candidates, roots, singular)
+    solved, doubt = nearest(chain, lower, upper, roots[:count], q0, q)
     for k in range(count):
         doubt = doubt or singular[k]
     return count, solved, doubt
@@ -193,7 +191,7 @@ def regular_answer(
 
 @compiled
 def enumerate_roots(
-    fixed: Array, prismatic: Bools, tool: Array, low: Array, high: Array, target: Array, tolerance_p: float,
+    chain: Chain, low: Array, high: Array, target: Array, tolerance_p: float,
     tolerance_r: float, starts: Array, steps: int, roots: Array, patience: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Refine from starts (m, n) until `patience` in a row found nothing new, or roots (k, n) is full.
@@ -206,10 +204,10 @@ def enumerate_roots(
         if idle >= patience or count == roots.shape[0]:
             break
         copy_vector(starts[k], q)
-        more, position, rotation = refine(fixed, prismatic, tool, low, high, target, steps, q)
+        more, position, rotation = refine(chain, low, high, target, steps, q)
         taken += more
         idle += 1
-        if position <= tolerance_p and rotation <= tolerance_r and add_root(prismatic, low, high, q, roots, count):
+        if position <= tolerance_p and rotation <= tolerance_r and add_root(chain, low, high, q, roots, count):
             count, idle = count + 1, 0
     return count, taken
 
@@ -218,12 +216,13 @@ def enumerate_roots(
 
 
 @compiled
-def nearest(prismatic: Bools, lower: Array, upper: Array, roots: Array, q0: Array, q: Array) -> tuple[bool, bool]:
+def nearest(chain: Chain, lower: Array, upper: Array, roots: Array, q0: Array, q: Array) -> tuple[bool, bool]:
     """Write the branch nearest to q0 (n,) into q; q0 stands inside the limits.
 
     Where no root has a winding inside, q is the one whose nearest windings stand least outside. Returns (whether q is
     inside, whether some root stands on a limit but for rounding).
     """
+    _fixed, prismatic, _tool = chain
     turn, x = 2.0 * pi, np.empty(q.shape[0])
     least, least_out, close = np.inf, np.inf, False
     for k in range(roots.shape[0]):
@@ -255,8 +254,8 @@ def nearest(prismatic: Bools, lower: Array, upper: Array, roots: Array, q0: Arra
 
 @compiled
 def keep_inside(
-    fixed: Array, prismatic: Bools, tool: Array, lower: Array, upper: Array, target: Array, tolerance_p: float,
-    tolerance_r: float, rows: Array, good: Bools,
+    chain: Chain, lower: Array, upper: Array, target: Array, tolerance_p: float,
+    tolerance_r: float, rows: Array, good: Flags,
 ) -> None:  # fmt: skip
     """Bring rows (k, n) that are out by a band onto their limits, in place, and say which meet the target inside."""
     for k in range(rows.shape[0]):
@@ -266,12 +265,12 @@ def keep_inside(
             moved = moved or q[i] < lower[i] or q[i] > upper[i]
             q[i] = min(max(q[i], lower[i]), upper[i])
         # no steps where nothing moved: the error alone
-        _, position, rotation = refine(fixed, prismatic, tool, lower, upper, target, 20 if moved else 0, q)
+        _, position, rotation = refine(chain, lower, upper, target, 20 if moved else 0, q)
         good[k] = position <= tolerance_p and rotation <= tolerance_r
 
 
 def windings(
-    robot: Robot, q: Array, reference: Array, joints: Bools, *, slack: float = BAND, each: int = MOST_WINDINGS
+    robot: Robot, q: Array, reference: Array, joints: Flags, *, slack: float = BAND, each: int = MOST_WINDINGS
 ) -> Array:
     """All configurations (k, n) that are q (n,) with whole turns added to some joints, nearest to the reference first.
 
@@ -310,7 +309,7 @@ def inside(robot: Robot, target: Array, tolerance: tuple[float, float], rows: Ar
     rows, good = np.array(rows), np.empty(len(rows), np.bool_)
     limits = robot.limits
     keep_inside(
-        robot.fixed, robot.prismatic, robot.tool, limits.lower, limits.upper, target, *tolerance, rows, good
+        robot.chain, limits.lower, limits.upper, target, *tolerance, rows, good
     )  # fmt: skip
     return rows[good]
 
@@ -328,7 +327,7 @@ def lost_directions(robot: Robot, q: Array) -> Array:
     return out
 
 
-def goes_on(robot: Robot, target: Array, free: tuple[Array, Array], q: Array) -> Bools:
+def goes_on(robot: Robot, target: Array, free: tuple[Array, Array], q: Array) -> Flags:
     """Which joints move along the curve of roots through q (n,); none where q stands alone (an elbow, stretched).
 
     Where more than one direction is lost, the curve leaves along some mixture of them: a root met off the direction in
@@ -342,7 +341,7 @@ def goes_on(robot: Robot, target: Array, free: tuple[Array, Array], q: Array) ->
             for _ in range(LOOKS):
                 ahead = q + STEP * d
                 x = ahead.copy()
-                _, position, rotation = refine(robot.fixed, robot.prismatic, robot.tool, *free, target, 40, x)
+                _, position, rotation = refine(robot.chain, *free, target, 40, x)
                 went = float(np.linalg.norm(x - q))
                 if max(position, rotation) > 1e-11 or not 0.2 * STEP < went < 5.0 * STEP:
                     break  # no root, the way back, or another branch
@@ -357,15 +356,15 @@ def slide(robot: Robot, target: Array, q: Array, reference: Array) -> Array:
     """Bring q (n,) inside the limits, and along its curve of roots to where it is nearest to the reference."""
     lower, upper = robot.limits.lower, robot.limits.upper
     x = robot.limits.clip(q)
-    refine(robot.fixed, robot.prismatic, robot.tool, lower, upper, target, 20, x)
+    refine(robot.chain, lower, upper, target, 20, x)
     numbers = np.array([1.0, 0.0, 0.0, 1e-10, 1e-10])
-    descend(robot.fixed, robot.prismatic, robot.tool, lower, upper, POSE.flags, target, numbers, reference, x)
-    refine(robot.fixed, robot.prismatic, robot.tool, lower, upper, target, 20, x)
+    descend(robot.chain, lower, upper, POSE.flags, target, numbers, reference, x)
+    refine(robot.chain, lower, upper, target, 20, x)
     return x
 
 
 def pieces(
-    robot: Robot, target: Array, tolerance: tuple[float, float], q: Array, moves: Bools, reference: Array, known: Array,
+    robot: Robot, target: Array, tolerance: tuple[float, float], q: Array, moves: Flags, reference: Array, known: Array,
     few: bool,
 ) -> Array:  # fmt: skip
     """One configuration (k, n) of each piece inside the limits of the curve of roots through q (n,).
@@ -395,7 +394,7 @@ def is_among(q: Array, rows: Array) -> bool:
 
 
 @compiled
-def first_of_each(rows: Array, first: Bools) -> None:
+def first_of_each(rows: Array, first: Flags) -> None:
     """Say which rows (k, n) have no earlier one so near, turns counted, that it is the same."""
     for k in range(rows.shape[0]):
         first[k] = True

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
 from optik.ik._lm.winding import inside_winding
-from optik.kinematics import damped_step, frames, jacobian_from, tool_pose
+from optik.kinematics import Chain, frames, jacobian_from, tool_pose
+from optik.linear import damped_step
 from optik.task import task_error, task_rows
-from optik.types import Array
-
-Bools = NDArray[np.bool_]
+from optik.types import Array, Flags
 
 SOLVED, MAX_ITERATIONS, STALLED, OUTSIDE_LIMITS = 0, 1, 2, 4
 
 
 @compiled
-def settle(prismatic: Bools, lower: Array, upper: Array, start: Array, q: Array) -> bool:
+def settle(prismatic: Flags, lower: Array, upper: Array, start: Array, q: Array) -> bool:
     """Bring q (n,) inside the limits, by whole turns to the winding nearest to the start, else to the limit itself.
 
     Returns whether it stood there already.
@@ -33,9 +31,7 @@ def settle(prismatic: Bools, lower: Array, upper: Array, start: Array, q: Array)
 
 @compiled
 def attempt_task(
-    fixed: Array,
-    prismatic: Bools,
-    tool: Array,
+    chain: Chain,
     lower: Array,
     upper: Array,
     flags: Array,
@@ -49,13 +45,14 @@ def attempt_task(
 
     numbers are (tolerances, gain, least damping, iterations, –, –, patience, progress). Returns (iterations, status).
     """
+    _fixed, prismatic, _tool = chain
     n = q.shape[0]
     frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
     A, y, dq, e, w, start = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), q.copy()
     least, stalls, iteration, settled = np.inf, 0, 0, False
     while True:
-        frames(fixed, prismatic, q, frame)
-        tool_pose(frame, tool, T)
+        frames(chain, q, frame)
+        tool_pose(chain, frame, T)
         task_error(T, target, flags, e, w)
         if trace.shape[0] > 0:
             for i in range(6):
@@ -76,7 +73,7 @@ def attempt_task(
             return iteration, MAX_ITERATIONS
         if stalls >= numbers[7] or not cost < np.inf:
             return iteration, OUTSIDE_LIMITS if clamped else STALLED
-        jacobian_from(frame, prismatic, T, J)
+        jacobian_from(chain, frame, T, J)
         task_rows(target, flags, w, J)
         for i in range(n):
             if lower[i] == upper[i]:
