@@ -98,7 +98,7 @@ def _robot_of(value: Any, where: str) -> Robot:
     """Robot of a plug-in: a robot, what returns one, or the path of its file."""
     if isinstance(value, str | os.PathLike):
         return _from_file(os.fspath(value), {})
-    robot = value if isinstance(value, Robot) or not callable(value) else value()
+    robot = value() if callable(value) and not isinstance(value, Robot | type) else value
     if not isinstance(robot, Robot):
         raise InvalidInput(where, repr(robot)[:60], "a Robot, a function that returns one, or the path of its file")
     return robot

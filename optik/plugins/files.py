@@ -149,6 +149,9 @@ class _FileLoader(Loader):
             raise InvalidInput(str(file), "a file that has changed", "the file as the run recorded it")
         module.__dict__["__sha256__"] = found
         exec(compile(source, str(file), "exec", dont_inherit=True), module.__dict__)
+        method = vars(module).get("METHOD")
+        if isinstance(method, type) and method.__module__ == module.__name__ and "name" not in vars(method):
+            method.name = file.stem  # type: ignore[attr-defined] # here, where unpickling comes by, too
 
 
 sys.meta_path.append(_Finder())

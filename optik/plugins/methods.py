@@ -56,7 +56,7 @@ def wanted(base: Any) -> str:
 
 
 def checked(group: str, method: Any, name: str, where: str) -> Any:
-    """Return a method from outside once it is of the kind that the group needs; a class is given its name.
+    """Return a method from outside once it is of the kind that the group needs and bears its name.
 
     Parameters
     ----------
@@ -65,7 +65,8 @@ def checked(group: str, method: Any, name: str, where: str) -> Any:
     method : object
         What the file or the entry point has.
     name : str
-        By which it is asked for: the class's ``name``, where classes of this group have one.
+        By which it is asked for: the class's ``name``, where classes of this group have one. The class in a file is
+        given the file's when it is imported; the class of an entry point states it.
     where : str
         Where it comes from, for messages.
 
@@ -88,10 +89,8 @@ def checked(group: str, method: Any, name: str, where: str) -> Any:
         raise InvalidInput(where, repr(method)[:60], wanted(base))
     kind: Any = method
     asked = {a for k in base.__mro__ for a, t in vars(k).get("__annotations__", {}).items() if "ClassVar" in str(t)}
-    if "name" in asked:
-        if vars(kind).get("name", name) != name:
-            raise InvalidInput(where, f"the name {kind.name!r}", f"{name!r}, as it is asked for, or no name")
-        kind.name = name
+    if "name" in asked and getattr(kind, "name", name) != name:
+        raise InvalidInput(where, f"the name {kind.name!r}", f"name = {name!r} in the class, by which it is asked for")
     missing = sorted({*getattr(kind, "__abstractmethods__", ()), *(a for a in asked if not hasattr(kind, a))})
     if missing:
         raise InvalidInput(where, f"{kind.__name__} without {', '.join(missing)}", f"{wanted(base)} that defines them")
