@@ -1,4 +1,4 @@
-"""Provenance: which code, versions and machine made a run."""
+"""Provenance: the code, package versions and machine that produced a run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,24 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly")
-"""Ours and what it stands on; peers say their versions where they are shown."""
+"""This package and its dependencies; versions of peers are shown next to their results."""
 
 
 def provenance(seed: int, workers: int) -> dict[str, Any]:
-    """Everything a reader needs to judge and repeat a run, as plain data."""
+    """Code, versions, machine and settings that are needed to judge and repeat a run, as plain data.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the run.
+    workers : int
+        Number of worker processes.
+
+    Returns
+    -------
+    dict
+        Time, commit, versions, system, processor, workers and seed.
+    """
     commit, dirty = _commit()
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -41,7 +54,7 @@ def _version(package: str) -> str | None:
 
 
 def _commit() -> tuple[str | None, bool | None]:
-    """Commit of the checkout that this code runs from and whether it was changed; None where it is installed."""
+    """Commit of the checkout that contains this code and whether it has local changes; None if it is installed."""
     here = Path(__file__).resolve().parent.parent
     if not (here / ".git").exists():
         return None, None

@@ -1,4 +1,4 @@
-"""Run folders: what a run writes, whole or not at all, and how it is read back."""
+"""Run folders: the files that a run writes, each completely or not at all, and how they are read back."""
 
 from __future__ import annotations
 
@@ -14,14 +14,21 @@ from optik.errors import InvalidInput, OutputError
 from optik.files import write_whole
 
 FORMAT = "optik-run/1"
-KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
+"""Name and version of the format of run folders, in ``run.json``."""
+MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
+"""Keys that ``run.json`` must have."""
 
 
 class RunFolder:
     """A folder with ``run.json``, ``problems/``, ``ik/``, ``line/``, ``speed/`` and ``timing/``.
 
-    Every file is written under a temporary name and renamed, so it is there whole or not at all; a run that was
+    Every file is written under a temporary name and then renamed, so that no file is ever incomplete. A run that was
     interrupted is continued by running it again.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The folder; `create` makes it.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -30,14 +37,25 @@ class RunFolder:
     # ------------------------------------------------------------ opening
 
     def create(self, manifest: dict[str, Any]) -> dict[str, Any]:
-        """Start a run here, or continue one of the same settings; returns the manifest as it is now.
+        """Start a run in this folder, or continue one with the same settings.
 
-        A continued run keeps the provenance of its first session and lists that of every later one that had work to do.
+        A continued run keeps the provenance of its first session and appends that of every later session, until the run
+        is complete.
+
+        Parameters
+        ----------
+        manifest : dict
+            Content of ``run.json`` for a new run.
+
+        Returns
+        -------
+        dict
+            Content of ``run.json`` as it is now.
 
         Raises
         ------
         OutputError
-            The folder cannot be written, or holds a run of other settings, or something else.
+            The folder cannot be written, or contains a run with other settings or files that are not of a run.
         """
         try:
             manifest = self.checked(manifest)
@@ -51,7 +69,23 @@ class RunFolder:
             raise OutputError(self.path, f"cannot be written ({error.strerror})") from None
 
     def checked(self, manifest: dict[str, Any]) -> dict[str, Any]:
-        """Return the manifest as `create` would, without writing anything."""
+        """Return the manifest as `create` would, without writing anything.
+
+        Parameters
+        ----------
+        manifest : dict
+            Content of ``run.json`` for a new run.
+
+        Returns
+        -------
+        dict
+            Content of ``run.json`` as `create` would leave it.
+
+        Raises
+        ------
+        OutputError
+            The path is a file, or a folder with a run with other settings or with files that are not of a run.
+        """
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(self.path, "is a file; name a folder for the run")
         if self.path.is_dir() and any(self.path.iterdir()):
@@ -72,49 +106,99 @@ class RunFolder:
     def manifest(self) -> dict[str, Any]:
         """Content of ``run.json``.
 
+        Returns
+        -------
+        dict
+            Suite, settings, fingerprint and provenance of the run.
+
         Raises
         ------
         InvalidInput
-            The folder is no run.
+            The folder is not a run of this format.
         """
         try:
             data = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             raise InvalidInput("run", str(self.path), "a folder written by optik bench run") from None
-        if not isinstance(data, dict) or data.get("format") != FORMAT or not set(data) >= KEYS:
+        if not isinstance(data, dict) or data.get("format") != FORMAT or not set(data) >= MANIFEST_KEYS:
             raise InvalidInput("run", f"{self.path} of another format", f"a run of format {FORMAT}")
         return data
 
     # ------------------------------------------------------------ writing
 
     def has(self, name: str) -> bool:
-        """Whether a part is there already."""
+        """Whether a file exists already.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+
+        Returns
+        -------
+        bool
+            Whether it exists.
+        """
         return (self.path / name).is_file()
 
     def write(self, name: str, frame: pl.DataFrame) -> None:
-        """Write a Parquet part."""
+        """Write a table as Parquet.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+        frame : DataFrame
+            The table.
+        """
         write_whole(self.path / name, lambda part: frame.write_parquet(part))
 
     def write_json(self, name: str, data: Any) -> None:
-        """Write plain data as strict JSON."""
+        """Write plain data as strict JSON.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+        data : Any
+            Dictionaries, lists, text, finite numbers, truth values and None.
+        """
         write_whole(
             self.path / name,
             lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"),
         )
 
     def write_text(self, name: str, text: str) -> None:
-        """Write a text file."""
+        """Write a text file in UTF-8.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+        text : str
+            Its content.
+        """
         write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     # ------------------------------------------------------------ reading
 
     def read(self, name: str) -> pl.DataFrame | None:
-        """One Parquet part, None where it is not there.
+        """Read a Parquet table.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+
+        Returns
+        -------
+        DataFrame or None
+            The table; None if the file does not exist.
 
         Raises
         ------
         InvalidInput
-            The part is damaged.
+            The file is damaged.
         """
         if not self.has(name):
             return None
@@ -124,7 +208,23 @@ class RunFolder:
             raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
     def read_json(self, name: str) -> Any:
-        """Plain data, None where it is not there."""
+        """Read a JSON file.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+
+        Returns
+        -------
+        Any
+            Its content; None if the file does not exist.
+
+        Raises
+        ------
+        InvalidInput
+            The file is damaged.
+        """
         if not self.has(name):
             return None
         try:
@@ -133,9 +233,24 @@ class RunFolder:
             raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
     def rows(self, block: str) -> pl.DataFrame | None:
-        """All IK rows of a block, joined with its problems and sorted; None where nothing was run.
+        """All IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
-        ``known`` is True as well where any of the methods solved the problem.
+        ``known`` is also True where any of the methods solved the problem.
+
+        Parameters
+        ----------
+        block : str
+            Name of the block.
+
+        Returns
+        -------
+        DataFrame or None
+            One row per method, problem and budget; None if the block was not run.
+
+        Raises
+        ------
+        InvalidInput
+            A file is damaged, or the problems of the block are missing.
         """
         parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
         problems = self.read(f"problems/{slug(block)}.parquet")
@@ -150,6 +265,17 @@ class RunFolder:
 
 
 def slug(text: str) -> str:
-    """File name for a label: letters, digits and dashes; Greek letters spelt."""
+    """File name for a label: lower-case letters, digits, dots and dashes; λ and α are spelt out.
+
+    Parameters
+    ----------
+    text : str
+        The label.
+
+    Returns
+    -------
+    str
+        The file name, without a suffix.
+    """
     spelt = text.lower().replace("λ", "lambda").replace("α", "alpha")
     return re.sub(r"[^a-z0-9.]+", "-", spelt).strip("-")

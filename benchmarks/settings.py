@@ -1,4 +1,4 @@
-"""Settings that people wrote: tables, lists, names, numbers and targets, each checked and named where it is wrong."""
+"""Checks of the tables, lists, names, numbers and targets of a suite file; errors name the place of a wrong value."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Target:
-    """What a block must show.
+    """A bound that a measure of a block must keep.
 
     Attributes
     ----------
     measure : str
-        One of the block's measures; its last part is the unit.
+        One of the measures of the block; its last part is the unit.
     method : str
-        Label of the method or law it is asked of; empty where the block has only one.
+        Label of the method or law that the bound applies to; empty if the block has only one.
     to : str
-        Label of the method or peer that ``median_ratio`` divides by.
+        Label of the method or peer whose value is the denominator of ``median_ratio``.
     group : str
-        The part of the problems it is asked of: a kind of line or a robot; empty for all.
+        The part of the problems that the bound applies to: a kind of line or a robot; empty for all.
     at_most, at_least : float or None
-        The one that is given is the bound.
+        The bound, as one of the two.
     goal : bool
-        Whether it is only hoped for.
+        Whether the target is only a goal: the report does not count a missed goal as a failure.
     """
 
     measure: str
@@ -43,7 +43,25 @@ class Target:
 
 
 def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
-    """The bound of a target, and whether it is only a goal."""
+    """Read the bound of a target and whether it is a goal.
+
+    Parameters
+    ----------
+    data : dict
+        Table of the target.
+    where : str
+        Place of the table, for errors.
+
+    Returns
+    -------
+    dict
+        The values of ``at_most`` or ``at_least``, and of ``goal``.
+
+    Raises
+    ------
+    InvalidInput
+        Both bounds or neither, a bound that is not a finite number, or a goal that is not true or false.
+    """
     if ("at_most" in data) == ("at_least" in data):
         others = sorted(set(data) - {"measure"})
         raise InvalidInput(where, f"{data['measure']} with {others}", "either at_most or at_least")
@@ -56,7 +74,24 @@ def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = None) -> None:
-    """Refuse what is no table, has a key that nobody reads, or lacks one that is needed."""
+    """Raise InvalidInput unless data is a table with all required and only known keys.
+
+    Parameters
+    ----------
+    data : Any
+        Value to check.
+    known : set of str
+        Keys that are allowed.
+    where : str
+        Place of the value, for errors.
+    need : set of str, optional
+        Keys that are required.
+
+    Raises
+    ------
+    InvalidInput
+        Not a table, an unknown key, or a missing one.
+    """
     if not isinstance(data, dict):
         raise InvalidInput(where, type(data).__name__, "a table")
     if unknown := sorted(set(data) - known):
@@ -66,23 +101,41 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
 
 
 def check_list(value: Any, where: str) -> list[Any]:
-    """Return a list that is not empty."""
+    """Return the value if it is a list that is not empty.
+
+    Parameters
+    ----------
+    value : Any
+        Value to check.
+    where : str
+        Place of the value, for errors.
+
+    Returns
+    -------
+    list
+        The value.
+
+    Raises
+    ------
+    InvalidInput
+        Not a list, or an empty one.
+    """
     if not isinstance(value, list) or not value:
         raise InvalidInput(where, repr(value)[:60], "a list that is not empty")
     return value
 
 
 def check_known(name: Any, group: str, kind: str) -> str:
-    """Return a name that can be used, a plug-in's file as its absolute path, without running any code.
+    """Return a name that can be used, the file of a plug-in as its absolute path, without running any code.
 
     Parameters
     ----------
     name : str
         A name of ours, of an entry point, or the path of a file.
     group : str
-        Dotted name of the group, such as ``"optik.ik"``.
+        Dotted name of the group, such as ``optik.ik``.
     kind : str
-        What it should be, for messages.
+        What the name stands for, for errors.
 
     Returns
     -------
@@ -100,7 +153,22 @@ def check_known(name: Any, group: str, kind: str) -> str:
 
 
 def check_different(values: list[str], where: str, what: str) -> None:
-    """Refuse the same word twice."""
+    """Raise InvalidInput unless all values are different.
+
+    Parameters
+    ----------
+    values : list of str
+        Values to check.
+    where : str
+        Place of the values, for errors.
+    what : str
+        What a value is, for errors: a label, a name.
+
+    Raises
+    ------
+    InvalidInput
+        Two values are the same.
+    """
     if len(set(values)) != len(values):
         raise InvalidInput(
             where, f"{what}s {values}", f"{'an' if what[0] in 'aeiou' else 'a'} {what} of its own for each"
@@ -108,12 +176,50 @@ def check_different(values: list[str], where: str, what: str) -> None:
 
 
 def all_of(data: Any, where: str, read: Callable[[Any], Item]) -> tuple[Item, ...]:
-    """Read every table of a list; none where there is no such list."""
+    """Read every item of an optional list.
+
+    Parameters
+    ----------
+    data : Any
+        The list, or None.
+    where : str
+        Place of the list, for errors.
+    read : callable
+        Reader of one item.
+
+    Returns
+    -------
+    tuple
+        What `read` returns for each item; empty for None.
+
+    Raises
+    ------
+    InvalidInput
+        Not a list, or an empty one.
+    """
     return tuple(read(item) for item in check_list(data, where)) if data is not None else ()
 
 
 def optional_count(value: Any, where: str) -> int | None:
-    """Return a whole number of at least 1, or None where none is given."""
+    """Return an integer of at least 1, or None if the value is None.
+
+    Parameters
+    ----------
+    value : Any
+        Value to check.
+    where : str
+        Place of the value, for errors.
+
+    Returns
+    -------
+    int or None
+        The number.
+
+    Raises
+    ------
+    InvalidInput
+        Not an integer, or less than 1.
+    """
     if value is None:
         return None
     check_count(value, where, 1)

@@ -1,4 +1,4 @@
-"""Statistics of a comparison: quantiles, the interval of a share, and quantiles in bins of a column."""
+"""Statistics of a comparison: quantiles, confidence interval of a proportion, and quantiles in bins of a column."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
 
     Parameters
     ----------
-    values : array
-        Any number of values, no NaN among them.
+    values : (k,) array
+        Values without NaN, in any unit [as the result].
     levels : sequence of float
-        In [0, 1].
+        Levels of the quantiles, from 0 to 1.
 
     Returns
     -------
     tuple of float
-        One for each level; NaN where there are no values.
+        The quantile of each level; NaN if there are no values.
     """
     x = np.asarray(values, dtype=float)
     if x.size == 0:
@@ -33,19 +33,21 @@ def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's score interval of a share; SciPy has it behind a test whose p-value costs a thousand times more.
+    """Wilson score interval of a proportion.
+
+    SciPy computes it only together with a binomial test, which takes a thousand times longer.
 
     Parameters
     ----------
     successes, trials : int
-        How many of how many.
+        Number of successes, and of trials.
     confidence : float
-        Level of the interval.
+        Confidence level of the interval.
 
     Returns
     -------
     tuple of float
-        Lower and upper end, in [0, 1]; NaN without trials.
+        Lower and upper end, from 0 to 1; NaN without trials.
     """
     if trials == 0:
         return float("nan"), float("nan")
@@ -64,15 +66,15 @@ def binned(
     Parameters
     ----------
     rows : DataFrame
-        With both columns.
+        Table with both columns.
     by, column : str
-        What is binned (from 0 upwards), and what quantiles are taken of.
+        Column that is divided into bins from 0 upwards, and column of which quantiles are computed.
     width : float
-        Of a bin, in units of `by`.
+        Width of a bin, in the unit of `by`.
     least : int
-        Bins with fewer rows are left out: their quantiles would say little.
+        Bins with fewer rows are omitted: too few for quantiles.
     levels : sequence of float
-        In [0, 1].
+        Levels of the quantiles, from 0 to 1.
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""Experiments: the paper's claims and misprints, judged from the rows of a run."""
+"""Experiments: the claims and misprints of the paper, evaluated on the data of a run."""

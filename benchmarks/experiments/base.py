@@ -1,28 +1,29 @@
-"""What an experiment says: a finding on a claim, and the evidence for a misprint."""
+"""Results of an experiment: the finding on a claim, and the evidence for a misprint."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 HOLDS, FAILS, PARTLY, UNTESTED = "holds", "does not hold", "holds when", "not tested"
+"""Verdicts on a claim; "holds when" is followed by the condition."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim and what the run says of it.
+    """A claim of the paper and its verdict.
 
     Attributes
     ----------
     key : str
         Letter of the claim.
     claim : str
-        What the paper says.
+        The claim of the paper.
     verdict : str
         "holds", "does not hold", "holds when …" or "not tested".
     summary : str
-        What was found, with figures.
+        The result, with figures.
     rule : str
-        How it was judged.
+        The rule that decides the verdict.
     figures : tuple of (str, str)
         Names and values with units.
     """
@@ -37,18 +38,18 @@ class Finding:
 
 @dataclass(frozen=True)
 class Misprint:
-    """A misprint of the paper, and what computing it shows.
+    """A misprint of the paper and the evidence for its correction.
 
     Attributes
     ----------
     place : str
         Equation or table.
     printed : str
-        What is printed.
+        The printed text.
     corrected : str
-        What must be meant.
+        The corrected text.
     evidence : str
-        What was computed, with figures.
+        The computed evidence, with figures.
     """
 
     place: str

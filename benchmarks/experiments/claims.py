@@ -1,4 +1,4 @@
-"""The paper's claims, each judged from the rows of a run; a claim is one function in one tuple."""
+"""The claims of the paper: one function for each, which evaluates the claim on the data of a run."""
 
 from __future__ import annotations
 
@@ -17,8 +17,20 @@ CLAIMS = (
     smooth_joints,
     on_the_line,
 )
+"""Claims in the order of the report."""
 
 
 def judge(folder: RunFolder) -> list[Finding]:
-    """What the run says of every claim; claims whose data it does not hold are "not tested"."""
+    """Findings on every claim; a claim without data in the run is "not tested".
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    list of Finding
+        One finding per claim.
+    """
     return [claim(folder) for claim in CLAIMS]

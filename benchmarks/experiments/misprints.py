@@ -1,4 +1,4 @@
-"""The paper's misprints, each with what computing it shows."""
+"""The misprints of the paper, each with computed evidence."""
 
 from __future__ import annotations
 
@@ -21,11 +21,22 @@ from planners.plan import plan
 _LINE = load_suite("paper").line
 assert _LINE is not None
 START_DEG, MOVE_M = _LINE.start_deg, np.array(_LINE.move_m)
-"""The default line of the project."""
+"""Start and displacement of the line in the suite ``paper``."""
 
 
 def evidence(folder: RunFolder) -> list[Misprint]:
-    """Every correction with its evidence: computed on the spot, or read from the run where it needs many solves."""
+    """Every misprint with its evidence: computed here, or read from the run where it takes many solves.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    list of Misprint
+        The misprints in the order of the paper.
+    """
     return [_table_1(), _eq_5(), _eq_9(folder), _eq_12(), _eq_14(), _eq_16()]
 
 
@@ -47,8 +58,8 @@ def _table_1() -> Misprint:
         "Table 1",
         "column a(mm) holds 90, −90, 0, …; column α(°) holds 472 and 55",
         "the two headings are exchanged: α = 90°, −90°, 0°, …; a₂ = 472 mm, a₃ = 55 mm",
-        f"Rows 3 and 4 name a₂ and a₃ in the α column. Read so, frames 4 and 5 share an origin, as §3.1 says "
-        f"({apart['paper6r']:.0f} mm apart over 2,000 configurations); as printed they stand {apart['as printed']:.0f} mm "
+        f"Rows 3 and 4 name a₂ and a₃ in the α column. With the headings exchanged, frames 4 and 5 share an origin, as §3.1 "
+        f"says ({apart['paper6r']:.0f} mm apart over 2,000 configurations); as printed they are {apart['as printed']:.0f} mm "
         f"apart, and the farthest of those configurations reaches {reach['as printed']:.2f} m instead of "
         f"{reach['paper6r']:.2f} m.",
     )
@@ -65,7 +76,7 @@ def _eq_5() -> Misprint:
     stacked = (robot.fk(q + steps)[:, :3, :3] - robot.fk(q - steps)[:, :3, :3]) / (2 * h)
     return Misprint(
         "Eq. 5",
-        "rows for n, o, a as if they were three scalars",
+        "one row each for n, o and a, as for scalars",
         "the 6×6 geometric Jacobian, linear over angular velocity, that eq. 3 and 16 use",
         f"n, o and a are vectors: their derivatives fill {stacked[0].size} rows, not 3. The geometric Jacobian agrees with "
         f"central differences of the pose to {np.abs(J - difference.T).max():.0e} at the line's start.",
@@ -74,7 +85,7 @@ def _eq_5() -> Misprint:
 
 def _eq_9(folder: RunFolder) -> Misprint:
     rows = folder.rows("misprint")
-    text = "This run has no block on it."
+    text = "This run has no block for it."
     if rows is not None:
         last = rows.filter(pl.col("budget") == pl.col("budget").max())
         counts = last.group_by("method", "method_index").agg(
@@ -86,7 +97,7 @@ def _eq_9(folder: RunFolder) -> Misprint:
             .select("method", "solved", "len", "rotation_error")
             .iter_rows()
         ]
-        text = f"Targets started 0.1 rad away, at most {last['budget'][0]} iterations. " + "; ".join(words) + "."
+        text = f"Starts 0.1 rad from a solution, at most {last['budget'][0]} iterations. " + "; ".join(words) + "."
     return Misprint(
         "Eq. 9", "ΔR = R·R_tᵀ, which points away from the target while Δp points to it", "ΔR = R_t·Rᵀ", text
     )
@@ -101,8 +112,8 @@ def _eq_12() -> Misprint:
         "Eq. 6 and 12",
         "Δq = J⁺·Δ and Δq = J⁺·Δx",
         "Δq = J⁺·Δx and Δq = α·J⁺·Δx",
-        f"The sentence under eq. 12 explains an α that the equation lacks. It matters: the same target takes "
-        f"{whole.iterations} iterations at α = 1 and {halved.iterations} at α = 0.5.",
+        f"The sentence under eq. 12 explains an α that the equation lacks. The factor has an effect: the "
+        f"same target takes {whole.iterations} iterations at α = 1 and {halved.iterations} at α = 0.5.",
     )
 
 
@@ -132,6 +143,6 @@ def _eq_16() -> Misprint:
         "V = (v_x, 0, v_z, 0, 0, 0)",
         "V = (v, ω), any direction and rotation",
         f"The paper's line moves in X and Z at constant orientation, where both agree. With all six components a line of "
-        f"(−120, 80, 100) mm that turns {np.degrees(np.linalg.norm(turn)):.1f}° is kept within {1e6 * off.distance:.2g} µm and "
-        f"{1e6 * off.angle:.2g} µrad; the printed V leaves out its 80 mm along Y and its whole turn.",
+        f"(−120, 80, 100) mm with a rotation of {np.degrees(np.linalg.norm(turn)):.1f}° is followed within "
+        f"{1e6 * off.distance:.2g} µm and {1e6 * off.angle:.2g} µrad; the printed V lacks the 80 mm along Y and the rotation.",
     )

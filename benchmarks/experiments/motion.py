@@ -1,4 +1,4 @@
-"""Claims on the line: smooth joints by quintic segments, and a tool that stays on the line at constant orientation."""
+"""Claims about the line: quintic segments give smooth joint motion; the tool stays on the line, orientation constant."""
 
 from __future__ import annotations
 
@@ -10,22 +10,45 @@ from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
 from benchmarks.records import RunFolder
 
 BARELY = 1e-9
-"""Steps of q [rad], q̇ [rad/s] and q̈ [rad/s²] at knots below this are rounding."""
+"""Jumps of q [rad], q̇ [rad/s] and q̈ [rad/s²] at knots up to this size are rounding."""
 ON_LINE_M, ON_LINE_RAD = 1e-4, np.deg2rad(0.01)
+"""Largest distance [m] and angle [rad] at which the tool counts as on the line at constant orientation."""
 
 
 def quintic_plan(folder: RunFolder) -> dict[str, Any] | None:
-    """The first solved plan with the paper's time law."""
+    """First solved plan with the time law of the paper.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    dict or None
+        The plan as stored in the run; None if there is none.
+    """
     plans = folder.read_json("line/plans.json") or []
     return next((p for p in plans if p["law"] == "quintic" and p["status"] == "solved"), None)
 
 
 def smooth_joints(folder: RunFolder) -> Finding:
-    """Claim (f)."""
+    """Claim (f): quintic segments give smooth joint motion.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    Finding
+        The verdict with its figures; "not tested" if the run has no data for it.
+    """
     claim = "Quintic segments between the samples give smooth joint motion without jumps."
     rule = (
-        "Exact one-sided values at the knots: no step in position, velocity and acceleration. Holds outright only if "
-        "acceleration and jerk also keep the robot's limits."
+        "Exact one-sided values at the knots: no jump in position, velocity and acceleration. Holds without a condition "
+        "only if acceleration and jerk also keep the limits of the robot."
     )
     plan = quintic_plan(folder)
     if plan is None:
@@ -35,36 +58,50 @@ def smooth_joints(folder: RunFolder) -> Finding:
     smooth = all(jumps[k] <= BARELY for k in ("position", "velocity")) and certificate["continuous"] >= 2
     worst = {f: _worst(certificate, f) for f in ("velocity", "acceleration", "jerk")}
     figures = (
-        ("step in position at knots", f"{jumps['position']:.1g} rad"),
-        ("step in velocity at knots", f"{jumps['velocity']:.1g} rad/s"),
-        ("step in acceleration at knots", f"{jumps['acceleration']:.1g} rad/s²"),
-        ("step in jerk at knots, the start from standstill included", f"{jumps['jerk']:.0f} rad/s³"),
+        ("jump of position at knots", f"{jumps['position']:.1g} rad"),
+        ("jump of velocity at knots", f"{jumps['velocity']:.1g} rad/s"),
+        ("jump of acceleration at knots", f"{jumps['acceleration']:.1g} rad/s²"),
+        ("jump of jerk at knots, including the start from rest", f"{jumps['jerk']:.0f} rad/s³"),
         *((f"worst {f} over its limit", words) for f, (_, words) in worst.items()),
     )
     text = (
-        f"Position, velocity and acceleration are continuous to rounding. But rest at the ends and full speed one sample "
-        f"later cost {worst['acceleration'][0]:.1f} times the acceleration limit and {worst['jerk'][0]:.0f} times the jerk "
-        f"limit, and the jerk steps at the knots by up to {jumps['jerk']:.0f} rad/s³."
+        f"Position, velocity and acceleration are continuous to rounding. But going from rest to full speed within one "
+        f"sample takes {worst['acceleration'][0]:.1f} times the acceleration limit and {worst['jerk'][0]:.0f} times the jerk "
+        f"limit, and the jerk jumps at the knots by up to {jumps['jerk']:.0f} rad/s³."
     )
     if not smooth:
-        return Finding("f", claim, FAILS, "The motion steps at its knots.", rule, figures)
+        return Finding("f", claim, FAILS, "The motion has jumps at its knots.", rule, figures)
     if all(ratio <= 1.0 for ratio, _ in worst.values()):
         return Finding("f", claim, HOLDS, "Continuous, and within every limit.", rule, figures)
     return Finding("f", claim, f"{PARTLY} smooth means continuous acceleration", text, rule, figures)
 
 
 def on_the_line(folder: RunFolder) -> Finding:
-    """Claim (g)."""
+    """Claim (g): the tool stays on the line at constant orientation.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    Finding
+        The verdict with its figures; "not tested" if the run has no data for it.
+    """
     claim = "The tool stays on the straight line at constant orientation."
-    rule = "Tool against line at 3,001 instants between the samples too. Holds if it is within 0.1 mm and 0.01°."
+    rule = "Deviation of the tool from the line at 3,001 instants, also between samples. Holds within 0.1 mm and 0.01°."
     plan = quintic_plan(folder)
     if plan is None:
         return Finding("g", claim, UNTESTED, "The run has no solved line with the quintic law.", rule)
     off = plan["certificate"]["path_error"]
     figures = (
         ("largest distance from the line", f"{1e6 * off['distance']:.3g} µm at t = {off['t_distance']:.3f} s"),
-        ("largest turn from its orientation", f"{1e6 * off['angle']:.3g} µrad at t = {off['t_angle']:.3f} s"),
-        ("largest IK error at samples, before the polish", f"{1e6 * plan['ik_position_error']:.3g} µm"),
+        (
+            "largest rotation from the constant orientation",
+            f"{1e6 * off['angle']:.3g} µrad at t = {off['t_angle']:.3f} s",
+        ),
+        ("largest IK error at samples, before refinement", f"{1e6 * plan['ik_position_error']:.3g} µm"),
     )
     text = (
         f"The tool is never more than {1e6 * off['distance']:.2g} µm off the line and {1e6 * off['angle']:.2g} µrad off its "

@@ -1,4 +1,4 @@
-"""Claims on the workspace: accuracy with enough iterations, iterations and error against distance (Fig. 11–13)."""
+"""Claims about the workspace: accuracy after many iterations, iterations and error over distance (Fig. 11–13)."""
 
 from __future__ import annotations
 
@@ -13,16 +13,20 @@ from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
 from benchmarks.records import RunFolder
 from optik.types import Array
 
-BLOCK = "workspace"
+WORKSPACE = "workspace"
+"""Name of the block that the claims are evaluated on."""
 TWO_MM = 2e-3
+"""Accuracy that the paper claims on each axis [m]."""
 ALMOST_ALL = 0.99
-ROTATION = np.deg2rad(0.1)
-STOPPED = 1e-6
-"""Errors at or below the stop rule say nothing about growth."""
+"""Share of targets that must be within the accuracy for the claim to hold."""
+ROTATION_RAD = np.deg2rad(0.1)
+"""Rotation error up to which a target counts as reached in orientation too [rad]; the paper claims none."""
+STOP_TOLERANCE = 1e-6
+"""Tolerance at which the iteration stops [m, rad]: errors below it do not show how the error grows."""
 
 
 class Fit(NamedTuple):
-    """A line through error [mm] against distance [m], and the exponent of a power law through the same points."""
+    """Regression of error on distance: slope [mm/m] and R² of a line, exponent of a power law through the same points."""
 
     slope: float
     r2: float
@@ -30,8 +34,19 @@ class Fit(NamedTuple):
 
 
 def baseline(folder: RunFolder) -> pl.DataFrame | None:
-    """Rows of the paper's method: the first `dls` of the block, on targets with a known solution."""
-    rows = folder.rows(BLOCK)
+    """Rows of the paper's method: the first `dls` of the block, on targets with a known solution.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    DataFrame or None
+        The rows with a column ``axis``, the largest error on one axis [m]; None if the run has no such rows.
+    """
+    rows = folder.rows(WORKSPACE)
     if rows is None:
         return None
     dls = rows.filter((pl.col("solver") == "dls") & pl.col("known"))
@@ -42,11 +57,22 @@ def baseline(folder: RunFolder) -> pl.DataFrame | None:
 
 
 def within_two_millimetres(folder: RunFolder) -> Finding:
-    """Claim (a)."""
+    """Claim (a): with enough iterations the error on each axis is within 2 mm.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    Finding
+        The verdict with its figures; "not tested" if the run has no data for it.
+    """
     claim = "With enough iterations the error on each of X, Y and Z is within 2 mm."
     rule = (
-        "Largest axis error at the largest budget, over the targets with a known solution. Holds if 99 % are within 2 mm; "
-        "else holds up to the distance within which every target is, if at least 20 are nearer."
+        "Largest error on one axis at the largest budget, on targets with a known solution. Holds if 99 % are within 2 mm; "
+        "otherwise holds up to the distance of the nearest target that is not, if at least 20 targets are nearer."
     )
     rows = baseline(folder)
     if rows is None:
@@ -55,7 +81,7 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
     share = rows.group_by("budget", maintain_order=True).agg(ok=(pl.col("axis") <= TWO_MM).mean())
     last = rows.filter(pl.col("budget") == most).sort("distance")
     within = last.select(ok=pl.col("axis") <= TWO_MM)["ok"].to_numpy()
-    turned = float((within & (last["rotation_error"].to_numpy() <= ROTATION)).mean())
+    turned = float((within & (last["rotation_error"].to_numpy() <= ROTATION_RAD)).mean())
     overall = float(within.mean())
     figures = (
         *((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows()),
@@ -65,7 +91,7 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
     if overall >= ALMOST_ALL:
         return Finding("a", claim, HOLDS, text + ".", rule, figures)
     failed = last.filter(pl.col("axis") > TWO_MM)
-    text += f"; the others stop a median of {1e3 * failed['position_error'].median():.0f} mm away"  # type: ignore[operator]
+    text += f"; the median position error of the others is {1e3 * failed['position_error'].median():.0f} mm"  # type: ignore[operator]
     if share.height > 1:
         (before, _), (after, _) = share.rows()[-2:]
         text += (
@@ -80,18 +106,29 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
 
 
 def more_iterations(folder: RunFolder) -> Finding:
-    """Claim (b)."""
+    """Claim (b): a larger motion range needs more iterations.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    Finding
+        The verdict with its figures; "not tested" if the run has no data for it.
+    """
     claim = "A larger motion range needs more iterations for the same accuracy."
     rule = (
-        "Spearman's rank correlation between distance and iterations to 1e-6 m and rad, on solved targets. Holds from "
-        "0.5 with p < 0.001."
+        "Spearman's rank correlation between distance and iterations to 1e-6 m and rad, on solved targets. Holds if it is "
+        "at least 0.5 with p < 0.001."
     )
     rows = baseline(folder)
     if rows is None:
         return Finding("b", claim, UNTESTED, "The run has no workspace block with dls.", rule)
     solved = _solved(rows)
     if len(solved) < 10:
-        return Finding("b", claim, UNTESTED, f"Only {len(solved)} solved targets: too few to say.", rule)
+        return Finding("b", claim, UNTESTED, f"Only {len(solved)} solved targets: too few to judge.", rule)
     rank = stats.spearmanr(solved["distance"], solved["iterations"])
     bins = solved.with_columns(bin=(pl.col("distance") * 10).floor()).group_by("bin").agg(
         pl.col("iterations").median().alias("median"), pl.len()
@@ -101,7 +138,7 @@ def more_iterations(folder: RunFolder) -> Finding:
         for b, median, count in bins.iter_rows()
     )
     if bins.is_empty():
-        return Finding("b", claim, UNTESTED, f"Only {len(solved)} solved targets: too few to say.", rule)
+        return Finding("b", claim, UNTESTED, f"Only {len(solved)} solved targets: too few to judge.", rule)
     holds = rank.statistic >= 0.5 and rank.pvalue < 1e-3
     text = (
         f"{rows['method'][0]}: rank correlation {rank.statistic:.2f} over {len(solved)} solved targets; the median grows from "
@@ -111,15 +148,26 @@ def more_iterations(folder: RunFolder) -> Finding:
 
 
 def linear_error(folder: RunFolder) -> Finding:
-    """Claim (c)."""
+    """Claim (c): at a fixed number of iterations the error grows about linearly with distance.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    Finding
+        The verdict with its figures; "not tested" if the run has no data for it.
+    """
     claim = "At a fixed number of iterations the error grows about linearly with distance, on X, Y and Z."
     rule = (
         "Medians of the error in twelve bins of equal count over distance, at each budget where most targets are still "
-        "above the stop rule. A method keeps the claim at a budget if the distance error has R² ≥ 0.9 for a line and a "
-        "power-law exponent of 0.75 to 1.33, and |error| on each axis an exponent of 0.67 to 1.5 (an axis depends on the "
-        "direction of the motion too, so its line is not judged)."
+        "above the stop tolerance. A method fulfils the claim at a budget if the distance error has R² ≥ 0.9 for a line "
+        "and a power-law exponent of 0.75 to 1.33, and |error| on each axis has an exponent of 0.67 to 1.5 (the error on "
+        "an axis also depends on the direction of the motion, so R² of its line is not used)."
     )
-    rows = folder.rows(BLOCK)
+    rows = folder.rows(WORKSPACE)
     if rows is None or (dls := rows.filter((pl.col("solver") == "dls") & pl.col("known"))).is_empty():
         return Finding("c", claim, UNTESTED, "The run has no workspace block with dls.", rule)
     figures, keep, words = [], {}, []
@@ -148,22 +196,37 @@ def linear_error(folder: RunFolder) -> Finding:
             f"{m} ({_range(b)} iterations)" for m, b in keep.items()
         )
     text += (
-        " A full step is Newton's: it leaves an error of the second order in the distance, and of ever higher order after "
-        "more steps. A step α < 1 leaves the share 1 − α of the error each time, so the error stays proportional to it."
+        " A full step is a Newton step: it leaves an error of second order in the distance, and of higher order after each "
+        "further step. A step size α < 1 leaves the fraction 1 − α of the error, which stays proportional to the distance."
     )
     return Finding("c", claim, verdict, text, rule, tuple(figures))
 
 
 def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
     for (budget,), part in rows.group_by("budget", maintain_order=True):
-        if (part["position_error"] > STOPPED).mean() < 0.5:  # type: ignore[operator]
+        if (part["position_error"] > STOP_TOLERANCE).mean() < 0.5:  # type: ignore[operator]
             return
         columns = ("error_x", "error_y", "error_z", "position_error")
         yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in columns}
 
 
 def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
-    """Fit medians of error [m] in bins of equal count over distance [m]: robust against targets that never converge."""
+    """Fit medians of error in bins of equal count over distance: robust against targets that do not converge.
+
+    Parameters
+    ----------
+    distance : (k,) array
+        Distances between start and target [m].
+    error : (k,) array
+        Errors [m].
+    bins : int
+        Number of bins.
+
+    Returns
+    -------
+    Fit
+        The line and the power law.
+    """
     parts = np.array_split(np.argsort(distance, kind="stable"), bins)
     d = np.array([np.median(distance[p]) for p in parts])
     e = np.maximum([np.median(error[p]) for p in parts], 1e-12)
@@ -173,7 +236,18 @@ def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
 
 
 def linear(fits: dict[str, Fit]) -> bool:
-    """Whether the errors at one budget count as about linear, by the rule of claim (c)."""
+    """Whether the errors at one budget count as about linear, by the rule of claim (c).
+
+    Parameters
+    ----------
+    fits : dict
+        The fits of ``error_x``, ``error_y``, ``error_z`` and ``position_error``.
+
+    Returns
+    -------
+    bool
+        Whether all of them keep the rule.
+    """
     whole = fits["position_error"]
     axes = all(0.67 <= fits[f"error_{axis}"].exponent <= 1.5 for axis in "xyz")
     return axes and whole.r2 >= 0.9 and 0.75 <= whole.exponent <= 1.33

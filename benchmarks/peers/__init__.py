@@ -1,1 +1,1 @@
-"""Peers: one file an outside method; each is imported only when it is run, and none is needed."""
+"""Peers: methods of other packages for comparison, one per file; each is imported only when it runs, none is required."""

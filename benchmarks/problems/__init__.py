@@ -1,1 +1,1 @@
-"""Problem sets: one file a set; a set is targets, starts and what is known of them."""
+"""Problem sets, one per file: targets, start configurations, and what is known about each problem."""

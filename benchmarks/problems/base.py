@@ -1,4 +1,4 @@
-"""What a problem set is: targets, starts, and columns that say where each one stands."""
+"""The type of a problem set: targets, start configurations, and columns that describe each problem."""
 
 from __future__ import annotations
 
@@ -18,23 +18,28 @@ from optik.registry import build_method
 from optik.types import Array
 
 SETS = "benchmarks.problems"
+"""Package in which problem sets are found by name."""
 
 
 @dataclass(frozen=True)
 class ProblemSet:
-    """IK problems: reach `targets` (k, 4, 4) from `starts` (k, n).
+    """IK problems: reach `targets` from `starts`.
 
     Attributes
     ----------
+    targets : (k, 4, 4) array
+        Target poses [1, m].
+    starts : (k, n) array
+        Start configurations [rad, m].
     group : (k,) array of str
         What reports group by: a plane, a stratum, a distance.
     known : (k,) array of bool
-        Whether a configuration inside the limits is known for the target. Where not, the target may be out of reach: it
-        is counted apart, never dropped.
+        Whether a configuration inside the limits is known to reach the target. A target without one may be unreachable;
+        it is counted separately, never dropped.
     sigma : (k,) array
-        Smallest singular value of the Jacobian at the known configuration, NaN where none is known.
+        Smallest singular value of the Jacobian at the known configuration [1], NaN where none is known.
     spread : (k,) array
-        Standard deviation of start − solution [rad], NaN where the start is not drawn so.
+        Standard deviation of start − solution [rad], NaN where the start is not drawn around a solution.
     """
 
     targets: Array
@@ -48,9 +53,19 @@ class ProblemSet:
         return len(self.targets)
 
     def chosen(self, most: int | None) -> NDArray[np.int64]:
-        """Indices of at most so many problems, with a known solution first, else at random.
+        """Choose at most `most` problems: first those with a known solution, otherwise at random.
 
-        A smaller choice is part of every larger one, so methods given different numbers share the smallest.
+        A smaller choice is a subset of every larger one, so methods with different numbers of problems share the smallest.
+
+        Parameters
+        ----------
+        most : int or None
+            Largest number of problems; None for all.
+
+        Returns
+        -------
+        (j,) array of int
+            Indices of the problems, ascending.
         """
         if most is None or len(self) <= most:
             return np.arange(len(self))
@@ -58,7 +73,19 @@ class ProblemSet:
         return np.sort(order[np.argsort(~self.known[order], kind="stable")][:most])
 
     def frame(self, robot: Robot) -> pl.DataFrame:
-        """One row a problem: group, target position, distances from the start, what is known."""
+        """Table with one row per problem: group, target, distance from the start, what is known.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``problem``, ``group``, ``x``, ``y``, ``z`` [m], ``distance`` [m] and ``turn`` [rad] between start
+            and target, ``known``, ``sigma``, ``spread``, ``target`` (16 numbers) and ``start`` (n numbers).
+        """
         first = robot.fk(self.starts)
         e = se3.error(first, self.targets)
         return pl.DataFrame(
@@ -80,7 +107,7 @@ class ProblemSet:
 
 
 class Draws(Protocol):
-    """What names a problem set: a block of a suite."""
+    """A block of a suite that names a problem set."""
 
     @property
     def robot(self) -> str: ...  # noqa: D102
@@ -95,22 +122,50 @@ class Draws(Protocol):
 def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
     """Robot and problems of a block.
 
+    Parameters
+    ----------
+    block : Draws
+        The block: names of the robot and the set, and the options of the set.
+    seed : int
+        Seed of the random draw.
+
+    Returns
+    -------
+    robot : Robot
+        The arm.
+    problems : ProblemSet
+        The problems.
+
     Raises
     ------
+    UnknownName
+        There is no robot or no set of this name.
     InvalidInput
-        An option that the set does not have.
+        The set does not have an option, or a value is out of range.
     """
     robot = load(block.robot)
     return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
-    """The one start configuration (n,) of a set [rad, m], given in degrees, sliding joints in millimetres.
+    """Start configuration of a set in SI units, from the degrees and millimetres of a suite.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    start_deg : (n,) array
+        Start configuration; prismatic joints in millimetres [deg, mm].
+
+    Returns
+    -------
+    (n,) array
+        Start configuration [rad, m].
 
     Raises
     ------
     InvalidInput
-        Wrong length or outside the limits.
+        Wrong length, or outside the joint limits.
     """
     q = robot.configuration(start_deg, "start_deg") / per(robot)
     if not robot.limits.contains(q):
@@ -119,5 +174,18 @@ def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
 
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
-    """Smallest singular value of the Jacobian at configurations (k, n)."""
+    """Smallest singular value of the Jacobian, lengths in metres and angles in radians.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+
+    Returns
+    -------
+    (k,) array
+        Smallest singular values [1].
+    """
     return np.asarray(np.linalg.svd(robot.jacobian(q), compute_uv=False)[..., -1])

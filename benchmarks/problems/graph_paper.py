@@ -1,4 +1,4 @@
-"""Graph paper: targets on planes around the tool's position at one fixed start, at the start's orientation."""
+"""Graph paper: targets on planar grids around the tool position of one fixed start, with the orientation of the start."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.ik.dls import DLS
+from optik.types import Array
 
-AXES = {"X": 0, "Y": 1, "Z": 2}
+BASE_AXES = {"X": 0, "Y": 1, "Z": 2}
+"""Base axes by name."""
 
 
 def graph_paper(
@@ -29,53 +31,71 @@ def graph_paper(
     spacing_m: float = 0.05,
     reference_restarts: int = 15,
 ) -> ProblemSet:
-    """Targets on sheets of graph paper, as the paper measures its arm.
+    """Targets on planar grids through the workspace, as in the experiments of the paper.
 
-    Whether a target has a solution is found by a reference solve with restarts, the same for every method compared.
+    A reference solve with restarts decides whether a target has a known solution, the same for every method compared.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     seed : int
-        Not used: nothing is drawn.
+        Not used: nothing is random.
     start_deg : (n,) array
-        The one start configuration [degrees].
+        Start configuration of all problems; prismatic joints in millimetres [deg, mm].
     normals : sequence of str
-        Base axes (X, Y, Z) that the sheets stand perpendicular to.
+        Normals of the planes, out of the base axes X, Y, Z.
     offsets_m : sequence of float
-        Distances of the sheets from the tool's position at the start, along the normal [m].
+        Distances of the planes from the tool position at the start, along the normal [m].
     half_size_m, spacing_m : float
-        Half the side of a sheet, and the distance between its points [m].
+        Half the side of a grid, and the distance between its points [m].
     reference_restarts : int
-        Starts after the first that the reference solve may take.
+        Restarts that the reference solve may use after its first attempt.
+
+    Returns
+    -------
+    ProblemSet
+        The problems, grouped by plane.
+
+    Raises
+    ------
+    InvalidInput
+        A start outside the limits, a size or spacing that is not positive, or a normal that is not a base axis.
     """
+    for normal in normals:
+        if normal not in BASE_AXES:
+            raise InvalidInput("normals", repr(normal), "X, Y or Z")
     check_number(half_size_m, "half_size_m", "metres above 0", above=0.0)
     check_number(spacing_m, "spacing_m", "metres above 0", above=0.0)
     q0 = start_of(robot, start_deg)
-    T0 = robot.fk(q0)
-    steps = round(half_size_m / spacing_m)
-    whole, shifted = np.arange(-steps, steps + 1) * spacing_m, (np.arange(-steps, steps) + 0.5) * spacing_m
-    targets, group = [], []
-    for i, normal in enumerate(normals):
-        if normal not in AXES:
-            raise InvalidInput("normals", repr(normal), "X, Y or Z")
-        across = [axis for axis in AXES if axis != normal]
-        # half a step aside along the normals of earlier sheets, so that no point lies on two of them
-        u_ticks, v_ticks = (shifted if axis in normals[:i] else whole for axis in across)
-        for offset in offsets_m:
-            name = f"{across[0]}–{across[1]} at {normal.lower()} {1e3 * offset:+.0f} mm"
-            for u, v in product(u_ticks, v_ticks):
-                T = T0.copy()
-                T[[AXES[across[0]], AXES[across[1]], AXES[normal]], 3] += (u, v, offset)
-                targets.append(T)
-                group.append(name)
+    targets, group = _grids(robot.fk(q0), normals, offsets_m, half_size_m, spacing_m)
     reference: Any = DLS(robot, max_iterations=40, max_restarts=reference_restarts)
     answers = [reference.solve(T, q0) for T in targets]
     known = np.array([bool(a) for a in answers])
     sigma = np.where(known, smallest_singular_values(robot, np.array([a.q for a in answers])), np.nan)
     k = len(targets)
     return ProblemSet(np.array(targets), np.tile(q0, (k, 1)), np.array(group), known, sigma, np.full(k, np.nan))
+
+
+def _grids(
+    T0: Array, normals: Sequence[str], offsets_m: Sequence[float], half_size_m: float, spacing_m: float
+) -> tuple[list[Array], list[str]]:
+    """Target poses (4, 4) of all grid points around the pose T0, and the plane that each of them belongs to."""
+    steps = round(half_size_m / spacing_m)
+    whole, shifted = np.arange(-steps, steps + 1) * spacing_m, (np.arange(-steps, steps) + 0.5) * spacing_m
+    targets, group = [], []
+    for i, normal in enumerate(normals):
+        across = [axis for axis in BASE_AXES if axis != normal]
+        # offset by half a step along the normals of earlier planes, so that no point lies on two planes
+        u_ticks, v_ticks = (shifted if axis in normals[:i] else whole for axis in across)
+        for offset in offsets_m:
+            name = f"{across[0]}–{across[1]} at {normal.lower()} {1e3 * offset:+.0f} mm"
+            for u, v in product(u_ticks, v_ticks):
+                T = T0.copy()
+                T[[BASE_AXES[across[0]], BASE_AXES[across[1]], BASE_AXES[normal]], 3] += (u, v, offset)
+                targets.append(T)
+                group.append(name)
+    return targets, group
 
 
 METHOD = graph_paper

@@ -1,4 +1,4 @@
-"""Hard targets in equal shares: at wrist and elbow singularities, on joint limits, both at once, and at joint zeros."""
+"""Hard targets in five equal strata: wrist and elbow singularities, joint limits, both at once, and joint zeros."""
 
 from __future__ import annotations
 
@@ -12,36 +12,46 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 WRIST, ELBOW = 4, 2
-"""The joints of a six-joint arm that bend its wrist and its elbow."""
-GRID, HALVINGS, ROUNDS, STEPS = 61, 60, 40, 30
+"""Indices of the joints of a six-joint arm that bend its wrist and its elbow."""
+DET_SAMPLES, DET_BISECTIONS = 61, 60
+"""Values of a joint at which the sign of det J is sampled, and bisections of a sign change, down to rounding."""
+DRAWS, RANK_STEPS = 40, 30
+"""Draws before an arm counts as having no singular configurations, and Gauss–Newton steps of each."""
+RANK_LOST = 1e-9
+"""Smallest singular value below which a configuration counts as singular [1]: rounding of the searches."""
 
 
 def hard(
     robot: Robot, seed: int, *, count: int = 1000, spread: float = 0.1, start_deg: ArrayLike | None = None
 ) -> ProblemSet:
-    """Targets that are reached where Jacobians lose rank, at the ends of the joints, or at the zeros of a table.
+    """Targets whose solutions are singular configurations, or have joints at their limits or at zero.
 
-    Six-joint arms: with all other joints drawn, joint 5 (wrist) or joint 3 (elbow) is put where det J changes its sign,
-    which needs no spherical wrist. Arms with more joints have no such joint: there all joints move to a J of lower rank,
-    and the two strata are one kind, not all of the last on a limit.
+    On six-joint arms joint 5 (wrist) or joint 3 (elbow) moves to a sign change of det J while the others are random; no
+    spherical wrist is needed. On arms with more joints all joints move to a Jacobian of lower rank, so that both singular
+    strata are of the same kind, and not every joint that was put on a limit stays there.
 
     Parameters
     ----------
     robot : Robot
         The arm, of six joints or more.
     seed : int
-        Of the draw.
+        Seed of the random draw.
     count : int
-        How many, in five equal shares (the last takes the rest).
+        Number of problems, in five equal strata (the last one has the remainder).
     spread : float
-        Standard deviation of start − solution on every joint [rad], clamped to the limits.
+        Standard deviation of start − solution on every joint [rad]; starts are clamped to the limits.
     start_deg : (n,) array, optional
-        One start for all in place of that [degrees].
+        One start for all problems instead; prismatic joints in millimetres [deg, mm].
+
+    Returns
+    -------
+    ProblemSet
+        The problems in random order, grouped by stratum.
 
     Raises
     ------
     InvalidInput
-        Fewer than six joints or five targets; a start outside the limits.
+        Fewer than six joints, fewer than five targets, a spread that is not positive, or a start outside the limits.
     """
     check_count(count, "count", 5)
     check_number(spread, "spread", "radians above 0", above=0.0)
@@ -57,7 +67,7 @@ def hard(
         "joint zeros": put_at_zero(robot, rng, draw(robot, rng, count - 4 * share)),
     }
     q = np.concatenate(list(strata.values()))
-    order = rng.permutation(len(q))  # so that any part of the set has all strata
+    order = rng.permutation(len(q))  # so that any part of the set contains all strata
     group = np.repeat(list(strata), [len(part) for part in strata.values()])[order]
     q = q[order]
     if start_deg is None:
@@ -70,19 +80,66 @@ def hard(
 
 
 def draw(robot: Robot, rng: np.random.Generator, count: int) -> Array:
-    """Configurations (count, n) uniform inside the limits."""
+    """Random configurations, uniform inside the joint limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    rng : Generator
+        Source of random numbers.
+    count : int
+        Number of configurations.
+
+    Returns
+    -------
+    (count, n) array
+        Configurations [rad, m].
+    """
     return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
 
 
 def put_on_limits(robot: Robot, rng: np.random.Generator, q: Array, but: int | None = None) -> Array:
-    """Put each joint with probability ½, and at least one, on one of its limits; never the joint `but`."""
+    """Put joints on one of their limits: each with probability ½, at least one, never the joint `but`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    rng : Generator
+        Source of random numbers.
+    q : (k, n) array
+        Configurations [rad, m].
+    but : int, optional
+        Index of a joint that keeps its value.
+
+    Returns
+    -------
+    (k, n) array
+        Changed configurations [rad, m].
+    """
     chosen = _some(rng, q.shape, but)
     ends = np.where(rng.random(q.shape) < 0.5, robot.limits.lower, robot.limits.upper)
     return np.where(chosen, ends, q)
 
 
 def put_at_zero(robot: Robot, rng: np.random.Generator, q: Array) -> Array:
-    """Put each joint with probability ½, and at least one, at zero, all of them in the first; clipped to the limits."""
+    """Put joints at zero: each with probability ½, at least one, all in the first configuration; clamp to the limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    rng : Generator
+        Source of random numbers.
+    q : (k, n) array
+        Configurations [rad, m].
+
+    Returns
+    -------
+    (k, n) array
+        Changed configurations [rad, m].
+    """
     chosen = _some(rng, q.shape, None)
     chosen[0] = True
     return robot.limits.clip(np.where(chosen, 0.0, q))
@@ -98,20 +155,38 @@ def _some(rng: np.random.Generator, shape: tuple[int, ...], but: int | None) -> 
 
 
 def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, on_limits: bool) -> Array:
-    """Configurations (count, n) inside the limits whose Jacobian has lost rank, to rounding.
+    """Singular configurations inside the limits, to rounding.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    rng : Generator
+        Source of random numbers.
+    count : int
+        Number of configurations.
+    joint : int
+        Index of the joint that moves to the singularity, on six-joint arms.
+    on_limits : bool
+        Whether other joints are put on their limits before.
+
+    Returns
+    -------
+    (count, n) array
+        Configurations [rad, m].
 
     Raises
     ------
     InvalidInput
-        The arm has none that this search finds.
+        The search finds too few for this arm.
     """
     found: list[Array] = []
-    for _ in range(ROUNDS):
+    for _ in range(DRAWS):
         q = draw(robot, rng, 2 * count)
         if on_limits:
             q = put_on_limits(robot, rng, q, but=joint)
         q = _by_one_joint(robot, rng, q, joint) if robot.n == 6 else _by_all_joints(robot, rng, q)
-        good = robot.limits.contains(q) & (smallest_singular_values(robot, q) < 1e-9)
+        good = robot.limits.contains(q) & (smallest_singular_values(robot, q) < RANK_LOST)
         found.append(robot.limits.clip(q[good]))
         if sum(map(len, found)) >= count:
             return np.concatenate(found)[:count]
@@ -119,7 +194,7 @@ def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, 
 
 
 def _by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -> Array:
-    """Move one joint to where det J changes sign, any of the places; configurations without one are left out."""
+    """Move one joint to a random sign change of det J; configurations without a sign change are dropped."""
 
     def sign(values: Array) -> NDArray[np.bool_]:
         at = q.copy()
@@ -127,12 +202,12 @@ def _by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) 
         positive: NDArray[np.bool_] = np.linalg.det(robot.jacobian(at)) > 0.0
         return positive
 
-    ticks = np.linspace(robot.limits.lower[joint], robot.limits.upper[joint], GRID)
+    ticks = np.linspace(robot.limits.lower[joint], robot.limits.upper[joint], DET_SAMPLES)
     signs = np.stack([sign(np.full(len(q), tick)) for tick in ticks], axis=1)
     changes = signs[:, 1:] != signs[:, :-1]
     first = (changes * rng.uniform(0.5, 1.0, changes.shape)).argmax(axis=1)
     low, high, before = ticks[first], ticks[first + 1], signs[np.arange(len(q)), first]
-    for _ in range(HALVINGS):
+    for _ in range(DET_BISECTIONS):
         middle = 0.5 * (low + high)
         same = sign(middle) == before
         low, high = np.where(same, middle, low), np.where(same, high, middle)
@@ -143,9 +218,9 @@ def _by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) 
 
 
 def _by_all_joints(robot: Robot, rng: np.random.Generator, q: Array) -> Array:
-    """Gauss–Newton steps of least length on Jᵀu = 0, uᵀu = 1, in q and u together, kept inside the limits."""
+    """Gauss–Newton steps of least length on Jᵀu = 0, uᵀu = 1, in q and u together, clamped to the limits."""
     u = np.linalg.svd(robot.jacobian(q))[0][:, :, -1]
-    for _ in range(STEPS):
+    for _ in range(RANK_STEPS):
         J = robot.jacobian(q)
         value = np.concatenate([np.einsum("kij,ki->kj", J, u), (np.sum(u * u, axis=1) - 1.0)[:, None]], axis=1)
         slope = np.zeros((len(q), robot.n + 1, robot.n + 6))

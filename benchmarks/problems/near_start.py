@@ -1,4 +1,4 @@
-"""Starts near a solution: start = solution + N(0, spread), in strata of the smallest singular value if asked."""
+"""Starts near a solution: start = solution + N(0, spread), optionally in strata of the smallest singular value."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.problems.base import ProblemSet, smallest_singular_values
 from optik.arm.robot import Robot
 from optik.check import check_count
+from optik.types import Array
+
+POOL = 200
+"""Configurations drawn for each one that a stratum asks for: strata near singularities are rare."""
 
 
 def near_start(
@@ -20,47 +25,58 @@ def near_start(
     spreads: Sequence[float] = (0.1,),
     singular_edges: Sequence[float] = (),
 ) -> ProblemSet:
-    """Reachable targets started so many radians away, clamped to the limits.
+    """Reachable targets whose starts are a known solution plus normal noise, clamped to the joint limits.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     seed : int
-        Of the draw.
+        Seed of the random draw.
     count : int
-        How many of each spread, or of each stratum.
+        Number of problems for each spread, and in each stratum if there are strata.
     spreads : sequence of float
-        Standard deviations of start − solution on every joint [rad]. The same solutions and directions for each.
+        Standard deviations of start − solution on every joint [rad]. Solutions and directions are the same for each.
     singular_edges : sequence of float
-        Edges of strata of the smallest singular value at the solution; none for a plain draw.
+        Edges of strata of the smallest singular value at the solution [1]; empty for no strata.
+
+    Returns
+    -------
+    ProblemSet
+        The problems, grouped by stratum, or by spread where there are no strata.
+
+    Raises
+    ------
+    InvalidInput
+        `count` is not an integer of at least 1.
     """
     check_count(count, "count", 1)
     rng = np.random.default_rng((seed, 2))
     if len(singular_edges):
-        pool = rng.uniform(robot.limits.lower, robot.limits.upper, (200 * count, robot.n))
-        sigma = smallest_singular_values(robot, pool)
-        strata = [
-            (f"{low:g} ≤ σ < {high:g}", np.flatnonzero((sigma >= low) & (sigma < high))[:count])
-            for low, high in pairwise(singular_edges)
-        ]
-        q = np.concatenate([pool[chosen] for _, chosen in strata])
-        names = np.concatenate([np.full(len(chosen), name) for name, chosen in strata])
+        q, stratum = _stratified(robot, rng, count, singular_edges)
     else:
         q = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
-        names = np.full(count, "")
     noise = rng.normal(size=q.shape)
-    parts = [(robot.limits.clip(q + spread * noise), spread) for spread in spreads]
     k, n = len(q), len(spreads)
-    group = names if len(singular_edges) else np.repeat([f"spread {s:g} rad" for s in spreads], k)
+    group = np.tile(stratum, n) if len(singular_edges) else np.repeat([f"spread {s:g} rad" for s in spreads], k)
     return ProblemSet(
         np.tile(robot.fk(q), (n, 1, 1)),
-        np.concatenate([p for p, _ in parts]),
-        np.tile(names, n) if len(singular_edges) else group,
+        np.concatenate([robot.limits.clip(q + spread * noise) for spread in spreads]),
+        group,
         np.ones(n * k, dtype=bool),
         np.tile(smallest_singular_values(robot, q), n),
         np.repeat(np.asarray(spreads, dtype=float), k),
     )
+
+
+def _stratified(
+    robot: Robot, rng: np.random.Generator, count: int, edges: Sequence[float]
+) -> tuple[Array, NDArray[np.str_]]:
+    """At most `count` random configurations in each stratum of the smallest singular value, and their strata."""
+    pool = rng.uniform(robot.limits.lower, robot.limits.upper, (POOL * count, robot.n))
+    sigma = smallest_singular_values(robot, pool)
+    strata = {f"{low:g} ≤ σ < {high:g}": pool[(sigma >= low) & (sigma < high)][:count] for low, high in pairwise(edges)}
+    return np.concatenate(list(strata.values())), np.repeat(list(strata), [len(q) for q in strata.values()])
 
 
 METHOD = near_start

@@ -1,4 +1,4 @@
-"""Random reachable targets: tool poses of configurations drawn inside the limits, from one fixed start."""
+"""Random reachable targets: tool poses of random configurations inside the limits, from one fixed start."""
 
 from __future__ import annotations
 
@@ -11,18 +11,28 @@ from optik.check import check_count
 
 
 def random_reachable(robot: Robot, seed: int, *, start_deg: ArrayLike, count: int = 500) -> ProblemSet:
-    """Targets at any position and orientation that the arm can take.
+    """Targets at random positions and orientations that the arm can reach.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     seed : int
-        Of the draw.
+        Seed of the random draw.
     start_deg : (n,) array
-        The one start configuration [degrees].
+        Start configuration of all problems; prismatic joints in millimetres [deg, mm].
     count : int
-        How many.
+        Number of problems.
+
+    Returns
+    -------
+    ProblemSet
+        The problems, in one group.
+
+    Raises
+    ------
+    InvalidInput
+        `count` is not an integer of at least 1, or the start is outside the limits.
     """
     check_count(count, "count", 1)
     q0 = start_of(robot, start_deg)

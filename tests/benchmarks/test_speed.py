@@ -321,7 +321,7 @@ def test_a_peer_that_cannot_take_an_arm_says_so() -> None:
         if version_of(name):
             absent = build_peer(name, sliding)
             assert isinstance(absent, Absent)
-            assert "does not take slides" in absent.why
+            assert "does not support slides" in absent.why
 
 
 def test_a_broken_import_of_a_peer_shows_itself(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,1 +1,1 @@
-"""Outside IK methods: one file each, called as its users call it, judged by our forward kinematics."""
+"""IK methods of other packages, one per file: called as their users call them, judged by our forward kinematics."""

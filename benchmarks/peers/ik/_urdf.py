@@ -1,4 +1,4 @@
-"""An arm as URDF text, for peers that read nothing else: one link a joint, from link0 to tool."""
+"""Writing an arm as URDF for peers that read only URDF: one link per joint, from link0 to tool."""
 
 from __future__ import annotations
 
@@ -9,7 +9,18 @@ from optik.types import Array
 
 
 def urdf(robot: Robot) -> str:
-    """URDF of an arm, base ``link0``, last link ``tool``, every number with all its digits."""
+    """URDF of an arm with base ``link0`` and last link ``tool``; numbers have all their digits.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    str
+        The URDF document.
+    """
     parts = ['<robot name="arm">', '<link name="link0"/>']
     for i in range(robot.n):
         kind = "prismatic" if robot.prismatic[i] else "revolute"
@@ -30,7 +41,18 @@ def _joint(name: str, kind: str, parent: str, child: str, T: Array, more: str) -
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll) [rad]; roll takes all of the turn where pitch is ±90°."""
+    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll); where pitch is ±90°, yaw is zero.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        Rotation matrix [1].
+
+    Returns
+    -------
+    tuple of float
+        Roll, pitch and yaw [rad].
+    """
     across = hypot(R[0, 0], R[1, 0])
     pitch = atan2(-R[2, 0], across)
     if across < 1e-9:

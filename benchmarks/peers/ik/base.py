@@ -1,4 +1,4 @@
-"""What a peer is: an outside IK method built for one arm, called as its users call it, judged by us."""
+"""The interface of a peer: an IK method of another package, built for one arm and called as its users call it."""
 
 from __future__ import annotations
 
@@ -18,27 +18,32 @@ from optik.types import Array
 
 
 class Peer(ABC):
-    """An outside method for one robot. Its file names itself ``METHOD`` and imports its package in ``__init__``.
+    """An IK method of another package for one robot; its file binds the class to ``METHOD``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
 
     Attributes
     ----------
     distribution : str
-        What ``pip install`` calls it.
+        Name of its distribution, for ``pip install``.
     package : str
-        What ``import`` calls it.
+        Name of its package, for ``import``; imported in ``__init__`` only.
     settings : str
         How it is set up and called, for the report.
     takes_start : bool
-        Whether ``call`` takes (target, q0), else (target).
+        Whether ``call`` has the arguments (target, q0) or only (target).
     call : callable
-        The timed part, a whole call from Python.
+        The timed part, a complete call from Python.
 
     Raises
     ------
     ModuleNotFoundError
         Its package is not installed.
     InvalidInput
-        An arm that it cannot take.
+        The method does not support the arm.
     """
 
     distribution: ClassVar[str]
@@ -49,41 +54,93 @@ class Peer(ABC):
 
     @abstractmethod
     def __init__(self, robot: Robot) -> None:
-        """Build for an arm; all that can be done once is done here."""
+        """Prepare everything that does not depend on the target."""
 
     @abstractmethod
     def answers(self, raw: Any) -> Array:
-        """Configurations (k, n) that a call has returned, k = 0 for none; any good one counts. Not timed."""
+        """Configurations that a call has returned, none for k = 0; one correct configuration suffices. Not timed.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (k, n) array
+            Configurations [rad, m].
+        """
 
     def iterations(self, raw: Any) -> int | None:
-        """How many iterations a call took, where it says so."""
+        """Number of iterations of a call, None if the method does not report it.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        int or None
+            Number of iterations.
+        """
         return None
 
 
 @dataclass(frozen=True)
 class Absent:
-    """A peer that could not be run here, and why."""
+    """A peer that cannot be run on this machine, and the reason."""
 
     why: str
 
 
 def build_peer(name: str, robot: Robot) -> Peer | Absent:
-    """Build a peer for a robot, or say why it cannot be.
+    """Build a peer for a robot.
+
+    Parameters
+    ----------
+    name : str
+        Name of the peer.
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    Peer or Absent
+        The peer, or the reason why it cannot be built.
 
     Raises
     ------
     UnknownName
-        No such peer; the nearest names are offered.
+        There is no peer of this name; the message has similar names.
     """
     try:
         peer: Peer | Absent = built_or_absent(load_method(PEERS, name, "peer"), robot)
     except InvalidInput as error:
-        return Absent(f"does not take {robot.name}: {error.got}, where it takes {error.expected}")
+        return Absent(f"does not support {robot.name}: {error.got}; supported: {error.expected}")
     return peer
 
 
 def built_or_absent(kind: Any, *arguments: Any) -> Any:
-    """Build what a class with ``package`` and ``distribution`` describes, or say why its package is not here."""
+    """Call a class that depends on an optional package.
+
+    Parameters
+    ----------
+    kind : class
+        A class with ``package`` and ``distribution``.
+    *arguments : Any
+        Arguments of the class.
+
+    Returns
+    -------
+    Any
+        The instance, or an Absent with the reason why the package cannot be imported.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        A module of another package is missing.
+    """
     try:
         return kind(*arguments)
     except ModuleNotFoundError as error:
@@ -95,7 +152,25 @@ def built_or_absent(kind: Any, *arguments: Any) -> Any:
 
 
 def version_of(name: str, folder: str = PEERS) -> str | None:
-    """Installed version of a peer; None where it is not installed."""
+    """Installed version of a peer.
+
+    Parameters
+    ----------
+    name : str
+        Name of the peer.
+    folder : str
+        Package in which the peer is looked up.
+
+    Returns
+    -------
+    str or None
+        The version; None if the distribution is not installed.
+
+    Raises
+    ------
+    UnknownName
+        There is no peer of this name.
+    """
     kind: Any = load_method(folder, name, "peer")
     try:
         return importlib.metadata.version(kind.distribution)
@@ -104,32 +179,72 @@ def version_of(name: str, folder: str = PEERS) -> str | None:
 
 
 def need_revolute(robot: Robot, least: int, most: int) -> None:
-    """Refuse arms with sliding joints or another number of joints.
+    """Raise InvalidInput unless the arm has only revolute joints, and a supported number of them.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    least, most : int
+        Smallest and largest number of joints.
 
     Raises
     ------
     InvalidInput
-        The arm is another.
+        The arm has prismatic joints, or another number of joints.
     """
-    wanted = f"arms of {least} to {most} turning joints" if least < most else f"arms of {least} turning joints"
+    wanted = f"arms of {least} to {most} revolute joints" if least < most else f"arms of {least} revolute joints"
     if robot.prismatic.any():
-        raise InvalidInput("robot", f"{int(robot.prismatic.sum())} sliding joints", wanted)
+        raise InvalidInput("robot", f"{int(robot.prismatic.sum())} prismatic joints", wanted)
     if not least <= robot.n <= most:
         raise InvalidInput("robot", f"{robot.n} joints", wanted)
 
 
 def zero_frames(robot: Robot) -> Array:
-    """Joint frames and the tool frame (n + 1, 4, 4) in the base frame at q = 0."""
+    """Joint frames and the tool frame at q = 0.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    (n + 1, 4, 4) array
+        Poses in the base frame [1, m].
+    """
     return robot.frames(np.zeros(robot.n))
 
 
 def one(q: Any) -> Array:
-    """The only answer, as (1, n)."""
+    """One configuration as the result of `Peer.answers`.
+
+    Parameters
+    ----------
+    q : array-like
+        The configuration.
+
+    Returns
+    -------
+    (1, n) array
+        The configuration [rad, m].
+    """
     return np.asarray(q, dtype=np.float64).reshape(1, -1)
 
 
 def none(robot: Robot) -> Array:
-    """No answer, as (0, n)."""
+    """No configuration as the result of `Peer.answers`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    (0, n) array
+        No configurations [rad, m].
+    """
     return np.empty((0, robot.n))
 
 

@@ -1,4 +1,4 @@
-"""EAIK: all branches in closed form, from the subproblems that the arm's axes decompose into (Ostermeier et al. 2024)."""
+"""EAIK: all branches in closed form, by decomposition of the arm into subproblems (Ostermeier et al. 2024)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class EAIK(Peer):
     distribution = "EAIK"
     package = "eaik"
     settings = (
-        "HomogeneousRobot from the joint frames at q = 0; IK(target), all branches; it knows no limits and no start"
+        "HomogeneousRobot from the joint frames at q = 0; IK(target), all branches; without joint limits and start"
     )
     takes_start = False
 
@@ -33,7 +33,18 @@ class EAIK(Peer):
         self.call = arm.IK
 
     def answers(self, raw: Any) -> Array:
-        """All branches; where a branch has no exact solution, EAIK gives the nearest: our judgement drops it."""
+        """All branches; for a branch without an exact solution EAIK returns the nearest, which our judgement rejects.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (k, n) array
+            Configurations [rad, m].
+        """
         return np.asarray(raw.Q, dtype=np.float64).reshape(-1, self.robot.n) if len(raw.Q) else none(self.robot)
 
 

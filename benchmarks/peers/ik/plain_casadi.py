@@ -1,4 +1,4 @@
-"""Plain CasADi with IPOPT: the programme written as its documentation teaches, every option left as it is."""
+"""CasADi with IPOPT: the nonlinear programme as in its documentation, with default options."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from optik.types import Array
 
 
 class PlainCasADi(Peer):
-    """``nlpsol("ik", "ipopt", …)`` called as ``solver(x0=…, p=…, lbx=…, ubx=…, lbg=0, ubg=0)``; only its printing is off."""
+    """``nlpsol("ik", "ipopt", …)`` called as ``solver(x0=…, p=…, lbx=…, ubx=…, lbg=0, ubg=0)``, without output."""
 
     distribution = "casadi"
     package = "casadi"
     settings = (
         "nlpsol with ipopt, the pose as six equality constraints (position, and twice the vector part of the quaternion "
-        "between), limits as bounds, called as solver(x0=…, p=…, …); every option of IPOPT left as it is, printing off"
+        "between), limits as bounds, called as solver(x0=…, p=…, …); default options of IPOPT, no output"
     )
 
     def __init__(self, robot: Robot) -> None:
@@ -39,12 +39,23 @@ class PlainCasADi(Peer):
         self.limits = robot.limits
 
     def answers(self, raw: Any) -> Array:
-        """Its one answer, brought back by the 1e-8 that IPOPT relaxes bounds by."""
+        """The solution, clamped to the limits, because IPOPT relaxes bounds by 1e-8.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (1, n) array
+            Configurations [rad, m].
+        """
         return one(self.limits.clip(raw))
 
 
 def _pose_error(ca: Any, robot: Robot, q: Any, target: Any) -> Any:
-    """Position, and twice the vector part of h_t* ∘ h, from the target (7,) to the tool at q: (6,) expressions."""
+    """Expressions (6,) of the position error, and of twice the vector part of h_t* ∘ h, for a target (7,)."""
     p, h = ca.SX.zeros(3), ca.SX([1.0, 0.0, 0.0, 0.0])
     for i, fixed in enumerate((*robot.fixed, robot.tool)):
         p, h = p + _rotate(ca, h, ca.SX(fixed[:3, 3])), _product(ca, h, ca.SX(_quaternion(fixed[:3, :3])))

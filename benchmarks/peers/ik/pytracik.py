@@ -1,4 +1,4 @@
-"""TRAC-IK by its bindings pytracik: two solvers race, one restarts at random (Beeson and Ames 2015)."""
+"""TRAC-IK through pytracik: two solvers run concurrently, one with random restarts (Beeson and Ames 2015)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from benchmarks.peers.ik.base import Peer, need_revolute, none, one
 from optik.arm.robot import Robot
 from optik.types import Array
 
-SECONDS, CLOSE = 0.02, 1e-7
+TRACIK_SECONDS = 0.02
+"""Time limit of a call [s], long enough for its restarts."""
+TRACIK_TOLERANCE = 1e-7
+"""Tolerance of TRAC-IK: its default of 1e-5 is above the 1e-6 m and rad that every method must reach."""
 
 
 class PyTracIK(Peer):
@@ -21,8 +24,9 @@ class PyTracIK(Peer):
     distribution = "pytracik"
     package = "pytracik"
     settings = (
-        f"URDF of the arm with its limits; Speed mode, eps {CLOSE:g} (its default, 1e-5, misses 1e-6), at most "
-        f"{1e3 * SECONDS:g} ms; it races two threads of its own; the matrix becomes its quaternion inside the timed call"
+        f"URDF of the arm with its limits; Speed mode, eps {TRACIK_TOLERANCE:g} (its default, 1e-5, does not reach 1e-6), "
+        f"at most {1e3 * TRACIK_SECONDS:g} ms; runs two threads of its own; the timed call includes the conversion of the "
+        "matrix to a quaternion"
     )
 
     def __init__(self, robot: Robot) -> None:
@@ -30,7 +34,9 @@ class PyTracIK(Peer):
 
         need_revolute(robot, 1, 9)
         self.robot = robot
-        solver = pytracik.TRAC_IK("link0", "tool", urdf(robot), SECONDS, CLOSE, pytracik.SolveType.Speed)
+        solver = pytracik.TRAC_IK(
+            "link0", "tool", urdf(robot), TRACIK_SECONDS, TRACIK_TOLERANCE, pytracik.SolveType.Speed
+        )
         ik = pytracik.ik
 
         def call(target: Array, q0: Array) -> Any:
@@ -40,7 +46,18 @@ class PyTracIK(Peer):
         self.call = call
 
     def answers(self, raw: Any) -> Array:
-        """Its one answer, after the code in front of it; none where the code is negative."""
+        """The configuration after the return code; none if the code is negative.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (k, n) array
+            Configurations [rad, m].
+        """
         values = np.asarray(raw, dtype=np.float64).ravel()
         return one(values[-self.robot.n :]) if values.size > self.robot.n and values[0] >= 0 else none(self.robot)
 

@@ -13,13 +13,13 @@ from optik.types import Array
 
 
 class RoboticsToolbox(Peer):
-    """``ETS.ik_LM(target, q0)`` at a tolerance that reaches 1e-6 m and rad."""
+    """``ETS.ik_LM(target, q0)`` with a tolerance at which errors are below 1e-6 m and rad."""
 
     distribution = "roboticstoolbox-python"
     package = "roboticstoolbox"
     settings = (
-        "ETS of the arm's fixed transforms, limits set; ik_LM(target, q0=start, tol=1e-13), else its defaults (Chan's damping "
-        "with k = 1, 30 iterations, 100 searches): faster and surer here than Wampler's, Sugihara's or smaller k"
+        "ETS of the arm's fixed transforms, limits set; ik_LM(target, q0=start, tol=1e-13), otherwise its defaults (Chan's "
+        "damping with k = 1, 30 iterations, 100 searches): faster and more reliable here than Wampler, Sugihara or smaller k"
     )
 
     def __init__(self, robot: Robot) -> None:
@@ -33,11 +33,33 @@ class RoboticsToolbox(Peer):
         self.call = partial(solve, tol=1e-13)
 
     def answers(self, raw: Any) -> Array:
-        """Its one answer, whatever it claims of it."""
+        """The configuration, whether or not the method reports success.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (1, n) array
+            Configurations [rad, m].
+        """
         return one(raw[0])
 
     def iterations(self, raw: Any) -> int | None:
-        """Over all searches."""
+        """Number of iterations over all searches.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        int or None
+            Number of iterations.
+        """
         return int(raw.iterations)
 
 

@@ -1,4 +1,4 @@
-"""ssik: the branches in closed form, by a module that it writes for one arm, with its native backend."""
+"""ssik: branches in closed form by code that it generates for one arm, with its native backend."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from optik.types import Array
 
 
 class SSIK(Peer):
-    """The module that ``ssik build`` writes for the arm, and its ``solve(target, max_solutions=1)``."""
+    """The module that ``ssik build`` generates for the arm, called as ``solve(target, max_solutions=1)``."""
 
     distribution = "ssik"
     package = "ssik"
     settings = (
-        "the arm's own module as `ssik build` writes it, with the arm's limits, native backend; "
-        "solve(target, max_solutions=1), else its defaults: one branch inside the limits, which spares it the windings of "
-        "joints with more than a turn"
+        "the module that `ssik build` generates for the arm, with the limits of the arm, native backend; "
+        "solve(target, max_solutions=1), otherwise its defaults: one branch inside the limits, without the other "
+        "2π-multiples of joints with a range above 2π"
     )
     takes_start = False
 
@@ -37,16 +37,29 @@ class SSIK(Peer):
         transforms = np.concatenate([robot.fixed, robot.tool[None]])
         arm = Manipulator.from_transforms(transforms, limits=np.stack([robot.limits.lower, robot.limits.upper], axis=1))
         if arm.dispatch_plan.needs_symbolic_precompute:
-            raise InvalidInput("robot", f"the class {arm.solver_name}", "arms that it builds in seconds, not minutes")
+            raise InvalidInput(
+                "robot", f"the class {arm.solver_name}", "arms whose module is generated in seconds, not minutes"
+            )
         self.call = partial(_module(arm).solve, max_solutions=1)
 
     def answers(self, raw: Any) -> Array:
-        """What is left of the branches."""
+        """The branches inside the limits.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (k, n) array
+            Configurations [rad, m].
+        """
         return np.array([solution.q for solution in raw]) if raw else none(self.robot)
 
 
 def _module(arm: Any) -> ModuleType:
-    """What ``ssik build`` writes and validates from a URDF, from the arm itself."""
+    """The module that ``ssik build`` would generate from a URDF, generated from the arm."""
     from ssik.core.codegen import emit_artifact
 
     with TemporaryDirectory() as folder:

@@ -1,1 +1,1 @@
-"""Outside ways to time a joint path: one file each, judged by the same certificate as our laws."""
+"""Time laws of other packages, one per file; their motions are certified in the same way as ours."""

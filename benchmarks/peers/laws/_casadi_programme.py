@@ -1,6 +1,6 @@
-"""The time-optimal programme that one writes oneself in CasADi: fixed places in s, free time steps, constant s⃛ between.
+"""Minimum-time nonlinear programme in CasADi: fixed nodes in s, free time steps, constant s⃛ on each interval.
 
-State (ṡ, s̈) at place k, control (Δt, s⃛) to the next: all polynomial, no square root, nothing singular at rest.
+State (ṡ, s̈) at node k, control (Δt, s⃛) to the next: all constraints are polynomial and regular at rest.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from planners.limits import DERIVATIVES
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
 
-PLACES = 50
-"""Intervals; 100 take twice as long and bring T from about 0.13 % to 0.05 % above the optimum."""
-ITERATIONS = 300
-"""More than any that ended well has needed: 14 to 150."""
-LEAST, MOST = 1e-3, 20.0
-"""Of time steps as shares of the mean one, and of ṡ of the mean speed: without these bounds fatrop can iterate for ever."""
+NLP_INTERVALS = 50
+"""Number of intervals; 100 take twice as long and reduce T from about 0.13 % to 0.05 % above the optimum."""
+NLP_ITERATIONS = 300
+"""Iteration limit of the solver: solves that succeeded took 14 to 150 iterations."""
+SMALLEST_STEP, LARGEST_RATIO = 1e-3, 20.0
+"""Bounds on time steps over the mean step, the upper one also on ṡ over the mean speed: else fatrop may never end."""
 
 
 class CasadiProgramme(TimingPeer):
-    """Minimum time through CasADi's ``nlpsol``; a file for each solver names it and its options."""
+    """Minimum time by CasADi's ``nlpsol``; a subclass for each solver has its name and options."""
 
     distribution = "casadi"
     package = "casadi"
@@ -42,17 +42,33 @@ class CasadiProgramme(TimingPeer):
         self._solver, self._bounds = _built(casadi, self.solver, self.options, limits["velocity"].size)
 
     def call(self, joint_path: JointPath) -> Any:
-        """Derivatives at the places, a quintic rest-to-rest motion as the start, one solve."""
-        u = np.linspace(0.0, 1.0, PLACES + 1)
+        """Derivatives at the nodes, a quintic motion from rest to rest as the initial guess, one solve.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+
+        Returns
+        -------
+        Any
+            The result, for `trajectory`.
+
+        Raises
+        ------
+        NoSolution
+            The peer found no motion.
+        """
+        u = np.linspace(0.0, 1.0, NLP_INTERVALS + 1)
         s = joint_path.end * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         v, a = 30.0 * u**2 * (1.0 - u) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
-        # counted in lengths of the path and seconds of the start, so that all numbers are near 1
+        # scaled by the length of the path and the duration of the initial guess, so that all variables are near 1
         shares, duration = _shares(joint_path, s, self._limits, v, a)
-        start = np.zeros(4 * PLACES + 2)
-        start[0::4], start[1::4], start[2::4], start[3::4] = v, a, 1.0 / PLACES, np.diff(a) * PLACES
+        start = np.zeros(4 * NLP_INTERVALS + 2)
+        start[0::4], start[1::4], start[2::4], start[3::4] = v, a, 1.0 / NLP_INTERVALS, np.diff(a) * NLP_INTERVALS
         least, most = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-        least[0::4], least[2::4] = 0.0, LEAST / PLACES
-        most[0::4], most[2::4] = MOST, MOST / PLACES
+        least[0::4], least[2::4] = 0.0, SMALLEST_STEP / NLP_INTERVALS
+        most[0::4], most[2::4] = LARGEST_RATIO, LARGEST_RATIO / NLP_INTERVALS
         p = np.concatenate([np.diff(s) / joint_path.end, shares.ravel()])
         answer = self._solver(x0=start, p=p, lbx=least, ubx=most, **self._bounds)
         stats = self._solver.stats()
@@ -61,7 +77,20 @@ class CasadiProgramme(TimingPeer):
         return np.asarray(answer["x"]).ravel(), s, duration
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Its s(t): a cubic on every interval."""
+        """Trajectory of its s(t), a cubic on each interval.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        Trajectory
+            The motion.
+        """
         x, s, duration = raw
         unit = joint_path.end
         v, a, steps, jerk = (x[i::4] for i in range(4))
@@ -71,10 +100,10 @@ class CasadiProgramme(TimingPeer):
 
 
 def _shares(joint_path: JointPath, s: Array, limits: dict[str, Array], v: Array, a: Array) -> tuple[Array, float]:
-    """What a unit of ṡ, s̈, s⃛ and their products takes of each limit (places, 6, n), and the start's duration."""
+    """Coefficients (nodes, 6, n) of ṡ, s̈, s⃛ and their products over each limit; duration of the initial guess [s]."""
     q = [joint_path(s, order) * joint_path.end**order for order in (1, 2, 3)]
     V, A, J = (limits[field] for field in DERIVATIVES)
-    third = np.gradient(a, 1.0 / PLACES)
+    third = np.gradient(a, 1.0 / NLP_INTERVALS)
     columns = [x[:, None] for x in (v, a, third)]
     v, a, third = columns
     velocity = np.abs(q[0] * v / V).max()
@@ -86,8 +115,8 @@ def _shares(joint_path: JointPath, s: Array, limits: dict[str, Array], v: Array,
 
 
 def _built(ca: Any, solver: str, options: dict[str, Any], n: int) -> tuple[Any, dict[str, Array]]:
-    """The solver and the bounds of its constraints, stage by stage: dynamics first, then what is limited."""
-    K = PLACES
+    """The solver and the bounds of its constraints; in each stage the dynamics first, then the limits."""
+    K = NLP_INTERVALS
     x = [ca.MX.sym(f"x{k}", 2) for k in range(K + 1)]
     u = [ca.MX.sym(f"u{k}", 2) for k in range(K)]
     p = ca.MX.sym("p", K + 6 * n * (K + 1))

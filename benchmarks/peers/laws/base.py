@@ -1,4 +1,4 @@
-"""What a peer of timing is: an outside time law, given the same joint path and limits, judged by our certificate."""
+"""The interface of a timing peer: a time law of another package, with the same joint path and limits as ours."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from planners.trajectory import Trajectory
 
 
 class TimingPeer(ABC):
-    """An outside time law for some limits. Its file names itself ``METHOD`` and imports its package in ``__init__``.
+    """A time law of another package for given limits; its file binds the class to ``METHOD``.
 
     Parameters
     ----------
     limits : dict
-        ``velocity``, ``acceleration`` and ``jerk``, each (n,), infinity where free.
+        ``velocity``, ``acceleration`` and ``jerk``, arrays (n,) [rad/s^k, m/s^k]; infinity where unlimited.
 
     Attributes
     ----------
     distribution : str
-        What ``pip install`` calls it.
+        Name of its distribution, for ``pip install``.
     package : str
-        What ``import`` calls it.
+        Name of its package, for ``import``; imported in ``__init__`` only.
     settings : str
         How it is set up and called, for the report.
     keeps : tuple of str
-        Which limits it promises to keep.
+        Limits that it promises to keep.
 
     Raises
     ------
@@ -45,11 +45,21 @@ class TimingPeer(ABC):
 
     @abstractmethod
     def __init__(self, limits: dict[str, Array]) -> None:
-        """Build for some limits; all that can be done once is done here."""
+        """Prepare everything that does not depend on the path."""
 
     @abstractmethod
     def call(self, joint_path: JointPath) -> Any:
-        """Time a joint path from rest to rest; this is what is timed.
+        """Compute the motion along a joint path from rest to rest; the timed part.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+
+        Returns
+        -------
+        Any
+            The result, for `trajectory`.
 
         Raises
         ------
@@ -59,16 +69,41 @@ class TimingPeer(ABC):
 
     @abstractmethod
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """The motion that a call has returned. Not timed."""
+        """Trajectory of the motion that a call has returned. Not timed.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        Trajectory
+            The motion.
+        """
 
 
 def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absent:
-    """Build a peer for some limits, or say why it cannot be.
+    """Build a timing peer for given limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the peer.
+    limits : dict
+        ``velocity``, ``acceleration`` and ``jerk``, arrays (n,) [rad/s^k, m/s^k]; infinity where unlimited.
+
+    Returns
+    -------
+    TimingPeer or Absent
+        The peer, or the reason why it cannot be built.
 
     Raises
     ------
     UnknownName
-        No such peer; the nearest names are offered.
+        There is no peer of this name; the message has similar names.
     """
     peer: TimingPeer | Absent = built_or_absent(load_method(TIMING_PEERS, name, "peer of timing"), limits)
     return peer

@@ -1,23 +1,23 @@
-"""The programme one writes oneself, stage by stage for fatrop, as it comes."""
+"""Minimum-time nonlinear programme by fatrop with default options, ordered by stages."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from benchmarks.peers.laws._casadi_programme import ITERATIONS, PLACES, CasadiProgramme
+from benchmarks.peers.laws._casadi_programme import NLP_INTERVALS, NLP_ITERATIONS, CasadiProgramme
 
 
 class CasadiFatrop(CasadiProgramme):
-    """``nlpsol("timing", "fatrop", …)`` with the structure that it detects; only its printing is off."""
+    """``nlpsol("timing", "fatrop", …)`` with automatic structure detection and without output."""
 
     solver = "fatrop"
     options: ClassVar[dict[str, Any]] = {
-        "print_time": False, "structure_detection": "auto", "fatrop": {"print_level": 0, "max_iter": ITERATIONS},
+        "print_time": False, "structure_detection": "auto", "fatrop": {"print_level": 0, "max_iter": NLP_ITERATIONS},
     }  # fmt: skip
     settings = (
-        f"nlpsol with fatrop, structure detected: states ṡ and s̈ at {PLACES + 1} fixed places, free time steps, constant s⃛ "
-        "between; limits at the places; from a quintic rest-to-rest motion; "
-        f"at most {ITERATIONS} iterations, every other option left as it is"
+        f"nlpsol with fatrop, structure detected: states ṡ and s̈ at {NLP_INTERVALS + 1} fixed nodes, free time steps, "
+        "constant s⃛ between; limits at the nodes; initial guess a quintic motion from rest to rest; "
+        f"at most {NLP_ITERATIONS} iterations, otherwise default options"
     )
 
 

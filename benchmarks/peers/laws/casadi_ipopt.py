@@ -1,23 +1,24 @@
-"""The programme one writes oneself, by IPOPT as it comes."""
+"""Minimum-time nonlinear programme by IPOPT with default options."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from benchmarks.peers.laws._casadi_programme import ITERATIONS, PLACES, CasadiProgramme
+from benchmarks.peers.laws._casadi_programme import NLP_INTERVALS, NLP_ITERATIONS, CasadiProgramme
 
 
 class CasadiIPOPT(CasadiProgramme):
-    """``nlpsol("timing", "ipopt", …)``; only its printing is off."""
+    """``nlpsol("timing", "ipopt", …)`` without output."""
 
     solver = "ipopt"
     options: ClassVar[dict[str, Any]] = {
         "print_time": False,
-        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": ITERATIONS},
+        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": NLP_ITERATIONS},
     }
     settings = (
-        f"nlpsol with ipopt: states ṡ and s̈ at {PLACES + 1} fixed places, free time steps, constant s⃛ between; limits at "
-        f"the places; from a quintic rest-to-rest motion; at most {ITERATIONS} iterations, every other option left as it is"
+        f"nlpsol with ipopt: states ṡ and s̈ at {NLP_INTERVALS + 1} fixed nodes, free time steps, constant s⃛ between; limits at "
+        f"the nodes; initial guess a quintic motion from rest to rest; at most {NLP_ITERATIONS} iterations, otherwise default "
+        "options"
     )
 
 

@@ -1,4 +1,4 @@
-"""copp: convex path parametrisation with jerk limits (topp3_socp), seeded and refined as its documentation advises."""
+"""copp: convex path parametrisation with jerk limits (topp3_socp), initialised and refined as in its documentation."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ from planners.hermite import through
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
 
-STATIONS = 201
-PASSES = 2
+COPP_STATIONS = 201
+"""Number of equally spaced stations in s: a compromise between computation time and duration of the motion."""
+COPP_PASSES = 2
+"""Passes of topp3_socp, each linearised at the result of the one before, as in its documentation."""
 
 
 class Copp(TimingPeer):
-    """``topp2_ra`` for a start, then ``topp3_socp`` around it, then around its own answer."""
+    """``topp2_ra`` as initial guess, then ``topp3_socp`` linearised there, then once more at its own result."""
 
     distribution = "copp-py"
     package = "copp_py"
     settings = (
-        f"{STATIONS} equal stations with exact q', q'', q'''; topp2_ra, then topp3_socp linearised at its profile, then once "
-        "more at its own (a and b): two passes; s(t) at the stations from s_to_t_topp3, its own polynomials between"
+        f"{COPP_STATIONS} equal stations with exact q', q'', q'''; topp2_ra, then topp3_socp linearised at its profile, "
+        "then once more at its own result (a and b): two passes; s(t) at the stations from s_to_t_topp3, its own polynomials "
+        "between"
     )
     keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
 
@@ -36,10 +39,26 @@ class Copp(TimingPeer):
         self._limits = limits
 
     def call(self, joint_path: JointPath) -> Any:
-        """Samples, constraints, three solves, and times at the stations."""
+        """Samples, constraints, three solves, and times at the stations.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+
+        Returns
+        -------
+        Any
+            The result, for `trajectory`.
+
+        Raises
+        ------
+        NoSolution
+            The peer found no motion.
+        """
         copp = self._copp
-        s = np.linspace(0.0, joint_path.end, STATIONS)
-        robot = copp.Robot(joint_path.robot.n, capacity=STATIONS)
+        s = np.linspace(0.0, joint_path.end, COPP_STATIONS)
+        robot = copp.Robot(joint_path.robot.n, capacity=COPP_STATIONS)
         robot.append_s(s)
         q, dq, ddq, dddq = (np.ascontiguousarray(joint_path(s, order)) for order in range(4))
         robot.set_q(q, dq, ddq, 0, dddq=dddq)
@@ -49,13 +68,13 @@ class Copp(TimingPeer):
             (robot.add_jerk_limits, "jerk"),
         ):
             if np.isfinite(self._limits[field]).all():
-                add(self._limits[field], -self._limits[field], start_idx_s=0, length=STATIONS)
+                add(self._limits[field], -self._limits[field], start_idx_s=0, length=COPP_STATIONS)
         try:
             seed = copp.solver.topp2_ra.Problem(
-                robot.constraints, idx_s_interval=(0, STATIONS - 1), a_boundary=(0.0, 0.0)
+                robot.constraints, idx_s_interval=(0, COPP_STATIONS - 1), a_boundary=(0.0, 0.0)
             )
             a, b = copp.solver.topp2_ra.solve(seed), None
-            for _ in range(PASSES):
+            for _ in range(COPP_PASSES):
                 problem = copp.solver.topp3_socp.Problem(
                     robot.constraints, a, a_boundary=(0.0, 0.0), b_boundary=(0.0, 0.0), b_linearization=b
                 )
@@ -67,7 +86,20 @@ class Copp(TimingPeer):
         return s, t, profile
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Through s, ṡ = √a and s̈ = b at the stations: what its profile is there, and exactly what it is between them."""
+        """Trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        Trajectory
+            The motion.
+        """
         s, t, profile = raw
         speed = np.sqrt(np.maximum(profile.a, 0.0))
         law = through(t, s[:, None], speed[:, None], profile.b[:, None])

@@ -1,4 +1,4 @@
-"""TOPP-RA as its documentation teaches: a spline through waypoints, and a spline in time through its answer."""
+"""TOPP-RA as in its documentation: a spline through waypoints, and a spline in time through its result."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class ToppraSpline(TimingPeer):
     package = "toppra"
     settings = (
         "SplineInterpolator through the samples of the joint path, JointVelocityConstraint and "
-        "JointAccelerationConstraint, TOPPRA on the grid that it chooses, ParametrizeSpline: all as its documentation "
-        "has it; it has no jerk limits"
+        "JointAccelerationConstraint, TOPPRA on its automatic grid, ParametrizeSpline: all as in its documentation; "
+        "no jerk limits"
     )
     keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
 
     def __init__(self, limits: dict[str, Array]) -> None:
         import toppra
 
-        logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
+        logging.getLogger("toppra").setLevel(logging.CRITICAL)  # silences its own warnings
         self._toppra: Any = toppra
         self._constraints = [
             toppra.constraint.JointVelocityConstraint(_range(limits["velocity"])),
@@ -38,7 +38,23 @@ class ToppraSpline(TimingPeer):
         ]
 
     def call(self, joint_path: JointPath) -> Any:
-        """Both splines and the optimum between them."""
+        """Spline through the samples, optimum along it, spline in time.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+
+        Returns
+        -------
+        Any
+            The result, for `trajectory`.
+
+        Raises
+        ------
+        NoSolution
+            The peer found no motion.
+        """
         path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
         found = self._toppra.algorithm.TOPPRA(
             self._constraints, path, parametrizer="ParametrizeSpline"
@@ -48,7 +64,20 @@ class ToppraSpline(TimingPeer):
         return found
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Its cubic spline in time, as it is."""
+        """Its cubic spline in time, unchanged.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            The path in joint space.
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        Trajectory
+            The motion.
+        """
         return Trajectory(PPoly(raw.cspl.c, raw.cspl.x - raw.cspl.x[0], extrapolate=True))
 
 

@@ -1,0 +1,267 @@
+"""Docstrings: every public function with arguments says what they are; arrays say their shape and unit.
+
+Ruff (rules D417 and DOC, in `make lint`) compares a docstring that is longer than one line with its function: every
+parameter is there and no other, what it returns or yields, and what it raises itself. Ruff has no rule for the rest:
+
+1. A public function or method with arguments has a section "Parameters". Public: neither its name nor its class's
+   starts with an underscore (a module's may), and it stands in no function. Left out: overloads, and commands of the
+   command line, whose docstring is their help text and whose options bring help of their own.
+2. A parameter whose annotation names an array type (Array, Flags, Indices, ArrayLike, NDArray, or another name for
+   one of these) says its shape in parentheses, (n,) or (..., 4, 4), or the word "scalar" or "shape" (as in "the shape
+   of t"), on its type line or in its description; and its unit in square brackets, [rad, m], [1/s], [1] for
+   none, or [as q]. Truth values and indices have no unit: Flags, Indices, other NDArray than of floats, or "bool"
+   or "int" on the type line.
+3. The same holds for what it returns: for the section as a whole, and for each entry whose type line says "array".
+
+`python tests/test_docstrings.py FILE …` prints what is missing in these files, also in those still PENDING.
+"""
+
+import ast
+import inspect
+import re
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+FILES = sorted(f for part in ("optik", "planners", "benchmarks") for f in (REPOSITORY / part).rglob("*.py"))
+
+PENDING = (
+    "optik/", "planners/", "benchmarks/cli/", "benchmarks/kinds/", "benchmarks/report/",
+    *(f"benchmarks/{name}.py" for name in (
+        "batch", "first_use", "fresh", "judgement", "line", "lines", "methods", "metrics", "run",
+        "speed", "speed_suite", "suite", "targets", "timing", "timing_example", "timing_facts", "timing_rows", "timing_suite",
+    )),
+)  # fmt: skip
+"""Folders and files that do not keep the rules yet; pyproject.toml has the same list for ruff."""
+
+REAL, WHOLE = {"real"}, {"whole"}
+TYPES = {"Array": REAL, "ArrayLike": REAL, "Flags": WHOLE, "Indices": WHOLE}
+"""Array types by name: of real numbers, which have a unit, or of truth values and indices."""
+
+ELEMENT = r"(?:\.\.\.|…|\w+(?:\s?[-+*/·]\s?\w+)*)"
+SHAPE = re.compile(rf"\({ELEMENT},(?:\s?{ELEMENT},)*(?:\s?{ELEMENT})?\)|\bscalars?\b|\bshapes?\b")
+BRACKETS = re.compile(r"(?:^|(?<=[\s(]))\[([^\[\]]+)\]", re.MULTILINE)
+UNITS = {"rad", "m", "s", "deg", "°", "mm", "cm", "µm", "ms", "µs", "ns", "kg", "N", "Nm", "J", "W", "Hz", "%"}
+
+
+# ---------------------------------------------------------------- reading a docstring
+
+
+def is_unit(text):
+    """Whether what stands in square brackets is a unit: not an interval, an index or a list."""
+    if text.startswith("as ") or text == "1":
+        return True
+    words = re.split(r"[\s,/·*()]+", re.sub(r"\^\(?[\w+-]+\)?|[²³⁴⁵⁻¹ᵏ]", "", text))
+    return bool(words) and all(w in UNITS or w in ("", "1", "or") for w in words) and any(w in UNITS for w in words)
+
+
+def sections(docstring):
+    """Sections of a NumPy docstring: title → {first line of an entry: the whole entry}."""
+    found, entries, entry = {}, {}, ""
+    lines = inspect.cleandoc(docstring).splitlines()
+    for line, below in zip(lines, [*lines, ""][1:], strict=True):
+        if line and re.fullmatch(r"-{3,}", below):
+            entries = found.setdefault(line, {})
+        elif line and not line.startswith((" ", "--")):
+            entry = line
+            entries[entry] = line
+        elif entry in entries:
+            entries[entry] += "\n" + line
+    return found
+
+
+def lacks(entry, unit):
+    """What an array's entry does not say: its shape, its unit."""
+    wanted = {"shape in parentheses": SHAPE.search(entry)}
+    if unit and not re.search(r"\b(bool|int)\b", entry.partition("\n")[0]):
+        wanted["unit in square brackets"] = any(map(is_unit, BRACKETS.findall(entry)))
+    return [what for what, said in wanted.items() if not said]
+
+
+# ---------------------------------------------------------------- reading code
+
+
+def kinds(annotation, names):
+    """Kinds of array that an annotation names."""
+    found = set()
+    for node in ast.walk(annotation) if annotation else ():
+        if isinstance(node, ast.Name) and node.id in names:
+            found |= names[node.id]
+        elif isinstance(node, ast.Subscript) and ast.unparse(node.value) == "NDArray":
+            found |= REAL if "float" in ast.unparse(node.slice) else WHOLE
+    return found
+
+
+@cache
+def array_names():
+    """The array types and every other name that a module gives to a type with an array in it."""
+    names = dict(TYPES)
+    for _ in range(2):  # a name for a name
+        for file in FILES:
+            for node in ast.parse(file.read_text(encoding="utf-8")).body:
+                target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+                value = getattr(node, "value", None)
+                if isinstance(target, ast.Name) and isinstance(value, ast.Subscript | ast.Name | ast.BinOp):
+                    kind = kinds(value, names)
+                    if kind and target.id not in TYPES and target.id[0].isupper() and not target.id.isupper():
+                        names[target.id] = kind
+    return names
+
+
+def public_functions(node, method=False):
+    """Every public function with arguments, and those of its arguments that a caller gives."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.ClassDef) and not child.name.startswith("_"):
+            yield from public_functions(child, method=True)
+        elif isinstance(child, ast.FunctionDef) and not child.name.startswith("_"):
+            by = [ast.unparse(d) for d in child.decorator_list]
+            a = child.args
+            arguments = [*a.posonlyargs, *a.args][method and "staticmethod" not in by :]
+            arguments += [x for x in (a.vararg, *a.kwonlyargs, a.kwarg) if x]
+            if arguments and "overload" not in by and not any(re.search(r"\.(command|callback)\(", d) for d in by):
+                yield child, arguments
+        elif isinstance(child, ast.If | ast.Try | ast.With | ast.ExceptHandler):
+            yield from public_functions(child, method)
+
+
+def complaints(text, names):
+    """Everything that the docstrings of a module do not say, as "line: function: what"."""
+    for function, arguments in public_functions(ast.parse(text)):
+        said = sections(ast.get_docstring(function) or "")
+        where = f"{function.lineno}: {function.name}:"
+        if "Parameters" not in said:
+            yield f"{where} no section Parameters"
+        for argument in arguments:
+            arrays = kinds(argument.annotation, names)
+            for first, entry in said.get("Parameters", {}).items():
+                if arrays and argument.arg in re.split(r"[,\s*]+", first.partition(" : ")[0]):
+                    yield from (f"{where} {argument.arg} lacks {what}" for what in lacks(entry, arrays >= REAL))
+        arrays = kinds(function.returns, names)
+        out = said.get("Returns") or said.get("Yields") or {}
+        if arrays and not out:
+            yield f"{where} no section Returns"
+        elif arrays:
+            entries = [e for first, e in out.items() if re.search(r"\barrays?\b", first)]
+            whole = "\n".join(entries or out.values())
+            for entry in entries or [whole]:
+                told = " ".join(entry.partition("\n")[0].split())[:40]
+                yield from (f"{where} returned {told!r} lacks {what}" for what in lacks(entry, arrays >= REAL))
+
+
+# ---------------------------------------------------------------- the packages keep the rules
+
+
+def test_public_functions_say_parameters_shapes_and_units():
+    found = []
+    for file in FILES:
+        name = file.relative_to(REPOSITORY).as_posix()
+        if not name.startswith(PENDING):
+            found += [f"{name}:{line}" for line in complaints(file.read_text(encoding="utf-8"), array_names())]
+    assert not found, "\n" + "\n".join(found)
+
+
+# ---------------------------------------------------------------- the reader sees what it should
+
+GOOD = '''
+class Arm:
+    def fk(self, q: ArrayLike, *more: Rows, check: Bools | None = None, order: int = 0) -> tuple[Array, Bools]:
+        """Tool poses.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+        *more : (k + 1, n) arrays
+            Others, in [0, 1] of the range [1].
+        check : (n,) array of bool, optional
+            Joints to check.
+        order : int
+            Derivative.
+
+        Returns
+        -------
+        poses : (..., 4, 4) array
+            Poses; the last column [m].
+        good : (n,) array of bool
+            Whether each joint is inside its limits.
+        """
+'''
+NAMES = TYPES | {"Rows": REAL, "Bools": WHOLE}
+
+
+def test_a_complete_docstring_has_nothing_to_complain_of():
+    assert list(complaints(GOOD, NAMES)) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "complaint"),
+    [
+        ("Parameters\n        ----------", "Options\n        -------", "no section Parameters"),
+        ("q : (n,) or (..., n) array", "q : array", "q lacks shape"),
+        ("[rad, m]", "``q[i]``", "q lacks unit"),
+        ("range [1]", "range", "more lacks unit"),
+        ("(k + 1, n) arrays", "arrays (one, or many)", "more lacks shape"),
+        ("check : (n,) array of bool", "check : array of bool", "check lacks shape"),
+        ("check : (n,) array of bool", "check : array", "check lacks shape"),
+        ("(..., 4, 4) array", "array", "returned 'poses : array' lacks shape"),
+        ("column [m]", "column", "returned 'poses : (..., 4, 4) array' lacks unit"),
+        ("good : (n,) array", "good : array", "returned 'good : array of bool' lacks shape"),
+    ],
+)
+def test_what_is_missing_is_told(before, after, complaint):
+    assert before in GOOD
+    found = list(complaints(GOOD.replace(before, after), NAMES))
+    assert [line.split(": ", 2)[2].startswith(complaint) for line in found] == [True]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "def _f(q: Array): ...",
+        "class _A:\n    def f(self, q: Array): ...",
+        "def f() -> Array: ...",
+        "class A:\n    @property\n    def f(self) -> Array: ...",
+        "@overload\ndef f(q: Array) -> Array: ...",
+        "@app.command('x')\ndef f(q: Array) -> Array: ...",
+        "def f():\n    def g(q: Array): ...",
+    ],
+)
+def test_what_is_not_public_is_left_out(code):
+    assert list(complaints(code, NAMES)) == []
+
+
+@pytest.mark.parametrize(
+    "code", ["def f(q): ...", "class A:\n    @classmethod\n    def f(cls, *, q): ...", "if x:\n    def f(q): ..."]
+)
+def test_what_is_public_is_read(code):
+    assert [line.partition(": ")[2] for line in complaints(code, NAMES)] == ["f: no section Parameters"]
+
+
+@pytest.mark.parametrize(
+    "text", ["rad", "rad, m", "m/s²", "rad/s^k, m/s^k", "1", "1/s", "°", "as q", "rad or m", "kg·m²"]
+)
+def test_units_are_known(text):
+    assert is_unit(text)
+
+
+@pytest.mark.parametrize("text", ["0, 1", "i", "optional", "n", "", "2", "words"])
+def test_other_brackets_are_no_units(text):
+    assert not is_unit(text)
+
+
+def test_names_for_array_types_are_followed():
+    assert array_names()["Array"] == REAL
+    assert kinds(ast.parse("x: dict[str, NDArray[np.bool_]] | None").body[0].annotation, TYPES) == WHOLE
+
+
+if __name__ == "__main__":
+    told = [
+        f"{name}:{line}"
+        for name in sys.argv[1:]
+        for line in complaints(Path(name).read_text(encoding="utf-8"), array_names())
+    ]
+    print("\n".join(told) or "complete")
+    sys.exit(bool(told))
