@@ -21,6 +21,11 @@ def beside(robot, seed, *, count=100, distance=0.1):
         How many.
     distance : float
         From the tool at the start [m].
+
+    Returns
+    -------
+    ProblemSet
+        The problems.
     """
     check_count(count, "count", 1)
     check_number(distance, "distance", "metres above 0", above=0.0)
