@@ -7,7 +7,6 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.problems.base import smallest_singular_values
 from optik import se3
 from optik.arm.library import load
 from optik.arm.robot import Robot
@@ -116,8 +115,7 @@ def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
 
 def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple[Array, Array]:
     """Start configurations (k, n) and goal poses (k, 4, 4)."""
-    lower, upper = robot.limits.lower + ROOM, robot.limits.upper - ROOM
-    starts = rng.uniform(lower, upper, (LANES, robot.n))
+    starts = robot.limits.draw(rng, LANES, margin=ROOM)
     move, axis = rng.normal(size=(2, LANES, 3))
     length, angle = rng.uniform(*LENGTHS, LANES), rng.uniform(*TURNS, LANES)
     goals = robot.fk(starts)
@@ -138,7 +136,7 @@ def _tracked(robot: Robot, q: Array, goals: Array, low: float) -> Array:
     poses = np.stack(
         [se3.interpolate(a, b, np.linspace(0.0, 1.0, STEPS + 1)) for a, b in zip(robot.fk(q), goals, strict=True)]
     )
-    least = smallest_singular_values(robot, q)
+    least = robot.singular_values(q)[:, -1]
     for step in range(1, STEPS + 1):
         alive = np.flatnonzero(least >= low)
         if not alive.size:
@@ -147,7 +145,7 @@ def _tracked(robot: Robot, q: Array, goals: Array, low: float) -> Array:
         inside = ((moved >= lower) & (moved <= upper)).all(axis=1)
         inside &= np.abs(robot.errors(moved, poses[alive, step])).max(axis=1) <= TRACKED
         q[alive] = np.where(inside[:, None], moved, q[alive])
-        least[alive] = np.where(inside, np.fmin(least[alive], smallest_singular_values(robot, q[alive])), np.nan)
+        least[alive] = np.where(inside, np.fmin(least[alive], robot.singular_values(q[alive])[:, -1]), np.nan)
     return least
 
 

@@ -81,7 +81,7 @@ def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
             "velocity": np.minimum(speed_bound(joints, limits, s), 1e9),
             "velocity_joint": [names[i] for i in by_joint.argmin(axis=1)],
             "acceleration": np.minimum(acceleration, 1e9),
-            "singular_value": np.linalg.svd(joints.robot.jacobian(joints(s)), compute_uv=False)[:, -1],
+            "singular_value": joints.robot.singular_values(joints(s))[:, -1],
         }
     )
 

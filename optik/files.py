@@ -1,26 +1,160 @@
-"""Files that are there whole or not at all: written under a temporary name beside the target, then renamed."""
+"""Files read whole within a size limit, as bytes, text or strict JSON, and written whole or not at all."""
 
 from __future__ import annotations
 
+import json
 import os
 import uuid
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from optik.errors import OutputError
+from optik.errors import InvalidInput, OutputError
+
+MOST_BYTES = 2**30
+"""Longest file that is read by default [bytes]: far above any motion, and still fits in memory."""
+
+BYTES_AT_ONCE = 2**20
+"""Bytes read in one call: Python reserves as many as are asked for, even if the file is short."""
+
+
+def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
+    """Return the suffix of a file's name, in lower case.
+
+    Parameters
+    ----------
+    file : str or path
+        The file's name.
+    known : tuple of str
+        Suffixes that are allowed, each with its dot.
+
+    Returns
+    -------
+    str
+        One of them.
+
+    Raises
+    ------
+    InvalidInput
+        Not a path, or another suffix.
+    """
+    suffix = Path(file).suffix.lower() if isinstance(file, str | os.PathLike) else None
+    if suffix not in known:
+        raise InvalidInput("file", repr(file)[:120], f"a name that ends in {', '.join(known)}")
+    return str(suffix)
+
+
+def content_of(
+    file: Path, *, argument: str = "file", expected: str = "a readable file", most: int = MOST_BYTES
+) -> bytes:
+    """Return the content of a file.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    argument : str
+        What an error calls the argument that named the file.
+    expected : str
+        What an error says was expected.
+    most : int
+        Largest size that is read [bytes].
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read or is too large.
+    """
+    content = bytearray()
+    try:
+        with file.open("rb") as opened:
+            while len(content) <= most and (part := opened.read(BYTES_AT_ONCE)):
+                content += part
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidInput(argument, f"{str(file)[:120]!r} ({reason})", expected) from None
+    if len(content) > most:
+        raise InvalidInput(argument, f"more than {most // 2**20} MB", expected)
+    return bytes(content)
+
+
+def text_of(content: bytes) -> str:
+    """Decode UTF-8.
+
+    Parameters
+    ----------
+    content : bytes
+        What a file holds.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    InvalidInput
+        Not UTF-8.
+    """
+    try:
+        return content.decode("utf-8", errors="surrogatepass")
+    except UnicodeDecodeError as error:
+        raise InvalidInput("content", str(error)[:120], "text in UTF-8") from None
+
+
+def parsed(text: str, argument: str) -> Any:
+    """Parse strict JSON, without NaN and Infinity.
+
+    Parameters
+    ----------
+    text : str
+        The JSON text.
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    object
+        The plain data.
+
+    Raises
+    ------
+    InvalidInput
+        Not JSON.
+    """
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no number in JSON")
+
+    try:
+        return json.loads(text, parse_constant=refuse)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(argument, f"{str(error)[:120]}", "JSON, whole") from None
 
 
 def write_whole(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
-    """Write a file by a function that is given the temporary path.
+    """Write a file whole or not at all: under a temporary name beside the target, then renamed.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    write : callable
+        Writes to the temporary path that it is given.
 
     Raises
     ------
     OutputError
-        The file cannot be written; nothing is left behind.
+        The file cannot be written; no partial file is left.
     """
     target = Path(path)
     if not target.name or "\0" in str(target):
-        raise OutputError(target, "is no name that a file can have")
+        raise OutputError(target, "is not a valid file name")
     part = target.parent / f".{uuid.uuid4().hex[:12]}.part"
     try:
         try:

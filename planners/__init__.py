@@ -14,9 +14,9 @@ from planners.paths.arc import Arc
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.paths.polyline import Polyline
-from planners.plan import Plan, PlanStatus, laws, make_law, plan
+from planners.plan import Plan, PlanStatus, plan
 from planners.replan import replan
-from planners.timing.base import TimeLaw
+from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
 
 __all__ = [

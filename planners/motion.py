@@ -72,7 +72,23 @@ class Motion:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
 
     def certify(self, **options: Any) -> Certificate:
-        """Find what the motion keeps, anew; options as `planners.certify`."""
+        """Certify the motion anew.
+
+        Parameters
+        ----------
+        **options
+            As for `planners.certify`, in place of the motion's own.
+
+        Returns
+        -------
+        Certificate
+            What the motion keeps.
+
+        Raises
+        ------
+        InvalidInput
+            An option that `planners.certify` refuses.
+        """
         known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance, "span": self.span}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 

@@ -1,4 +1,4 @@
-"""plan(): a path, an arm and a start become joints, then time, then a certificate, in one call."""
+"""plan(): from a path, an arm and a start to a joint path, its timing and a certificate, in one call."""
 
 from __future__ import annotations
 
@@ -15,34 +15,35 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
 from optik.ik._problem import check_start
-from optik.registry import build_method, names
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.files import save
 from planners.fit import fitted, stretch
-from planners.following.follow import FollowStatus, JointPath, Stop, follow
+from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
-from planners.timing.base import TimeLaw
+from planners.timing import TimeLaw, make_law
 from planners.trajectory import Trajectory
 
-UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate are there to be looked at"
+__all__ = ["Asked", "Plan", "PlanStatus", "make_law", "path_to", "plan"]
+
+UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
+"""Advice for a motion whose certificate does not hold."""
 
 FOLLOWED = 0.95
 """Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
 
-
-LONGEST = 1e9
-"""Longest duration that can be asked [s], 30 years: powers of far longer ones are beyond all floats."""
+MOST_SECONDS = 1e9
+"""Longest duration that can be asked [s], 30 years: powers of much longer ones overflow."""
 
 
 class PlanStatus(StrEnum):
-    """How planning ended: as following the path did, or in timing.
+    """How planning ended: the statuses of following the path, and those of timing.
 
-    LIMITS_EXCEEDED is the answer of ``strict=True`` where the law's own motion passes a limit that it promises to keep.
-    NOT_PROVED has a motion, but its certificate does not hold.
+    TIMING_INFEASIBLE: the law found no motion. LIMITS_EXCEEDED: with ``strict=True``, the law's motion passes a limit that the
+    law promises to keep. NOT_PROVED: there is a motion, but its certificate does not hold.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -65,7 +66,7 @@ class Plan:
     robot, path, limits
         What was planned, and within what.
     status : PlanStatus
-        How it ended.
+        How planning ended.
     ik : str
         The IK method.
     law : str
@@ -73,11 +74,11 @@ class Plan:
     prefix : JointPath or None
         The joint path, or on failure the good part of it.
     stop : Stop or None
-        Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion all the same, to be looked at.
+        Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion, too.
     slowed : float
-        By which factor the law's motion was slowed so that it keeps what the law promises; 1 where it kept it by itself.
+        Factor by which the law's motion was slowed to keep the limits that the law promises; 1 where it kept them itself.
     span : (2,) tuple of float, or None
-        The part of the path [s] that the motion covers, where that is not the whole: from a moving state, or to a stop.
+        The part of the path [m, or rad] that the motion covers, where that is not the whole: after `replan`.
     speed : float or None
         The constant tool speed [m/s; rad/s for a pure rotation] that was asked of the law.
     """
@@ -186,43 +187,6 @@ class Plan:
         save(self.motion, file, format=format)
 
 
-def laws() -> tuple[str, ...]:
-    """Names of all time laws, ours and those of installed packages; a file is a law by its path.
-
-    Returns
-    -------
-    tuple of str
-        Sorted.
-    """
-    return names("planners.timing")
-
-
-def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
-    """Build a time law by its name, or from a file that is given as a path.
-
-    Parameters
-    ----------
-    law : str or path
-        A name from `laws`, or a Python file such as ``"./law.py"``, which is run.
-    **options
-        Those of the law.
-
-    Returns
-    -------
-    TimeLaw
-        Ready to `TimeLaw.run`.
-
-    Raises
-    ------
-    UnknownName
-        No such law; the nearest names are offered.
-    InvalidInput
-        An option that the law does not have, or out of range; a file that is no law.
-    """
-    built: TimeLaw = build_method("planners.timing", law, "time law", **options)
-    return built
-
-
 def plan(
     robot: Robot,
     path: Path | ArrayLike,
@@ -245,9 +209,9 @@ def plan(
     robot : Robot
         The arm.
     path : Path, or (4, 4) array, or (n,) array
-        Where the tool goes. A pose is a straight line there from the start; joints are a motion there in joint space.
+        What the tool follows. For a pose, the straight line from the start; for joints [rad, m], the one in joint space.
     q_start : (n,) array, optional
-        Configuration at the path's start; without one, the best there.
+        Configuration at the path's start [rad, m]; by default the best one there.
     ik : str or IKSolver
         Method, by name, by the path of a file (``"./jt.py"``), or built.
     timing : str or TimeLaw
@@ -255,33 +219,40 @@ def plan(
     limits : MotionLimits, optional
         The robot's own by default.
     samples : int
-        Of the path, equally spaced.
+        Samples of the path, equally spaced.
     branch : {"start", "best"}, optional
-        ``"start"`` keeps the branch of ``q_start``; ``"best"`` chooses branch and winding for the whole path, as without a
-        ``q_start`` (`planners.follow`).
+        Keep the branch of ``q_start``, its default, or choose branch and winding for the whole path (`planners.follow`).
     duration : float, optional
-        Seconds that the motion shall take: the law's motion, uniformly slowed. Not together with a tool speed that the law
-        was asked for (TIMING_INFEASIBLE where it would change).
+        Duration [s] to which the law's motion is slowed; a tool speed that the law was asked for must stay the same.
     strict : bool
-        Refuse a motion that passes a limit which its law promises to keep. By default it is slowed uniformly until it
-        keeps it, on the same path, and `Plan.slowed` says by how much.
+        Refuse a motion that passes a limit promised by its law, instead of slowing it uniformly (`Plan.slowed`).
     tolerance : (2,) tuple of float
-        Largest distance [m] and angle [rad] between tool and path; a motion beyond is a certificate that does not hold.
+        Largest distance [m] and angle [rad] between tool and path with which the certificate holds.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
 
     Returns
     -------
     Plan
-        On failure with the reason, the place and what would work.
+        On failure with the place, the reason and advice.
 
     Raises
     ------
-    InvalidInput
-        Arguments that cannot be meant, or a limit that the law needs and nobody gave.
-    UnknownName
-        No such method or law.
+    InvalidInput, UnknownName
+        An invalid argument, a limit that the law needs and that was not given; a name of no method or law.
     """
+    solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate))
+    _check_wishes(duration, strict)
+    allowed = Tolerance(*(FOLLOWED * x for x in asked.tolerance))
+    followed = follow(solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed)
+    return _timed(asked, followed, duration, strict)
+
+
+def _asked(
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
+    timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None, judged: tuple[tuple[float, float], float],
+) -> tuple[IKSolver, Asked]:  # fmt: skip
+    """Build what was given by name or left out, and check that it belongs together."""
     solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
     law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
     limits = MotionLimits.of(robot) if limits is None else limits
@@ -289,39 +260,41 @@ def plan(
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
-    tolerance = check_tolerance(tolerance)
+    if solver.robot != robot:
+        raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
+    law.need(limits, robot)
+    tolerance, rate = judged
+    return solver, Asked(robot, path, limits, solver.name, law, check_tolerance(tolerance), rate)
+
+
+def _check_wishes(duration: float | None, strict: bool) -> None:
     if duration is not None:
         check_number(duration, "duration", "seconds above 0", above=0.0)
     if not isinstance(strict, bool):
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
-    if solver.robot != robot:
-        raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
-    law.need(limits, robot)
-    allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
-    followed = follow(solver, path, q_start, branch=branch, samples=samples, tolerance=allowed)
-    asked = Asked(robot, path, limits, solver.name, law, tolerance, rate)
-    if followed.stop is not None:
-        return asked.failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
-    assert followed.joint_path is not None
-    return _timed(asked, followed.joint_path, duration, strict)
 
 
 def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None) -> Path:
-    """Path from a configuration to a goal: a straight line to a pose, a motion in joint space to joints.
+    """Return the path from a configuration to a goal: a straight line to a pose, or one in joint space to joints.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     goal : (4, 4) or (n,) array
-        A pose of the tool, or joints.
+        A pose of the tool, or joints [rad, m].
     q_start : (n,) array
-        Where the arm stands.
+        Configuration at the start [rad, m].
+
+    Returns
+    -------
+    Path
+        A `Line` or a `JointLine`.
 
     Raises
     ------
     InvalidInput
-        Neither of them, or no start.
+        Another shape, or no start.
     """
     expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
     try:
@@ -339,7 +312,7 @@ def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None) -> Path:
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked of a plan, and its ways to end."""
+    """What was asked of a plan, and how planning can end."""
 
     robot: Robot
     path: Path
@@ -350,12 +323,23 @@ class Asked:
     rate: float
     span: tuple[float, float] | None = None
 
-    def failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
-        """A plan without a motion."""
-        return Plan(self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None)
-
     def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
-        """A plan with its motion, certified: solved where the certificate holds."""
+        """Certify a motion and return its plan, solved where the certificate holds.
+
+        Parameters
+        ----------
+        joints : JointPath
+            The joint path.
+        trajectory : Trajectory
+            The motion along it.
+        slowed : float
+            Factor by which the law's motion was slowed [1].
+
+        Returns
+        -------
+        Plan
+            SOLVED, or NOT_PROVED.
+        """
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
             law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
@@ -374,8 +358,30 @@ class Asked:
             self.span, self.law.speed,
         )  # fmt: skip
 
-    def refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
-        """A motion that passes a limit, and strict was asked."""
+    def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
+        """Return the plan of a law that found no motion.
+
+        Parameters
+        ----------
+        joints : JointPath
+            The joint path.
+        error : NoSolution
+            What the law raised.
+
+        Returns
+        -------
+        Plan
+            TIMING_INFEASIBLE, with the law's reason.
+        """
+        stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
+        return self._failed(PlanStatus.TIMING_INFEASIBLE, joints, stop)
+
+    def _failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
+        """A plan without a motion; the joint path goes as far as it could be followed."""
+        return Plan(self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None)
+
+    def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
+        """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
         field = max(self.law.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
         place = float(np.interp(t, proof.binding.t, proof.binding.s))
@@ -383,23 +389,23 @@ class Asked:
         if not ratio > 1.0:
             what = proof.broken[0]
         stop = Stop(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
-        return self.failed(PlanStatus.LIMITS_EXCEEDED, joints, stop)
-
-    def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
-        """A law that found no motion."""
-        stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
-        return self.failed(PlanStatus.TIMING_INFEASIBLE, joints, stop)
+        return self._failed(PlanStatus.LIMITS_EXCEEDED, joints, stop)
 
 
-def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool) -> Plan:
+def _timed(asked: Asked, followed: Followed, duration: float | None, strict: bool) -> Plan:
+    """Time and certify a joint path; or say why there is none."""
+    if followed.stop is not None:
+        return asked._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
+    assert followed.joint_path is not None
+    joints, keeps = followed.joint_path, asked.law.keeps
     try:
         raw = asked.law.run(joints, asked.limits)
-        factor = stretch(asked.robot, raw, asked.limits, asked.law.keeps)
+        factor = stretch(asked.robot, raw, asked.limits, keeps)
         exceeded = factor > 1.0
         if exceeded and strict:
-            proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=asked.law.keeps)
-            return asked.refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        trajectory = fitted(asked.robot, raw, asked.limits, asked.law.keeps) if exceeded else raw
+            proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=keeps)
+            return asked._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
+        trajectory = fitted(asked.robot, raw, asked.limits, keeps) if exceeded else raw
         slowed = trajectory.duration / raw.duration
         if duration is not None:
             trajectory = _lasting(trajectory, duration, asked.law)
@@ -409,9 +415,9 @@ def _timed(asked: Asked, joints: JointPath, duration: float | None, strict: bool
 
 
 def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
-    """The motion, slowed to a duration; a law that promises nothing may be hastened too, one with a speed to keep neither."""
-    if duration > LONGEST:
-        raise InvalidInput("duration", f"{duration:.3g} s", f"at most {LONGEST:g} s")
+    """Slow a motion to a duration, or hasten it where the law promises no limits; a tool speed that was asked stays."""
+    if duration > MOST_SECONDS:
+        raise InvalidInput("duration", f"{duration:.3g} s", f"at most {MOST_SECONDS:g} s")
     if law.speed is not None and abs(duration / trajectory.duration - 1.0) > SAME_SPEED:
         raise NoSolution(
             f"a duration of {duration:.6g} s makes the tool speed {law.speed * trajectory.duration / duration:.6g}, and "

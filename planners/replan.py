@@ -1,4 +1,4 @@
-"""replan(): from a moving state on a plan's path, to its end or to rest on it as soon as may be."""
+"""replan(): from a moving state on a plan's path to its end, or to rest on it as soon as possible."""
 
 from __future__ import annotations
 
@@ -16,24 +16,26 @@ from optik.types import Array
 from planners.certificate.certificate import check_tolerance
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
-from planners.plan import Asked, Plan, make_law
+from planners.plan import Asked, Plan
 from planners.splice import State, begun, joined, rest_of
-from planners.timing.base import PathState, TimeLaw
+from planners.timing import TimeLaw, make_law
+from planners.timing.base import PathState
 from planners.trajectory import Trajectory
 
 OFF_PATH = 1e-6
-"""How far a measured state may be from the path, as a share of a radian or metre, and of the greatest velocity and
-acceleration."""
+"""Largest distance of a measured state from the path, as a share of a radian or metre, and of the greatest velocity and
+acceleration: encoders resolve less."""
 ENDED = 1e-9
 """A motion within this of its end has ended [s]: controllers count in nanoseconds."""
 STANDING = 1e-6
 """Speed and acceleration along the path [1/s, 1/s²] below which a measured state has stopped."""
-WIDER = (1.001, 1.003, 1.01)
-"""Shares of the limits that are tried where no motion from the state keeps the limits themselves."""
+WIDENED = (1.001, 1.003, 1.01)
+"""Factors on the limits that are tried where no motion from the state keeps the limits themselves."""
 INSTANT = 0.01
-"""Time [s] that turns velocities into distances, to say which instant of a motion a state is nearest to."""
+"""Time [s] by which velocities are multiplied to compare them with distances, in the search of the instant of a motion that
+is nearest to a state."""
 SEVERAL = 8
-"""Places of a path looked at where it comes near a configuration more than once."""
+"""Most places that are searched where a path comes near a configuration more than once."""
 
 
 def replan(
@@ -49,62 +51,72 @@ def replan(
 ) -> Plan:
     """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
 
-    What is left of the plan's own motion is an answer too: where it keeps the limits, the result is that or the law's
-    motion, whichever is sooner at rest. So with the plan's limits there is always one.
+    The rest of the plan's own motion is a candidate too: where it keeps the limits, the result is that or the law's motion,
+    whichever is sooner at rest. So with the plan's limits there is always one.
 
     Parameters
     ----------
     plan : Plan
-        One with a motion; the new motion goes on along its joint path.
+        One with a motion; the new motion continues along its joint path.
     state : float, or three (n,) arrays
-        A time of the plan's motion [s], or position, velocity and acceleration of the joints, on the path but for 1e-6.
+        A time of the plan's motion [s]; or q [rad, m], q̇ [rad/s, m/s] and q̈ [rad/s², m/s²], within 1e-6 of the path.
     stop : bool
-        Come to rest on the path as soon as may be, instead of at its end.
+        Come to rest on the path as soon as possible, instead of at its end.
     timing : str or TimeLaw
         A law that can start from a moving state.
     limits : MotionLimits, optional
-        Those of the plan by default.
+        By default those of the plan.
     strict : bool
-        Refuse a motion that passes a limit. By default a state from which none is found that keeps the limits gets the one
-        that passes them least, by 1 % at most, and the certificate says so.
+        Refuse a motion that passes a limit. By default, where none is found that keeps the limits, the result is the one
+        that passes them least, by 1 % at most, and its certificate says so.
     tolerance : (2,) tuple of float
-        As in `plan`.
+        Distance [m] and angle [rad], as in `plan`.
     rate : float
-        As in `plan`.
+        The controller's rate [1/s], as in `plan`.
 
     Returns
     -------
     Plan
-        Its motion begins with exactly that state, at t = 0, and `Plan.span` is the part of the path that it covers.
-        TIMING_INFEASIBLE where none is found, with what stands against it.
+        Its motion begins at t = 0 with exactly that state; `Plan.span` is the part of the path that it covers.
+        TIMING_INFEASIBLE with a reason where none is found.
 
     Raises
     ------
     InvalidInput
-        A plan without a motion, a measured state that is not on its path, a time outside its motion, a state that has ended
-        or stopped already, a law that starts at rest only.
+        A plan without a motion, a measured state off its path, a time outside its motion, a state that has ended or
+        stopped already, or a law that starts only at rest.
     """
     running = _running(plan)
+    asked = _asked(plan, timing, limits, check_tolerance(tolerance), rate)
+    for argument, flag in (("stop", stop), ("strict", strict)):
+        if not isinstance(flag, bool):
+            raise InvalidInput(argument, repr(flag)[:60], "True or False")
+    start = _start(plan, running, state)
+    if stop and start.still:
+        came = f"a state at rest, at s = {start.at.s:.6g}"
+        raise InvalidInput("state", came, "a moving one: this one has stopped already")
+    return _answer(asked, plan, start, stop, strict)
+
+
+def _asked(
+    plan: Plan,
+    timing: str | os.PathLike[str] | TimeLaw,
+    limits: MotionLimits | None,
+    tolerance: tuple[float, float],
+    rate: float,
+) -> Asked:
+    """Build the law where it was given by name, and check that it can keep these limits."""
     law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
     limits = plan.limits if limits is None else limits
     for argument, value, kind in (("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
-    for argument, flag in (("stop", stop), ("strict", strict)):
-        if not isinstance(flag, bool):
-            raise InvalidInput(argument, repr(flag)[:60], "True or False")
-    asked = Asked(plan.robot, plan.path, limits, plan.ik, law, check_tolerance(tolerance), rate)
     law.need(limits, plan.robot)
-    start = _start(plan, running, state)
-    if stop and start.still:
-        raise InvalidInput(
-            "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving one: this one has stopped already"
-        )
-    return _answer(asked, plan, start, stop, strict)
+    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate)
 
 
 class _Start(NamedTuple):
-    """A state on the path, what is left of the running motion from there (None where it is not of it), whether it stands."""
+    """A state on the path, the rest of the running motion (None where the state is not part of it), whether it is at rest."""
 
     at: PathState
     rest: Trajectory | None
@@ -112,7 +124,7 @@ class _Start(NamedTuple):
 
 
 def _running(plan: Plan) -> Trajectory:
-    """The plan's motion, or the refusal of a plan without one."""
+    """The plan's motion; raises InvalidInput for a plan without one."""
     if not isinstance(plan, Plan):
         raise InvalidInput("plan", repr(plan)[:60], "a plan with a motion")
     try:
@@ -125,7 +137,7 @@ def _running(plan: Plan) -> Trajectory:
 
 
 def _answer(asked: Asked, plan: Plan, start: _Start, stop: bool, strict: bool) -> Plan:
-    """The motion soonest at rest that keeps the limits; else, unless strict, the one that passes them least."""
+    """The motion that is first at rest and keeps the limits; else, unless strict, the one that passes them least."""
     found: list[Plan] = []
     for motion in _motions(asked, plan, start, stop):
         solved = _solved(asked, plan.joint_path, start, motion, stop)
@@ -133,26 +145,28 @@ def _answer(asked: Asked, plan: Plan, start: _Start, stop: bool, strict: bool) -
             return solved
         found.append(solved)
     if not strict:
-        for share in WIDER:
+        for share in WIDENED:
             wider = _by_law(asked, plan.joint_path, asked.limits.scaled(share), start.at, stop)
             if wider is not None:
                 found.append(_solved(asked, plan.joint_path, start, wider, stop))
                 break
-        found = [solved for solved in found if _passed(solved) <= WIDER[-1] * (1.0 + 1e-9)]
+        found = [solved for solved in found if _passed(solved) <= WIDENED[-1] * (1.0 + 1e-9)]
         if found:
             return min(found, key=_passed)
     return asked.infeasible(plan.joint_path, _reason(asked, plan, start, stop))
 
 
 def _motions(asked: Asked, plan: Plan, start: _Start, stop: bool) -> Iterator[Trajectory]:
-    """Motions from the state, each of which may keep the limits: the law's and the running one, the sooner at rest first."""
+    """Candidates from the state, the one that is first at rest first: the law's motion and the rest of the running one."""
     joints = plan.joint_path
     found = [_by_law(asked, joints, asked.limits, start.at, stop)]
     rests = joints.end if plan.span is None else plan.span[1]
     on = stop or rests >= joints.end
     found += [start.rest] if on else []
     yield from sorted((motion for motion in found if motion is not None), key=lambda motion: motion.duration)
-    if not on and start.rest is not None:  # it stops before the path's end, and goes on from there
+    if (
+        not on and start.rest is not None
+    ):  # the running motion stops before the path's end; the law continues from there
         end = start.rest.end
         still = PathState(rests, 0.0, 0.0, (start.rest(end), np.zeros(joints.robot.n), np.zeros(joints.robot.n)))
         second = _by_law(asked, joints, asked.limits, still, False)
@@ -161,7 +175,7 @@ def _motions(asked: Asked, plan: Plan, start: _Start, stop: bool) -> Iterator[Tr
 
 
 def _by_law(asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState, stop: bool) -> Trajectory | None:
-    """The law's motion, begun exactly where it shall; None where it has none."""
+    """The law's motion from exactly this state; None where the law finds none."""
     if at.s >= joints.end * (1.0 - 1e-9):  # nothing left to plan in
         return None
     try:
@@ -187,7 +201,7 @@ def _passed(solved: Plan) -> float:
 
 
 def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
-    """What stands against a motion: the state itself, or where the running motion passes a limit."""
+    """Why there is no motion: the state itself passes a limit, or where the running motion does."""
     limits, robot = asked.limits, plan.robot
     goal = "comes to rest" if stop else "ends at rest"
     none = f"no motion from this state {goal} on the path within the limits"
@@ -220,7 +234,7 @@ def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
 
 
 def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> _Start:
-    """Where and how fast on the path, and what is left of the running motion."""
+    """Place, speed and acceleration along the path, and the rest of the running motion."""
     measured = isinstance(state, tuple | list)
     if isinstance(state, tuple | list):
         q, dq, ddq = given = _measured(plan, state)
@@ -259,7 +273,7 @@ def _measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[A
 
 
 def _off(given: State, there: State) -> list[tuple[str, Array, float]]:
-    """What of a state, how far (n,) it is from another, and how far that may be."""
+    """Position, velocity and acceleration: the name, the difference (n,) of two states, and its tolerance."""
     _, dq, ddq = given
     scales = (1.0, max(1.0, float(np.abs(dq).max())), 1e2 * max(1.0, float(np.abs(ddq).max())))
     parts = zip(("position", "velocity", "acceleration"), given, there, scales, strict=True)
@@ -267,13 +281,13 @@ def _off(given: State, there: State) -> list[tuple[str, Array, float]]:
 
 
 def _close(running: Trajectory, t: float, given: State) -> bool:
-    """Whether a measured state is that of the running motion at t, but for what a measured one may be off."""
+    """Whether a measured state is that of the running motion at t, within the tolerance of measured states."""
     there = running(t), running(t, 1), running(t, 2)
     return all(float(off.max()) <= most for _, off, most in _off(given, there))
 
 
 def _check_on_path(plan: Plan, s: float, along: tuple[float, float], given: State) -> None:
-    """Refuse a measured state that is not on the path, or moves another way than along it."""
+    """Raise InvalidInput for a measured state that is off the path, or does not move along it."""
     joints, (speed, acceleration) = plan.joint_path, along
     q1, q2 = joints(s, 1), joints(s, 2)
     for what, off, most in _off(given, (joints(s), q1 * speed, q1 * acceleration + q2 * speed**2)):
@@ -313,7 +327,7 @@ def _when(running: Trajectory, given: State) -> float:
 
 
 def _place(joints: JointPath, q: Array, near: float) -> float:
-    """Place s whose configuration is nearest to q; of several that are, where a path comes back to it, the one by `near`."""
+    """Place s whose configuration is nearest to q; of several, where a path returns to it, the one nearest to `near`."""
     grid = np.linspace(0.0, joints.end, 2 * joints.nodes.size + 1)
     off = np.linalg.norm(joints(grid) - q, axis=1)
     lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))

@@ -109,7 +109,7 @@ def fk(
     arm = arm_of(robot, tip, base)
     q = arm.configuration(q_deg, "Q_DEG") / per(arm)
     T = arm.fk(q)
-    smallest = float(np.linalg.svd(arm.jacobian(q), compute_uv=False)[-1])
+    smallest = float(arm.singular_values(q)[-1])
     inside = bool(arm.limits.contains(q))
     if as_json:
         print_json(

@@ -115,8 +115,7 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
         Not numbers, the wrong count, or outside the limits.
     """
     if not degrees.strip():
-        bounded = np.isfinite(arm.limits.lower) & np.isfinite(arm.limits.upper)
-        return arm.limits.clip(np.where(bounded, 0.5 * (arm.limits.lower + arm.limits.upper), 0.0))
+        return arm.limits.middle
     try:
         values = [float(v) for v in degrees.replace(",", " ").split()]
     except ValueError:

@@ -48,7 +48,7 @@ def _table_1() -> Misprint:
     d = [0.0, 0.0, 0.0, 470.0, 0.0, 261.0]
     rows = [DHRow(a=x / 1e3, alpha=np.deg2rad(y), d=z / 1e3) for x, y, z in zip(a, alpha, d, strict=True)]
     printed = Robot.from_mdh(rows, robot.limits, name="as printed")
-    q = np.random.default_rng(0).uniform(robot.limits.lower, robot.limits.upper, (2000, 6))
+    q = robot.limits.draw(np.random.default_rng(0), 2000)
     apart, reach = {}, {}
     for arm in (robot, printed):
         points = arm.frames(q)[:, :, :3, 3]

@@ -171,21 +171,3 @@ def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
     if not robot.limits.contains(q):
         raise InvalidInput("start_deg", start_deg, f"a configuration inside the limits of {robot.name}")
     return q
-
-
-def smallest_singular_values(robot: Robot, q: Array) -> Array:
-    """Smallest singular value of the Jacobian, lengths in metres and angles in radians.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (k,) array
-        Smallest singular values [1].
-    """
-    return np.asarray(np.linalg.svd(robot.jacobian(q), compute_uv=False)[..., -1])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from benchmarks.problems.base import ProblemSet, start_of
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -72,7 +72,7 @@ def graph_paper(
     reference: Any = DLS(robot, max_iterations=40, max_restarts=reference_restarts)
     answers = [reference.solve(T, q0) for T in targets]
     known = np.array([bool(a) for a in answers])
-    sigma = np.where(known, smallest_singular_values(robot, np.array([a.q for a in answers])), np.nan)
+    sigma = np.where(known, robot.singular_values([a.q for a in answers])[:, -1], np.nan)
     k = len(targets)
     return ProblemSet(np.array(targets), np.tile(q0, (k, 1)), np.array(group), known, sigma, np.full(k, np.nan))
 

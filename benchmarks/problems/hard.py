@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from benchmarks.problems.base import ProblemSet, start_of
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
@@ -62,9 +62,9 @@ def hard(
     strata = {
         "wrist singular": singular(robot, rng, share, WRIST, on_limits=False),
         "elbow singular": singular(robot, rng, share, ELBOW, on_limits=False),
-        "on the limits": put_on_limits(robot, rng, draw(robot, rng, share)),
+        "on the limits": put_on_limits(robot, rng, robot.limits.draw(rng, share)),
         "wrist singular, on the limits": singular(robot, rng, share, WRIST, on_limits=True),
-        "joint zeros": put_at_zero(robot, rng, draw(robot, rng, count - 4 * share)),
+        "joint zeros": put_at_zero(robot, rng, robot.limits.draw(rng, count - 4 * share)),
     }
     q = np.concatenate(list(strata.values()))
     order = rng.permutation(len(q))  # so that any part of the set contains all strata
@@ -74,29 +74,9 @@ def hard(
         starts = robot.limits.clip(q + spread * rng.normal(size=q.shape))
     else:
         starts = np.tile(start_of(robot, start_deg), (count, 1))
-    sigma = smallest_singular_values(robot, q)
+    sigma = robot.singular_values(q)[:, -1]
     far = np.full(count, spread if start_deg is None else np.nan)
     return ProblemSet(robot.fk(q), starts, group, np.ones(count, dtype=bool), sigma, far)
-
-
-def draw(robot: Robot, rng: np.random.Generator, count: int) -> Array:
-    """Random configurations, uniform inside the joint limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    rng : Generator
-        Source of random numbers.
-    count : int
-        Number of configurations.
-
-    Returns
-    -------
-    (count, n) array
-        Configurations [rad, m].
-    """
-    return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
 
 
 def put_on_limits(robot: Robot, rng: np.random.Generator, q: Array, but: int | None = None) -> Array:
@@ -182,11 +162,11 @@ def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, 
     """
     found: list[Array] = []
     for _ in range(DRAWS):
-        q = draw(robot, rng, 2 * count)
+        q = robot.limits.draw(rng, 2 * count)
         if on_limits:
             q = put_on_limits(robot, rng, q, but=joint)
         q = _by_one_joint(robot, rng, q, joint) if robot.n == 6 else _by_all_joints(robot, rng, q)
-        good = robot.limits.contains(q) & (smallest_singular_values(robot, q) < RANK_LOST)
+        good = robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < 1e-9)
         found.append(robot.limits.clip(q[good]))
         if sum(map(len, found)) >= count:
             return np.concatenate(found)[:count]

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.problems.base import ProblemSet, smallest_singular_values
+from benchmarks.problems.base import ProblemSet
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.types import Array
@@ -55,7 +55,7 @@ def near_start(
     if len(singular_edges):
         q, stratum = _stratified(robot, rng, count, singular_edges)
     else:
-        q = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+        q = robot.limits.draw(rng, count)
     noise = rng.normal(size=q.shape)
     k, n = len(q), len(spreads)
     group = np.tile(stratum, n) if len(singular_edges) else np.repeat([f"spread {s:g} rad" for s in spreads], k)
@@ -64,7 +64,7 @@ def near_start(
         np.concatenate([robot.limits.clip(q + spread * noise) for spread in spreads]),
         group,
         np.ones(n * k, dtype=bool),
-        np.tile(smallest_singular_values(robot, q), n),
+        np.tile(robot.singular_values(q)[:, -1], n),
         np.repeat(np.asarray(spreads, dtype=float), k),
     )
 
@@ -73,8 +73,8 @@ def _stratified(
     robot: Robot, rng: np.random.Generator, count: int, edges: Sequence[float]
 ) -> tuple[Array, NDArray[np.str_]]:
     """At most `count` random configurations in each stratum of the smallest singular value, and their strata."""
-    pool = rng.uniform(robot.limits.lower, robot.limits.upper, (POOL * count, robot.n))
-    sigma = smallest_singular_values(robot, pool)
+    pool = robot.limits.draw(rng, POOL * count)
+    sigma = robot.singular_values(pool)[:, -1]
     strata = {f"{low:g} ≤ σ < {high:g}": pool[(sigma >= low) & (sigma < high)][:count] for low, high in pairwise(edges)}
     return np.concatenate(list(strata.values())), np.repeat(list(strata), [len(q) for q in strata.values()])
 

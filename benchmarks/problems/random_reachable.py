@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.problems.base import ProblemSet, smallest_singular_values, start_of
+from benchmarks.problems.base import ProblemSet, start_of
 from optik.arm.robot import Robot
 from optik.check import check_count
 
@@ -37,13 +37,13 @@ def random_reachable(robot: Robot, seed: int, *, start_deg: ArrayLike, count: in
     check_count(count, "count", 1)
     q0 = start_of(robot, start_deg)
     rng = np.random.default_rng((seed, 1))
-    q = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+    q = robot.limits.draw(rng, count)
     return ProblemSet(
         robot.fk(q),
         np.tile(q0, (count, 1)),
         np.full(count, "random"),
         np.ones(count, dtype=bool),
-        smallest_singular_values(robot, q),
+        robot.singular_values(q)[:, -1],
         np.full(count, np.nan),
     )
 

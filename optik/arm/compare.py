@@ -7,19 +7,19 @@ linear least-squares problem. Whatever comes out is applied and judged by the po
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice, product
 from math import atan2, degrees, pi
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
-from optik.arm.robot import Robot
+from optik.arm.limits import JointLimits
 from optik.check import check_number
-from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Flags
 
 COUNT = 40
 """Configurations that are compared: far more numbers than the unknowns of any explanation."""
@@ -33,6 +33,31 @@ ALONG_THE_AXES = (
 
 PARALLEL = 1e-3
 """Axes closer than this [rad] count as parallel where one is turned onto another: their angle is then mostly noise."""
+
+
+class Arm(Protocol):
+    """What a comparison needs to know of an arm; `optik.Robot` has it."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def n(self) -> int: ...  # noqa: D102
+
+    @property
+    def prismatic(self) -> Flags: ...  # noqa: D102
+
+    @property
+    def limits(self) -> JointLimits: ...  # noqa: D102
+
+    @property
+    def fk(self) -> Callable[[ArrayLike], Array]: ...  # noqa: D102
+
+    @property
+    def frames(self) -> Callable[[ArrayLike], Array]: ...  # noqa: D102
+
+    @property
+    def jacobian(self) -> Callable[[ArrayLike], Array]: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +131,7 @@ class Candidate:
 class Pair:
     """Two robots, the poses to be matched, and the axes of both at q = 0."""
 
-    def __init__(self, first: Robot, other: Robot, position: float, rotation: float) -> None:
+    def __init__(self, first: Arm, other: Arm, position: float, rotation: float) -> None:
         self.first, self.other, self.n = first, other, first.n
         self.position, self.rotation = position, rotation
         self.q = _configurations(first, other)
@@ -125,10 +150,30 @@ class Pair:
         return position <= self.position and rotation <= self.rotation
 
 
-def compare_robots(first: Robot, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
-    """Compare two models of an arm; see `Robot.compare`."""
-    if not isinstance(other, Robot):
-        raise InvalidInput("other", repr(other)[:60], "a Robot")
+def compare_arms(first: Arm, other: Arm, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
+    """Compare two models of an arm, and explain the difference; see `Robot.compare`.
+
+    Parameters
+    ----------
+    first : Arm
+        One model.
+    other : Arm
+        Another model of the same arm.
+    position : float
+        Tolerance of the tool's position [m].
+    rotation : float
+        Tolerance of the tool's rotation [rad].
+
+    Returns
+    -------
+    Comparison
+        True where they agree; `str` says what differs.
+
+    Raises
+    ------
+    InvalidInput
+        A tolerance that is not above 0.
+    """
     position = check_number(position, "position", "a tolerance above 0 [m]", above=0.0)
     rotation = check_number(rotation, "rotation", "a tolerance above 0 [rad]", above=0.0)
     mismatch = _joints_that_differ(first, other)
@@ -146,8 +191,8 @@ def compare_robots(first: Robot, other: Robot, *, position: float = 1e-6, rotati
 
 
 def _result(
-    first: Robot,
-    other: Robot,
+    first: Arm,
+    other: Arm,
     plain: tuple[float, float],
     best: Candidate | None,
     reasons: tuple[str, ...],
@@ -162,7 +207,7 @@ def _result(
     )
 
 
-def _joints_that_differ(first: Robot, other: Robot) -> tuple[str, ...]:
+def _joints_that_differ(first: Arm, other: Arm) -> tuple[str, ...]:
     if first.n != other.n:
         return (f"{first.n} joints and {other.n}",)
     kinds = ("turns", "slides")
@@ -172,16 +217,14 @@ def _joints_that_differ(first: Robot, other: Robot) -> tuple[str, ...]:
     )
 
 
-def _configurations(first: Robot, other: Robot) -> Array:
+def _configurations(first: Arm, other: Arm) -> Array:
     """Configurations (COUNT, n) inside the limits of both where they meet, else inside the first's; always the same."""
     lower = np.maximum(first.limits.lower, other.limits.lower)
     upper = np.minimum(first.limits.upper, other.limits.upper)
     apart = lower > upper
     lower, upper = np.where(apart, first.limits.lower, lower), np.where(apart, first.limits.upper, upper)
-    span = np.where(first.prismatic, 1.0, pi)  # where a limit is infinite
-    lower = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * span, -span))
-    upper = np.where(np.isfinite(upper), upper, lower + 2.0 * span)
-    return np.random.default_rng(0).uniform(lower, upper, (COUNT, first.n))
+    half = np.where(first.prismatic, 1.0, pi)
+    return JointLimits(lower, upper).draw(np.random.default_rng(0), COUNT, half_if_infinite=half)
 
 
 # ---------------------------------------------------------------- what no explanation changes

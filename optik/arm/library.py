@@ -1,32 +1,82 @@
-"""Robots by name, one TOML file each, and robots from files: TOML, URDF, JSON or Python."""
+"""Robots by name and from files: TOML, as those that come with optik, URDF, JSON or Python.
+
+A TOML file describes one arm by a Denavit–Hartenberg table:
+
+    convention = "dh"                    # "dh" (standard, distal) or "mdh" (modified, Craig)
+    source = "data sheet, revision 3"    # optional: where the numbers come from; by default the file's name
+    joint_names = ["elbow", "slide"]     # optional: by default joint1, joint2, …
+    gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame
+    base = { xyz_mm = [0.0, 0.0, 500.0], rpy_deg = [0.0, 0.0, 90.0] }   # optional: before the first row's transform
+    tool = { xyz_mm = [0.0, 0.0, 120.0] }                               # optional: after the last row's transform
+
+    joints = [  # one row for each joint, from the base to the tool; a length or an angle that is left out is 0
+      { a_mm = 0.0, alpha_deg = -90.0, d_mm = 290.0, theta_deg = 0.0, range_deg = [-165.0, 165.0], speed_deg = 250.0 },
+      { type = "prismatic", a_mm = 250.0, range_mm = [0.0, 180.0], speed_mm = 1020.0 },
+    ]
+
+    [dynamic_limits]                     # optional: a number for all joints, or a list with one for each
+    velocity = 2.0                       # rad/s or m/s, where the rows have no speeds
+    acceleration = [10.0, 10.0]          # rad/s² or m/s²
+    jerk = 100.0                         # rad/s³ or m/s³
+
+A row names its position limits by one of range_deg, range_rad and range_mm, and its velocity by speed_deg [°/s] or
+speed_mm [mm/s], in all rows or in none. Millimetres belong to prismatic joints, degrees and radians to revolute ones;
+[-inf, inf] stands for a joint without position limits.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import pi
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.arm.tables import DHRow
+from optik.check import check_number, check_words
 from optik.errors import InvalidInput
+from optik.files import content_of, text_of
 from optik.plugins.files import is_path, split_links
 from optik.plugins.used import file_of
 from optik.registry import data_file, load_method, own_names
 from optik.types import Array
 
-DEGREE = pi / 180.0
 ROBOTS = "optik.robots"
 """Group of the robots."""
+
 URDF = (".urdf", ".xml")
 """Suffixes of URDF files."""
+
+RADIANS_PER_DEGREE = pi / 180.0
+"""Factor from the degrees of data sheets to radians."""
+
+MOST_TOML_BYTES = 2**20
+"""Longest file that is read [bytes]: a thousand times that of an arm of seven joints."""
+
+CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
+"""How the rows are read: modified (Craig) or standard (distal)."""
+
+KEYS = {"convention": True, "joints": True} | dict.fromkeys(
+    ("source", "joint_names", "gravity", "base", "tool", "dynamic_limits"), False
+)
+"""Keys of a file, and whether each is required."""
+
+RANGES = {"range_deg": RADIANS_PER_DEGREE, "range_rad": 1.0, "range_mm": 1e-3}
+"""Keys of a joint's position limits, and the factor to radians or metres."""
+
+SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
+"""Keys of a joint's velocity limit, and the factor to rad/s or m/s."""
+
+JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
+"""Keys of a row; which of them are required depends on the row."""
 
 
 def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> Robot:
@@ -61,7 +111,7 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     if tip is not None or base is not None:
         raise InvalidInput("tip" if tip is not None else "base", repr(tip or base), f"none: {name!r} is no URDF file")
     if name in own_names(ROBOTS):
-        return robot_from_toml(data_file(ROBOTS, name, "robot"))
+        return robot_from_toml(data_file(ROBOTS, str(name), "robot"))
     return _robot_of(load_method(ROBOTS, name, "robot"), f"robot {name!r}")
 
 
@@ -105,7 +155,7 @@ def _robot_of(value: Any, where: str) -> Robot:
 
 
 def robot_from_toml(file: Path) -> Robot:
-    """Read a robot from a TOML file such as those in ``optik/robots``; the file's stem is its name.
+    """Read a robot from a TOML file, in the format that this module describes; the file's stem is the robot's name.
 
     Parameters
     ----------
@@ -120,62 +170,150 @@ def robot_from_toml(file: Path) -> Robot:
     Raises
     ------
     InvalidInput
-        No TOML, or a key that is missing.
+        The file cannot be read or is not TOML, or a key is missing, unknown or has a wrong value; the error names it.
     RobotModelError
-        Rows that are no serial arm.
+        Not a serial arm.
     """
+    data = _parsed(file)
     try:
-        with file.open("rb") as opened:
-            return _from_table(tomllib.load(opened), file.stem)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"robot {file.name}", str(error), "a TOML file") from None
-    except KeyError as error:
-        raise InvalidInput(
-            f"robot {file.name}", f"no {error.args[0]}", "the keys of the robots in optik/robots"
-        ) from None
+        return _robot(data, file)
+    except InvalidInput as error:
+        raise InvalidInput(f"{file.name}: {error.argument}", error.got, error.expected) from None
 
 
-def _from_table(data: Mapping[str, Any], name: str) -> Robot:
+def _parsed(file: Path) -> dict[str, Any]:
+    expected = "a readable TOML file of a robot"
+    content = content_of(file, argument="file", expected=expected, most=MOST_TOML_BYTES)
+    try:
+        return tomllib.loads(text_of(content))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InvalidInput(file.name, str(error)[:120], "TOML") from None
+    except InvalidInput as error:
+        raise InvalidInput(file.name, error.got, error.expected) from None
+
+
+def _robot(data: dict[str, Any], file: Path) -> Robot:
+    _table(data, "the file", KEYS)
+    convention = _word(data["convention"], "convention", tuple(CONVENTIONS))
     joints = data["joints"]
-    rows = [_row(joint) for joint in joints]
-    ranges = np.array([_range(joint) for joint in joints])
-    dynamic = {
-        k: np.broadcast_to(np.asarray(v, float), (len(rows),)) for k, v in data.get("dynamic_limits", {}).items()
-    }
-    if all("speed_deg" in j or "speed_mm" in j for j in joints):
-        dynamic["velocity"] = np.array(
-            [j["speed_mm"] / 1000.0 if "speed_mm" in j else j["speed_deg"] * DEGREE for j in joints]
-        )
-    build = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}[data["convention"]]
-    return build(
-        rows,
-        JointLimits(ranges[:, 0], ranges[:, 1], **dynamic),
-        name=name,
-        base=_placed(data.get("base", {})),
-        tool=_placed(data.get("tool", {})),
-        gravity=data.get("gravity", (0.0, 0.0, -1.0)),
-        source=data["source"],
+    if not isinstance(joints, list) or not joints:
+        raise InvalidInput("joints", repr(joints)[:60], "a list of rows, one for each joint")
+    for i, joint in enumerate(joints):
+        _table(joint, f"joints[{i}]", dict.fromkeys(JOINT_KEYS, False))
+    source = data.get("source", file.name)
+    if not isinstance(source, str):
+        raise InvalidInput("source", repr(source)[:60], "a text")
+    return CONVENTIONS[convention](
+        [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
+        _limits(joints, data.get("dynamic_limits", {})),
+        name=file.stem,
+        base=_placed(data.get("base", {}), "base"),
+        tool=_placed(data.get("tool", {}), "tool"),
+        joint_names=check_words(data.get("joint_names", ()), "joint_names"),
+        gravity=_numbers(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
+        source=source,
     )
 
 
-def _row(joint: Mapping[str, Any]) -> DHRow:
+def _row(joint: Mapping[str, Any], where: str) -> DHRow:
+    kind = _word(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
+
+    def number(key: str) -> float:
+        return check_number(joint.get(key, 0.0), f"{where}.{key}", "a finite number")
+
     return DHRow(
-        a=joint.get("a_mm", 0.0) / 1000.0,
-        alpha=joint.get("alpha_deg", 0.0) * DEGREE,
-        d=joint.get("d_mm", 0.0) / 1000.0,
-        theta=joint.get("theta_deg", 0.0) * DEGREE,
-        prismatic=joint.get("type") == "prismatic",
+        a=number("a_mm") / 1000.0,
+        alpha=number("alpha_deg") * RADIANS_PER_DEGREE,
+        d=number("d_mm") / 1000.0,
+        theta=number("theta_deg") * RADIANS_PER_DEGREE,
+        prismatic=kind == "prismatic",
     )
 
 
-def _range(joint: Mapping[str, Any]) -> Array:
-    """Position limits (2,) [rad or m], written in degrees, radians or millimetres."""
-    for unit, scale in (("range_deg", DEGREE), ("range_rad", 1.0), ("range_mm", 1e-3)):
-        if unit in joint:
-            return np.array(joint[unit]) * scale
-    raise KeyError("range_deg, range_rad or range_mm")
+def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
+    """Position limits and speeds of the rows, and the other limits of the table ``dynamic_limits``."""
+    _table(dynamic, "dynamic_limits", dict.fromkeys(("velocity", "acceleration", "jerk"), False))
+    n = len(joints)
+    ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
+    limits: dict[str, Any] = {key: _positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
+    if any(key in joint for joint in joints for key in SPEEDS):
+        if "velocity" in limits:
+            raise InvalidInput("dynamic_limits.velocity", "speeds in the rows, too", "velocities in one of both places")
+        limits["velocity"] = np.array([_speed(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
+    return JointLimits(ranges[:, 0], ranges[:, 1], **limits)
 
 
-def _placed(pose: Mapping[str, Any]) -> Array:
-    xyz = np.array(pose.get("xyz_mm", (0.0, 0.0, 0.0))) / 1000.0
-    return se3.from_xyz_rpy(xyz, pose.get("rpy_deg", (0.0, 0.0, 0.0)))
+def _range(joint: Mapping[str, Any], where: str) -> Array:
+    """Position limits (2,) of a row [rad, m]."""
+    key = _only_key(joint, where, RANGES)
+    values = joint[key]
+    if not isinstance(values, list) or len(values) != 2:
+        raise InvalidInput(f"{where}.{key}", repr(values)[:60], "two numbers, lower and upper")
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+            raise InvalidInput(f"{where}.{key}", repr(value)[:60], "numbers (±inf for a joint without limits)")
+    try:
+        return np.array(values, dtype=np.float64) * RANGES[key]
+    except OverflowError:
+        raise InvalidInput(f"{where}.{key}", repr(values)[:60], "numbers that a float can hold") from None
+
+
+def _speed(joint: Mapping[str, Any], where: str) -> float:
+    """Velocity limit of a row [rad/s, m/s]."""
+    key = _only_key(joint, where, SPEEDS)
+    value = check_number(joint[key], f"{where}.{key}", "a speed above 0", above=0.0)
+    return value / 1000.0 if key == "speed_mm" else value * SPEEDS[key]
+
+
+def _only_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -> str:
+    """Return the one of several keys that a row has; millimetres are for prismatic joints and for those only."""
+    found = [key for key in keys if key in joint]
+    slides = joint.get("type") == "prismatic"
+    fitting = [key for key in keys if key.endswith("_mm") == slides]
+    if len(found) != 1 or found[0] not in fitting:
+        kind = "prismatic" if slides else "revolute"
+        raise InvalidInput(where, " and ".join(found) or "none", f"{' or '.join(fitting)} of a {kind} joint")
+    return found[0]
+
+
+def _placed(pose: Any, where: str) -> Array:
+    """Pose (4, 4) of a table with xyz_mm and rpy_deg."""
+    _table(pose, where, {"xyz_mm": False, "rpy_deg": False})
+    xyz, rpy = (_numbers(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}", 3) for key in ("xyz_mm", "rpy_deg"))
+    return se3.from_xyz_rpy(xyz / 1000.0, rpy)
+
+
+# ---------------------------------------------------------------- checks of plain data
+
+
+def _table(data: Any, where: str, keys: Mapping[str, bool]) -> None:
+    """Raise InvalidInput unless data is a table with all required keys and no unknown ones."""
+    if not isinstance(data, dict):
+        raise InvalidInput(where, repr(data)[:60], f"a table with {', '.join(keys)}")
+    missing = [key for key, required in keys.items() if required and key not in data]
+    unknown = [key for key in data if key not in keys]
+    if missing or unknown:
+        wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "unknown")) if part]
+        raise InvalidInput(where, "; ".join(wrong)[:200], f"a table with {', '.join(keys)}")
+
+
+def _word(value: Any, where: str, known: tuple[str, ...]) -> str:
+    if not isinstance(value, str) or value not in known:
+        raise InvalidInput(where, repr(value)[:60], " or ".join(f'"{word}"' for word in known))
+    return value
+
+
+def _numbers(values: Any, where: str, count: int) -> Array:
+    if not isinstance(values, list) or len(values) != count:
+        raise InvalidInput(where, repr(values)[:60], f"{count} numbers")
+    return np.array([check_number(value, where, f"{count} finite numbers") for value in values])
+
+
+def _positive(value: Any, where: str, n: int) -> ArrayLike:
+    """Return a limit of all joints: one number, or one for each."""
+    expected = f"a number above 0, or {n} of them"
+    values = value if isinstance(value, list) else [value]
+    if isinstance(value, list) and len(value) != n:
+        raise InvalidInput(where, f"{len(value)} numbers", expected)
+    checked = [check_number(one, where, expected, above=0.0) for one in values]
+    return checked if isinstance(value, list) else checked[0]

@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from optik.check import real_array
+from optik.check import check_count, real_array
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Flags
 
 LIMIT_TOLERANCE = 1e-9
-"""How far past a position limit a joint may stand and still count as inside [rad or m]: rounding, not room."""
+"""Numerical slack on position limits [rad or m]: rounding in a solver's result is no limit violation."""
 
 
 def frozen(value: ArrayLike, argument: str) -> Array:
-    """Return a read-only copy as float64."""
+    """Return a read-only copy as float64.
+
+    Parameters
+    ----------
+    value : array
+        Numbers of any shape and unit.
+    argument : str
+        What an error calls them.
+
+    Returns
+    -------
+    array
+        The copy, in the shape and unit that were given.
+
+    Raises
+    ------
+    InvalidInput
+        Not an array of real numbers.
+    """
     array = real_array(value, argument, "an array of numbers").copy()
     array.setflags(write=False)
     return array
@@ -32,7 +52,7 @@ class JointLimits:
     lower, upper : (n,) array
         Position limits [rad, or m for prismatic joints]; equal values lock a joint, infinite ones leave it free.
     velocity, acceleration, jerk : scalar or (n,) array, optional
-        Symmetric limits [rad/s, rad/s², rad/s³, or metres].
+        Symmetric limits [rad/s, rad/s², rad/s³, or metres]; None where unknown.
 
     Raises
     ------
@@ -56,7 +76,7 @@ class JointLimits:
             raise InvalidInput("limits", "NaN", "numbers (infinity where a joint is free)")
         if (lower == np.inf).any() or (upper == -np.inf).any():
             raise InvalidInput(
-                "limits", "a lower limit of +∞ or an upper one of −∞", "limits that some joint value meets"
+                "limits", "a lower limit of +∞ or an upper one of −∞", "limits that a joint value can satisfy"
             )
         if (lower > upper).any():
             i = int(np.argmax(lower > upper))
@@ -73,19 +93,152 @@ class JointLimits:
     def __reduce__(self) -> tuple[Any, ...]:
         return JointLimits, (self.lower, self.upper, self.velocity, self.acceleration, self.jerk)
 
-    def contains(self, q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether configurations (..., n) stand inside, within 1e-9."""
+    @cached_property
+    def middle(self) -> Array:
+        """Middle (n,) of the position range [rad, m]; the value nearest to zero where it is infinite on a side."""
+        with np.errstate(invalid="ignore"):  # −∞ + ∞, which is not taken
+            halfway = 0.5 * self.lower + 0.5 * self.upper
+        return frozen(np.where(np.isfinite(self.half), halfway, self.clip(np.zeros(self.lower.size))), "middle")
+
+    @cached_property
+    def half(self) -> Array:
+        """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a side is infinite."""
+        return frozen(0.5 * self.upper - 0.5 * self.lower, "half")
+
+    def contains(self, q: ArrayLike) -> Flags:
+        """Whether configurations satisfy the position limits, within 1e-9.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        () or (...) array of bool
+            False for NaN.
+        """
         q = np.asarray(q, dtype=np.float64)
         inside = (q >= self.lower - LIMIT_TOLERANCE) & (q <= self.upper + LIMIT_TOLERANCE)
         return np.asarray(inside.all(axis=-1))
 
     def clip(self, q: ArrayLike) -> Array:
-        """Nearest configurations inside."""
+        """Clamp configurations to the position limits.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (n,) or (..., n) array
+            The nearest configurations inside [rad, m].
+        """
         return np.clip(np.asarray(q, dtype=np.float64), self.lower, self.upper)
+
+    def normalised(self, q: ArrayLike) -> Array:
+        """Positions relative to the range, (q − middle) / half: 0 in the middle, −1 and 1 at the limits.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (n,) or (..., n) array
+            Positions [1]; 0 for a joint that is locked or has an infinite limit.
+        """
+        ranged = np.isfinite(self.half) & (self.half > 0.0)
+        offset = np.asarray(q, dtype=np.float64) - self.middle
+        return np.asarray(np.where(ranged, offset, 0.0) / np.where(ranged, self.half, 1.0))
+
+    def draw(
+        self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = pi
+    ) -> Array:
+        """Draw configurations, uniform inside the position limits.
+
+        A joint with one infinite limit is drawn beside its finite one, a joint with two around zero. The values are one
+        call of ``rng.uniform(low, high, (count, n))``.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of the random numbers.
+        count : int
+            Number of configurations.
+        margin : float
+            Least distance from every limit [rad, m].
+        half_if_infinite : scalar or (n,) array
+            Half the width of the range drawn from where a limit is infinite [rad, m]; π by default, a whole turn.
+
+        Returns
+        -------
+        (count, n) array
+            Configurations [rad, m].
+
+        Raises
+        ------
+        InvalidInput
+            A count below 0, or a margin above half of a joint's range.
+        """
+        check_count(count, "count", 0)
+        width = 2.0 * np.asarray(half_if_infinite, dtype=np.float64)
+        low = np.where(
+            np.isfinite(self.lower), self.lower, np.where(np.isfinite(self.upper), self.upper - width, -width / 2)
+        )
+        high = np.where(np.isfinite(self.upper), self.upper, low + width)
+        low, high = low + margin, high - margin
+        if (low > high).any():
+            raise InvalidInput(
+                "margin", f"{margin:.6g}", f"at most half of every range, {0.5 * (high - low).min() + margin:.6g}"
+            )
+        return rng.uniform(low, high, (count, self.lower.size))
+
+    def replaced(self, **limits: ArrayLike | None) -> JointLimits:
+        """Return these limits with some of them exchanged.
+
+        Parameters
+        ----------
+        **limits
+            lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk, scalars or (n,) arrays [rad/s,
+            rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not named stay as they are.
+
+        Returns
+        -------
+        JointLimits
+            The limits.
+
+        Raises
+        ------
+        InvalidInput
+            A limit that does not exist, or values that `JointLimits` refuses.
+        """
+        known = [field.name for field in fields(self)]
+        unknown = [name for name in limits if name not in known]
+        if unknown:
+            raise InvalidInput("limits", ", ".join(unknown), f"some of {', '.join(known)}")
+        changes: dict[str, Any] = limits
+        return replace(self, **changes)
 
 
 def positive(value: ArrayLike, n: int, argument: str) -> Array:
-    """Return a limit as a read-only (n,) array.
+    """Return a limit as a read-only array.
+
+    Parameters
+    ----------
+    value : scalar or (n,) array
+        The limit, in its own unit.
+    n : int
+        Number of joints.
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    (n,) array
+        The limit of every joint, in its own unit.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A robot as plain data that JSON holds, and back to the last bit."""
+"""An arm as plain data that JSON can hold, read back to the last bit, and the checks of such data."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import JointLimits
-from optik.arm.robot import Robot
+from optik.arm.model import ArmModel
 from optik.errors import InvalidInput
 from optik.types import Array
 
@@ -108,22 +108,22 @@ def words(value: Any, argument: str) -> tuple[str, ...]:
     return tuple(word(w, argument) for w in value)
 
 
-def robot_to_dict(robot: Robot) -> dict[str, Any]:
+def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
     """Plain data of a robot; see `Robot.to_dict`."""
-    limits = {k: None if (v := getattr(robot.limits, k)) is None else plain_numbers(v) for k in LIMITS}
+    limits = {k: None if (v := getattr(arm.limits, k)) is None else plain_numbers(v) for k in LIMITS}
     return {
-        "name": robot.name,
-        "joint_names": list(robot.joint_names),
-        "prismatic": robot.prismatic.tolist(),
-        "fixed": plain_numbers(robot.fixed),
-        "tool": plain_numbers(robot.tool),
-        "gravity": plain_numbers(robot.gravity),
+        "name": arm.name,
+        "joint_names": list(arm.joint_names),
+        "prismatic": arm.prismatic.tolist(),
+        "fixed": plain_numbers(arm.fixed),
+        "tool": plain_numbers(arm.tool),
+        "gravity": plain_numbers(arm.gravity),
         "limits": limits,
-        "source": robot.source,
+        "source": arm.source,
     }
 
 
-def robot_from_dict(data: Any) -> Robot:
+def arm_from_dict(data: Any) -> ArmModel:
     """Robot of plain data; see `Robot.from_dict`."""
     data = record(data, KEYS, "robot")
     joint_names = words(data["joint_names"], "robot.joint_names")
@@ -134,7 +134,7 @@ def robot_from_dict(data: Any) -> Robot:
         k: None if v is None and k not in ("lower", "upper") else numbers(v, (n,), f"robot.limits.{k}")
         for k, v in record(data["limits"], LIMITS, "robot.limits").items()
     }
-    return Robot(
+    return ArmModel(
         name=word(data["name"], "robot.name"),
         fixed=numbers(data["fixed"], (n, 4, 4), "robot.fixed"),
         prismatic=np.array(prismatic, dtype=np.bool_),

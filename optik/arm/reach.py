@@ -74,8 +74,7 @@ def _shortest(robot: Robot, whole: bool) -> Array:
     A sum of distances is minimised by least squares with weights 1 / distance (Weiszfeld 1937); any result is a valid
     bound, a better one is sharper.
     """
-    n, (low, high) = robot.n, (robot.limits.lower, robot.limits.upper)
-    middle = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (np.maximum(low, -1e9) + np.minimum(high, 1e9)), 0.0)
+    n, middle = robot.n, robot.limits.middle
     rows = n - 1 + (not whole)
     A, b = np.zeros((3 * rows, n)), np.zeros(3 * rows)
     for k in range(rows):

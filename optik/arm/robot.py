@@ -1,21 +1,22 @@
-"""A serial arm: its joints, limits, base, tool and gravity; every convention becomes this one description."""
+"""A serial arm, built from any convention: tool pose, Jacobian, singular values, and copies with another base or tool."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
-from optik.arm.limits import JointLimits, frozen
+from optik.arm.limits import JointLimits
+from optik.arm.model import ArmModel
+from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
-from optik.check import check_flag, check_words, real_array
+from optik.check import check_flag, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(ArmModel):
     """A serial arm of revolute and prismatic joints about or along their z axes.
 
     Use `from_mdh`, `from_dh`, `from_urdf` or `optik.load`; a constructor's name states the convention.
@@ -38,63 +39,26 @@ class Robot:
     prismatic : (n,) array of bool
         Which joints slide.
     tool : (4, 4) array
-        From the last joint's frame to the tool.
+        Transform from the last joint's frame to the tool.
     limits : JointLimits
         Of all n joints.
     joint_names : sequence of str, optional
         By default joint1, joint2, ….
     gravity : (3,) array, optional
-        Direction of gravity in the base frame; −z by default.
+        Direction of gravity in the base frame, of any length [1]; −z by default.
     source : str
-        Where the figures come from.
+        Where the numbers come from.
+
+    Raises
+    ------
+    InvalidInput
+        A value of the wrong type.
+    RobotModelError
+        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity.
     """
 
-    name: str
-    fixed: Array
-    prismatic: NDArray[np.bool_]
-    tool: Array
-    limits: JointLimits
-    joint_names: tuple[str, ...] = ()
-    gravity: Array = (0.0, 0.0, -1.0)  # type: ignore[assignment]
-    source: str = ""
-
-    def __post_init__(self) -> None:
-        for field in ("name", "source"):
-            if not isinstance(getattr(self, field), str):
-                raise InvalidInput(field, repr(getattr(self, field))[:60], "a word")
-        if not isinstance(self.limits, JointLimits):
-            raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
-        fixed = frozen(self.fixed, "fixed")
-        n = fixed.shape[0] if fixed.ndim == 3 else 0
-        if fixed.shape != (n, 4, 4) or n == 0:
-            raise RobotModelError(self.name, f"fixed transforms of shape {fixed.shape}, expected (n, 4, 4)")
-        for i in range(n):
-            try:
-                se3.check_pose(fixed[i], f"joint {i + 1}")
-            except InvalidInput as error:
-                raise RobotModelError(self.name, str(error)) from None
-        fixed = frozen([se3.nearest_pose(T) for T in fixed], "fixed")
-        if self.limits.lower.size != n:
-            raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
-        given = np.asarray(self.prismatic, dtype=object)
-        if given.shape != (n,):
-            raise RobotModelError(self.name, f"prismatic has shape {given.shape}, expected ({n},)")
-        prismatic = np.array([check_flag(slides, f"prismatic[{i}]") for i, slides in enumerate(given)])
-        prismatic.setflags(write=False)
-        joint_names = check_words(self.joint_names, "joint_names") or tuple(f"joint{i + 1}" for i in range(n))
-        if len(set(joint_names)) != n:
-            raise RobotModelError(self.name, f"{n} joints need {n} different names, got {joint_names}")
-        gravity = frozen(self.gravity, "gravity")
-        if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
-            raise RobotModelError(self.name, "gravity is no direction (3,)")
-        object.__setattr__(self, "fixed", fixed)
-        object.__setattr__(self, "prismatic", prismatic)
-        object.__setattr__(self, "tool", frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"))
-        object.__setattr__(self, "joint_names", joint_names)
-        norm = float(np.linalg.norm(gravity))
-        if abs(norm - 1.0) > 1e-14:  # a direction is kept to the last bit, so that a copy of the robot equals it
-            gravity = gravity / norm
-        object.__setattr__(self, "gravity", frozen(gravity, "gravity"))
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.n} joints)"
 
     # ------------------------------------------------------------ conventions
 
@@ -105,14 +69,22 @@ class Robot:
         Parameters
         ----------
         rows : iterable of DHRow or mapping
-            Row i holds a_{i−1}, α_{i−1}, d_i, θ_i by name; metres and radians.
+            Row i holds a_{i−1}, α_{i−1}, d_i, θ_i by name [m, rad].
         limits : JointLimits
             Of all joints.
         **options
-            name, base, tool (4×4), joint_names, gravity, source.
+            name, joint_names, gravity, source as of `Robot`; base and tool, both (4, 4): the base stands before the
+            table's first transform, the tool after its last.
+
+        Returns
+        -------
+        Robot
+            The arm.
 
         Raises
         ------
+        InvalidInput
+            An option that does not exist, a base or tool that is no pose, rows that are none.
         RobotModelError
             Not a serial arm.
         """
@@ -127,14 +99,22 @@ class Robot:
         Parameters
         ----------
         rows : iterable of DHRow or mapping
-            Row i holds a_i, α_i, d_i, θ_i by name; metres and radians.
+            Row i holds a_i, α_i, d_i, θ_i by name [m, rad].
         limits : JointLimits
             Of all joints.
         **options
-            name, base, tool (4×4), joint_names, gravity, source.
+            name, joint_names, gravity, source as of `Robot`; base and tool, both (4, 4): the base stands before the
+            table's first transform, the tool after its last.
+
+        Returns
+        -------
+        Robot
+            The arm.
 
         Raises
         ------
+        InvalidInput
+            An option that does not exist, a base or tool that is no pose, rows that are none.
         RobotModelError
             Not a serial arm.
         """
@@ -154,39 +134,55 @@ class Robot:
     ) -> Robot:
         """Read the chain between two links of a URDF.
 
-        Fixed joints are merged into their neighbours. Limits and velocities are the file's; a velocity that is missing
-        or 0 is not known (infinite, or None where none is known). Efforts, soft limits (<safety_controller>), masses
-        and shapes are not read, nor is any joint off the chain.
+        Fixed joints are merged into their neighbours. Position and velocity limits are the file's; a velocity that is
+        missing or 0 counts as unknown (infinite, or None where all are unknown). Efforts, soft limits
+        (<safety_controller>), masses, shapes and joints off the chain are not read.
 
         Parameters
         ----------
         source : str or path
             A file, or the XML itself (text that begins with <). xacro must be expanded before.
-        tip, base : str, optional
-            Names of links: the tool, by default the only link without children below the base; and the frame that
-            poses are given in, by default the root.
+        tip : str, optional
+            Link of the tool; by default the only link without children below the base.
+        base : str, optional
+            Link whose frame poses are given in; by default the root.
         name : str, optional
-            By default the file's.
+            Name of the arm; by default the file's.
         gravity : (3,) array, optional
-            Direction of gravity in the base frame; −z by default.
+            Direction of gravity in the base frame [1]; −z by default.
+
+        Returns
+        -------
+        Robot
+            The arm.
 
         Raises
         ------
         InvalidInput
             No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
         RobotModelError
-            No tree of links, no such link, no tip below the base, or a joint on the chain that cannot be one: floating,
+            No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, following another (<mimic>), without an axis, with crossed or missing limits.
         """
         from optik.arm.urdf import read_urdf
 
-        return read_urdf(source, tip, base, name=name, gravity=gravity)
+        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
-        """Return the arm as URDF text, from link ``base`` to link ``tool``, and write it to a file where one is named.
+        """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.
 
-        It reads back to the same kinematics (1e-12), position limits and velocities. An effort or velocity of 0 says
-        that it is not known. Acceleration, jerk, gravity and source have no place in URDF.
+        Read back, it has the same kinematics (1e-12), position limits and velocities. An effort or velocity of 0 stands
+        for an unknown one. URDF has no place for acceleration, jerk, gravity and source.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            File to be written.
+
+        Returns
+        -------
+        str
+            The text.
 
         Raises
         ------
@@ -200,61 +196,31 @@ class Robot:
         return write_urdf(self, path)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the arm as plain data that JSON holds; `from_dict` reads it back to the last bit, infinite limits too."""
-        from optik.arm.plain import robot_to_dict
-
-        return robot_to_dict(self)
+        """Return the arm as plain data for JSON; `from_dict` reads it back to the last bit, infinite limits included."""
+        return arm_to_dict(self)
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Robot:
-        """Return the arm that `to_dict` wrote, equal to it and with the same fingerprint.
+        """Return the arm that `to_dict` wrote: equal to it, with the same fingerprint.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Robot
+            The arm.
 
         Raises
         ------
         InvalidInput
-            Missing or unknown keys, wrong lengths, or what is no number.
+            Missing or unknown keys, wrong lengths, or a value that is no number.
         RobotModelError
-            No serial arm.
+            Not a serial arm.
         """
-        from optik.arm.plain import robot_from_dict
-
-        return robot_from_dict(data)
-
-    # ------------------------------------------------------------ identity
-
-    @cached_property
-    def _content(self) -> bytes:
-        digest = hashlib.sha256(repr((self.name, self.joint_names)).encode())
-        lim = self.limits
-        for array in (self.fixed, self.prismatic, self.tool, self.gravity, lim.lower, lim.upper):
-            digest.update(array.tobytes())
-        for limit in (lim.velocity, lim.acceleration, lim.jerk):
-            digest.update(b"-" if limit is None else limit.tobytes())
-        return digest.digest()
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Robot) and self._content == other._content
-
-    def __hash__(self) -> int:
-        return hash(self._content)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Robot, (
-            self.name, self.fixed, self.prismatic, self.tool, self.limits, self.joint_names, self.gravity, self.source,
-        )  # fmt: skip
-
-    def __repr__(self) -> str:
-        return f"Robot({self.name!r}, {self.n} joints)"
-
-    @property
-    def fingerprint(self) -> str:
-        """First 16 hexadecimal digits of the content's SHA-256: equal for equal arms, on any machine."""
-        return self._content.hex()[:16]
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(self.fixed.shape[0])
+        return _robot(arm_from_dict(data))
 
     @cached_property
     def chain(self) -> kinematics.Chain:
@@ -262,22 +228,6 @@ class Robot:
         return self.fixed, self.prismatic, self.tool
 
     # ------------------------------------------------------------ kinematics
-
-    def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
-        """Return q as a float64 array (n,), or (..., n) where a batch is allowed.
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity.
-        """
-        array = real_array(q, argument, f"{self.n} joint values")
-        if array.ndim == 0 or array.shape[-1] != self.n or (array.ndim > 1 and not batch):
-            wanted = f"shape ({self.n},) or (..., {self.n})" if batch else f"shape ({self.n},)"
-            raise InvalidInput(argument, f"shape {np.shape(q)}", f"joint values of {wanted} for {self.name}")
-        if not np.isfinite(array).all():
-            raise InvalidInput(argument, "NaN or infinity in it", "finite joint values")
-        return array
 
     def fk(self, q: ArrayLike) -> Array:
         """Tool poses in the base frame.
@@ -290,7 +240,12 @@ class Robot:
         Returns
         -------
         (4, 4) or (..., 4, 4) array
-            T_base_tool (paper eq. 1–2).
+            T_base_tool (paper eq. 1–2) [1, m].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity.
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 4, 4))
@@ -298,7 +253,23 @@ class Robot:
         return out
 
     def frames(self, q: ArrayLike) -> Array:
-        """Joint frames and, last, the tool pose: (..., n + 1, 4, 4) in the base frame; what draws the arm."""
+        """Poses of the joint frames and, last, of the tool, in the base frame.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (n + 1, 4, 4) or (..., n + 1, 4, 4) array
+            Poses [1, m].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity.
+        """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], self.n + 1, 4, 4))
         flat = out.reshape(-1, self.n + 1, 4, 4)
@@ -316,17 +287,61 @@ class Robot:
         Returns
         -------
         (6, n) or (..., 6, n) array
-            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections).
+            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections) [m/rad, 1 for prismatic joints; ω 1].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity.
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 6, self.n))
         kinematics.jacobian_batch(self.chain, q.reshape(-1, self.n), out.reshape(-1, 6, self.n))
         return out
 
-    def errors(self, q: ArrayLike, targets: ArrayLike) -> Array:
-        """Error twists (..., 6), (p_t − p, log(R_t Rᵀ)) in the base frame, from the tool at q to the targets.
+    def singular_values(self, q: ArrayLike) -> Array:
+        """Singular values of the geometric Jacobian; the last one is 0 at a singular configuration.
 
-        q is (..., n) and targets (4, 4) or (..., 4, 4). This is what judges every method.
+        The rows of J are in metres and in radians, so the values depend on the unit of length: they combine motion of
+        the tool point [m] and rotation [rad] with equal weight, 1 m for 1 rad. Compare them only between configurations
+        of one arm, or of arms of similar size.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (min(6, n),) or (..., min(6, n)) array
+            In descending order [metres and radians of the tool per radian or metre of the joints].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity.
+        """
+        return np.asarray(np.linalg.svd(self.jacobian(q), compute_uv=False))
+
+    def errors(self, q: ArrayLike, targets: ArrayLike) -> Array:
+        """Error twists (p_t − p, log(R_t Rᵀ)) in the base frame from the tool at q to the targets, which judge every method.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+        targets : (4, 4) or (..., 4, 4) array
+            Poses of the tool [1, m].
+
+        Returns
+        -------
+        (6,) or (..., 6) array
+            Position [m], then rotation [rad].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shapes, NaN or infinity.
         """
         q = self.configuration(q, batch=True)
         shape = (*q.shape[:-1], 4, 4)
@@ -339,25 +354,105 @@ class Robot:
         kinematics.errors_batch(self.chain, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
         return out
 
-    def with_tool(self, tool: ArrayLike) -> Robot:
-        """Return the same arm with another tool transform, last joint frame to tool, (4, 4)."""
+    # ------------------------------------------------------------ copies
+
+    def with_base(self, base: ArrayLike) -> Robot:
+        """Return the arm mounted at a pose of a new base frame: new.fk(q) = base @ self.fk(q).
+
+        The transform multiplies the present base, it does not replace it; the identity changes nothing. Gravity keeps
+        its physical direction and is expressed in the new base frame.
+
+        Parameters
+        ----------
+        base : (4, 4) array
+            Pose of the present base frame in the new one [1, m].
+
+        Returns
+        -------
+        Robot
+            The arm with the same tool, limits and names.
+
+        Raises
+        ------
+        InvalidInput
+            Not a pose.
+        """
+        T = se3.check_pose(base, "base")
+        fixed = np.array(self.fixed)
+        fixed[0] = T @ fixed[0]
+        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity)
+
+    def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Robot:
+        """Return the arm with another tool.
+
+        Parameters
+        ----------
+        tool : (4, 4) array
+            By default the whole transform from the last joint's frame to the tool: it replaces the present one, which
+            contains what the last row of a standard table, or the fixed joints of a URDF, put behind the last joint.
+            With ``add``, the pose of the new tool in the frame of the present one [1, m].
+        add : bool
+            Append the transform to the present tool, new.fk(q) = self.fk(q) @ tool, as the option ``tool`` of
+            `from_dh` and `from_mdh` does.
+
+        Returns
+        -------
+        Robot
+            The arm with the same base, limits and names.
+
+        Raises
+        ------
+        InvalidInput
+            Not a pose, or an ``add`` that is neither True nor False.
+        """
         T = se3.check_pose(tool, "tool")
-        return Robot(self.name, self.fixed, self.prismatic, T, self.limits, self.joint_names, self.gravity, self.source)
+        return replace(self, tool=self.tool @ T if check_flag(add, "add") else T)
+
+    def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Robot:
+        """Return the arm with other limits.
+
+        Parameters
+        ----------
+        limits : JointLimits, optional
+            Limits of all joints; by default the present ones.
+        **fields
+            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk,
+            scalars or (n,) arrays [rad/s, rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not
+            named stay as they are.
+
+        Returns
+        -------
+        Robot
+            The arm with the same kinematics and names.
+
+        Raises
+        ------
+        InvalidInput
+            A limit that does not exist, or values that `JointLimits` refuses.
+        RobotModelError
+            Limits for another number of joints.
+        """
+        new = self.limits if limits is None else limits
+        if not isinstance(new, JointLimits):
+            raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
+        return replace(self, limits=new.replaced(**fields) if fields else new)
 
     def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
-        """Compare with another model of the same arm, and say what explains the difference.
+        """Compare with another model of the same arm, and explain the difference.
 
-        The tool poses are compared at 40 configurations that are always the same, inside the limits of both. If they
-        differ, the simplest base, tool, joint zeros and joint directions that make them agree are searched for and
-        verified: other.fk(q) = base @ self.fk(signs * q + offsets) @ tool. A turn of the first joint's zero is also one
-        of the base, and of the last joint's one of the tool; one of the two is named.
+        The tool poses are compared at 40 configurations, always the same, inside the limits of both. If they differ, the
+        simplest base, tool, joint zeros and joint directions that make them agree are searched for and verified:
+        other.fk(q) = base @ self.fk(signs * q + offsets) @ tool. An offset of the first joint's zero equals a rotation
+        of the base, and one of the last joint's a rotation of the tool; one of the two is named.
 
         Parameters
         ----------
         other : Robot
             The other model, such as the same arm from a URDF.
-        position, rotation : float
-            Differences up to here [m], [rad] are none.
+        position : float
+            Tolerance of the tool's position [m].
+        rotation : float
+            Tolerance of the tool's rotation [rad].
 
         Returns
         -------
@@ -367,11 +462,18 @@ class Robot:
         Raises
         ------
         InvalidInput
-            No Robot, or a tolerance that is not above 0.
+            Not a Robot, or a tolerance that is not above 0.
         """
-        from optik.arm.compare import compare_robots
+        from optik.arm.compare import compare_arms
 
-        return compare_robots(self, other, position=position, rotation=rotation)
+        if not isinstance(other, Robot):
+            raise InvalidInput("other", repr(other)[:60], "a Robot")
+        return compare_arms(self, other, position=position, rotation=rotation)
+
+
+def _robot(arm: ArmModel) -> Robot:
+    """Return the robot of an arm's data."""
+    return Robot(**arm._arguments())
 
 
 def _assemble(
@@ -382,7 +484,7 @@ def _assemble(
         raise RobotModelError(name, "no joints")
     base = se3.check_pose(options.pop("base", np.eye(4)), "base")
     tool = last @ se3.check_pose(options.pop("tool", np.eye(4)), "tool")
-    known = {k: options.pop(k) for k in ("joint_names", "gravity", "source") if k in options}
+    known = {key: options.pop(key) for key in ("joint_names", "gravity", "source") if key in options}
     if options:
         raise InvalidInput("options", ", ".join(options), "name, base, tool, joint_names, gravity or source")
     chain = np.array(fixed)

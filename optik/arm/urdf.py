@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.limits import JointLimits
-from optik.arm.robot import Robot
+from optik.arm.model import ArmModel
 from optik.errors import InvalidInput, RobotModelError
-from optik.files import write_whole
+from optik.files import content_of, write_whole
 from optik.types import Array
 
-LARGEST = 32 * 2**20
-"""Longest description that is read [bytes]: a hundred times any arm's, and little enough to parse at once."""
+MOST_URDF_BYTES = 32 * 2**20
+"""Longest description that is read [bytes]: a hundred times that of any arm, and small enough to be parsed at once."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -73,7 +73,7 @@ def read_urdf(
     *,
     name: str | None = None,
     gravity: ArrayLike = (0.0, 0.0, -1.0),
-) -> Robot:
+) -> ArmModel:
     """Read the chain between two links; see `Robot.from_urdf`."""
     for argument, value in (("tip", tip), ("base", base), ("name", name)):
         if value is not None and not isinstance(value, str):
@@ -98,16 +98,11 @@ def _content(source: object) -> bytes:
     elif isinstance(source, str | os.PathLike):
         if Path(source).suffix == ".xacro":
             _refuse_xacro(str(source))
-        try:
-            with Path(source).open("rb") as file:
-                content = file.read(LARGEST + 1)
-        except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-            reason = getattr(error, "strerror", None) or error
-            raise InvalidInput("source", f"{str(source)[:120]!r} ({reason})", wanted) from None
+        return content_of(Path(source), argument="source", expected=wanted, most=MOST_URDF_BYTES)
     else:
         raise InvalidInput("source", repr(source)[:60], wanted)
-    if len(content) > LARGEST:
-        raise InvalidInput("source", f"more than {LARGEST // 2**20} MB", "the description of an arm")
+    if len(content) > MOST_URDF_BYTES:
+        raise InvalidInput("source", f"more than {MOST_URDF_BYTES // 2**20} MB", wanted)
     return content
 
 
@@ -229,7 +224,7 @@ def _only_leaf(tree: Tree, base: str) -> str:
 # ---------------------------------------------------------------- the chain as a Robot
 
 
-def _robot(name: str, chain: list[Joint], gravity: ArrayLike, source: str) -> Robot:
+def _robot(name: str, chain: list[Joint], gravity: ArrayLike, source: str) -> ArmModel:
     """Merge fixed joints; where an axis is not z, turn z onto it before the joint and back after it."""
     fixed, limits = [], []
     T = np.eye(4)
@@ -247,7 +242,7 @@ def _robot(name: str, chain: list[Joint], gravity: ArrayLike, source: str) -> Ro
     if not moving:
         raise RobotModelError(name, "no joint between base and tip moves")
     lower, upper, velocity = np.array(limits).T
-    return Robot(
+    return ArmModel(
         name,
         np.array(fixed),
         np.array([joint.kind == "prismatic" for joint in moving]),
@@ -349,26 +344,26 @@ def _number(robot: str, joint: Joint, text: str, what: str) -> float:
 # ---------------------------------------------------------------- writing
 
 
-def write_urdf(robot: Robot, path: str | os.PathLike[str] | None = None) -> str:
+def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str:
     """Write a robot as URDF; see `Robot.to_urdf`."""
     from xml.sax.saxutils import quoteattr
 
-    for name in (robot.name, *robot.joint_names):
+    for name in (arm.name, *arm.joint_names):
         if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
-            raise RobotModelError(robot.name, f"{name!r} is no name that XML can hold")
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>", '  <link name="base"/>']
+            raise RobotModelError(arm.name, f"{name!r} is no name that XML can hold")
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
-    for i, name in enumerate(robot.joint_names):
-        kind, limit = _kind_and_limit(robot, i)
+    for i, name in enumerate(arm.joint_names):
+        kind, limit = _kind_and_limit(arm, i)
         lines += [f'  <link name="link{i + 1}"/>', f'  <joint name={quoteattr(name)} type="{kind}">']
-        lines += _placement(before, f"link{i + 1}", robot.fixed[i])
+        lines += _placement(before, f"link{i + 1}", arm.fixed[i])
         lines += ['    <axis xyz="0 0 1"/>', *limit, "  </joint>"]
         before = f"link{i + 1}"
     flange = "flange"
-    while flange in robot.joint_names:
+    while flange in arm.joint_names:
         flange += "_"
     lines += ['  <link name="tool"/>', f'  <joint name="{flange}" type="fixed">']
-    lines += [*_placement(before, "tool", robot.tool), "  </joint>", "</robot>", ""]
+    lines += [*_placement(before, "tool", arm.tool), "  </joint>", "</robot>", ""]
     text = "\n".join(lines)
     if path is not None:
         write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
@@ -381,17 +376,17 @@ def _placement(parent: str, child: str, T: Array) -> list[str]:
     return [f'    <parent link="{parent}"/>', f'    <child link="{child}"/>', f'    <origin xyz="{xyz}" rpy="{rpy}"/>']
 
 
-def _kind_and_limit(robot: Robot, i: int) -> tuple[str, list[str]]:
+def _kind_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
     """Type and <limit> of a joint; a velocity of 0 (and every effort) is one that is not known."""
-    lower, upper = float(robot.limits.lower[i]), float(robot.limits.upper[i])
-    speed = np.inf if robot.limits.velocity is None else float(robot.limits.velocity[i])
+    lower, upper = float(arm.limits.lower[i]), float(arm.limits.upper[i])
+    speed = np.inf if arm.limits.velocity is None else float(arm.limits.velocity[i])
     known = f'effort="0" velocity="{repr(speed) if np.isfinite(speed) else 0}"'
     if np.isfinite([lower, upper]).all():
-        kind = "prismatic" if robot.prismatic[i] else "revolute"
+        kind = "prismatic" if arm.prismatic[i] else "revolute"
         return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>']
-    if robot.prismatic[i] or np.isfinite([lower, upper]).any():
+    if arm.prismatic[i] or np.isfinite([lower, upper]).any():
         problem = f"limits {lower:.6g} to {upper:.6g}; URDF knows finite ones, or none for a joint that turns"
-        raise RobotModelError(robot.name, f"joint {robot.joint_names[i]!r}: {problem}")
+        raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
     return "continuous", [f"    <limit {known}/>"] if np.isfinite(speed) else []
 
 

@@ -12,7 +12,6 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.ik._lm.packed import draw_configurations
 from optik.se3 import check_pose, is_pose
 from optik.types import Array
 
@@ -111,4 +110,4 @@ def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) 
     """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
     problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
     rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
-    return np.asarray(draw_configurations(robot, rng, 1)[0])
+    return np.asarray(robot.limits.draw(rng, 1)[0])

@@ -13,7 +13,6 @@ from optik.content import content, equal
 from optik.errors import InvalidInput
 from optik.ik._closed import branches
 from optik.ik._closed.backends import Refused, choose
-from optik.ik._lm.packed import draw_configurations
 from optik.ik._problem import check_start
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.se3 import check_pose, exp_so3, pose
@@ -137,7 +136,7 @@ class ClosedForm(IKSolver):
         self._too_many = branches.too_many(robot)
         self._closed = choose(backend, robot)
         self._label = self._closed.name if self._closed else ENUMERATION
-        self._starts = draw_configurations(robot, np.random.default_rng(1), STARTS)
+        self._starts = robot.limits.draw(np.random.default_rng(1), STARTS)
         twists = np.random.default_rng(3).uniform(-NUDGE, NUDGE, (3, 6))
         self._nudges = [pose(exp_so3(sign * w[3:]), sign * w[:3]) for w in twists for sign in (1.0, -1.0)]
 
@@ -183,7 +182,7 @@ class ClosedForm(IKSolver):
             A target that is no pose, a start outside the limits.
         """
         T = np.array(check_pose(target, "target"), order="C")
-        near = self._middle() if q0 is None else check_start(self.robot, q0)
+        near = self.robot.limits.middle if q0 is None else check_start(self.robot, q0)
         found = self._all(T, near, self._ask(T), few=False)
         q = np.array(found.rows)
         if q0 is None:
@@ -338,12 +337,6 @@ class ClosedForm(IKSolver):
 
     def _out_of_reach(self, target: Array) -> bool:
         return bool(outside_reach(self._reach, target, *self._errors) >= 0.0)
-
-    def _middle(self) -> Array:
-        lower, upper = self._limits
-        ends = np.isfinite(lower) & np.isfinite(upper)
-        with np.errstate(invalid="ignore"):
-            return np.where(ends, 0.5 * (lower + upper), self.robot.limits.clip(np.zeros(self.robot.n)))
 
 
 METHOD = ClosedForm

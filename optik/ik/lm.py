@@ -17,7 +17,7 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.ik._lm import search
 from optik.ik._lm.general import attempt_task
-from optik.ik._lm.packed import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, draw_configurations, pack
+from optik.ik._lm.packed import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, pack
 from optik.ik._preference import Preference
 from optik.ik._problem import check_start
 from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus
@@ -195,7 +195,7 @@ class LM(IKSolver):
 
     def _compare_models(self) -> None:
         """See that the kernel's model of the arm is the arm: its error at some configurations' own poses is none."""
-        for q in draw_configurations(self.robot, np.random.default_rng(0), 4):
+        for q in self.robot.limits.draw(np.random.default_rng(0), 4):
             target = self.robot.fk(q)
             size = 1.0 + np.abs(self.robot.fixed[:, :3, 3]).sum() + np.abs(self.robot.tool[:3, 3]).sum()
             size += np.abs(np.where(self.robot.prismatic, q, 0.0)).sum()

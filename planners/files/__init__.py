@@ -6,9 +6,8 @@ import os
 from pathlib import Path as FilePath
 
 from optik.errors import InvalidInput, OptikError
-from optik.files import write_whole
+from optik.files import content_of, suffix_of, write_whole
 from optik.registry import build_method, names
-from planners.files._reading import content_of, suffix_of
 from planners.files.base import Format
 from planners.motion import HasMotion, Motion, motion_of
 

@@ -9,8 +9,8 @@ import json
 import numpy as np
 
 from optik.errors import InvalidInput
+from optik.files import parsed, text_of
 from optik.types import Array
-from planners.files._reading import parsed, text_of
 from planners.files.base import Format, from_plain, to_plain
 from planners.motion import Motion
 

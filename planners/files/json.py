@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from planners.files._reading import parsed, text_of
+from optik.files import parsed, text_of
 from planners.files.base import Format, from_plain, to_plain
 from planners.motion import Motion
 

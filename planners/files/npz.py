@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optik.errors import InvalidInput
-from planners.files._reading import parsed
+from optik.files import parsed
 from planners.files.base import Format, Parts, from_parts, to_parts
 from planners.motion import Motion
 
@@ -64,7 +64,9 @@ class Npz(Format):
         except InvalidInput:
             raise
         except Exception as error:  # zipfile and NumPy raise a dozen types on bytes that are not theirs
-            raise InvalidInput("content", f"{type(error).__name__}: {str(error)[:120]}", "an NPZ file, whole") from None
+            raise InvalidInput(
+                "content", f"{type(error).__name__}: {str(error)[:120]}", "a complete NPZ file"
+            ) from None
         for name, array, kind in (("header", header, "U"), ("knots", knots, "f"), ("coefficients", coefficients, "f")):
             if array.dtype.kind != kind or (kind == "f" and array.dtype.itemsize != 8):
                 raise InvalidInput(name, f"an array of {array.dtype}", "JSON text" if kind == "U" else "float64")
@@ -76,10 +78,9 @@ class Npz(Format):
 
 
 def _arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
-    """Arrays of an NPZ file.
-
-    An array is refused before it is unpacked where it has more than `UNPACKED` bytes, or a shape of more than it holds.
-    """
+    """Arrays of an NPZ file."""
+    # An array is refused before it is unpacked where it has more than `UNPACKED` bytes, or a shape of more than it
+    # holds.
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = [archive.getinfo(f"{name}.npy") for name in names]
         size = sum(member.file_size for member in members)

@@ -1,1 +1,1 @@
-"""From a Cartesian path to joints: one branch tracked and proved, exact derivatives along s."""
+"""From a Cartesian path to a joint path: one branch of configurations tracked and proved, with exact derivatives."""

@@ -1,4 +1,4 @@
-"""Branch and winding for a whole path: every configuration at its start is tracked to the end, and the best one chosen."""
+"""Choose branch and winding for a whole path: every configuration at its start is tracked, and the best one chosen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik import kinematics
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
@@ -17,31 +16,35 @@ from planners.following.singular import departures, roots
 from planners.following.track import Ended, Track, track
 from planners.paths.base import Path
 
-STATIONS = 31
-"""Equal samples along the path on which branches are compared; more are put between them where they are needed."""
+BRANCH_STATIONS = 31
+"""Equally spaced places on which branches are compared: each step stays below 0.25 rad on most paths; tracking adds more."""
 
-SAME = 1e-4
-"""Configurations nearer than this on every joint, whole turns aside, are one."""
+SAME_CONFIGURATION = 1e-4
+"""Configurations nearer than this on every joint [rad or m], apart from whole turns, are the same."""
 
-MOTION, LIMITS, SINGULAR, START = 1.0, 0.5, 0.2, 1.0
-"""Weights of a branch's cost: the length of its way in joint space [rad or m]; the mean over the path of the sum over the
-joints of ((q − middle) / half range)²; −ln of the smallest singular value on the way; and, where a start was given, the
-distance from it [rad or m]."""
+MOTION_WEIGHT = 1.0
+"""Weight in a branch's cost of its length in joint space [rad or m]: the unit of the others."""
+LIMITS_WEIGHT = 0.5
+"""Weight of the mean over the path of Σ ((q − middle) / half)²: half a radian for a joint that stays at its limit."""
+SINGULAR_WEIGHT = 0.2
+"""Weight of −ln of the smallest singular value along the path: half a radian for one that is ten times as small."""
+START_WEIGHT = 1.0
+"""Weight of the distance from the start where one was given [rad or m]: counted like motion."""
 
 
 class Branch(NamedTuple):
-    """One way to follow a path.
+    """One branch of configurations along a path.
 
     Attributes
     ----------
     q : (n,) array
-        Configuration at the path's start, its winding the one that goes farthest, and of those the cheapest.
+        Configuration at the path's start [rad, m], with the winding that goes farthest, and of those the cheapest.
     cost : float
-        See the weights of this module; lower is better.
+        Weighted sum as the weights of this module describe it [rad]; lower is better.
     s : float
-        How far it goes: the path's end, or where it ends.
+        Where it ends [m, or rad].
     ended : Ended or None
-        How it ends early.
+        Why it ends before the path does; None where it does not.
     """
 
     q: Array
@@ -51,12 +54,11 @@ class Branch(NamedTuple):
 
 
 def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch]:
-    """Track every branch of the path's start to its end; the best first, then those that end early, the farthest first.
+    """Track every configuration at the path's start to its end; the best first, then those that end early.
 
-    For an arm of up to six joints a configuration that is not singular has exactly one continuation, so there is nothing
-    else to choose from: dynamic programming over stations would have one successor to each state. A winding of a joint
-    fits if the joint, with these whole turns, stays inside its limits all along the path; joints are wound one by one,
-    as neither motion nor cost couples them.
+    For an arm of up to six joints a configuration that is not singular has exactly one continuation, so the branches at the
+    start are all there are. A winding of a joint fits if the joint, shifted by these whole turns, stays inside its limits all
+    along the path; windings are chosen joint by joint, since neither motion nor cost couples them.
 
     Parameters
     ----------
@@ -65,15 +67,16 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
     path : Path
         What to follow.
     near : (n,) array, optional
-        Prefer branches that start near it.
+        Configuration near which to start [rad, m].
 
     Returns
     -------
     list of Branch
-        Empty where no configuration meets the path's start from which a motion goes on.
+        Those that reach the end by cost, then the others by where they end. Empty where no motion starts at any
+        configuration of the path's start.
     """
     tolerance, course = Tolerance(1e-5, 1e-5), Course(path, unguided(robot.n))
-    nodes = course.nodes(course.spread(np.linspace(0.0, path.end, STATIONS), tolerance))
+    nodes = course.nodes(course.spread(np.linspace(0.0, path.end, BRANCH_STATIONS), tolerance))
     open_ended = np.full(robot.n, np.inf)
     found = []
     for root in _starts(robot, course, nodes.poses[0], near):
@@ -86,11 +89,9 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
 
 
 def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:
-    """Configurations (k, n) inside the limits at the path's start, each once whatever its winding.
-
-    The regular ones, and where there are singular ones, which meet the pose along whole curves, those from which a motion
-    goes on.
-    """
+    """Configurations (k, n) inside the limits at the path's start, each with one winding."""
+    # All regular ones; of singular ones, which meet the pose along whole curves, those from which a smooth motion
+    # starts.
     start = near if near is not None and robot.limits.contains(near) else None
     found, singular = roots(robot, pose, march.REGULAR, start)
     if singular:
@@ -100,7 +101,7 @@ def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Ar
     turn = 2.0 * np.pi * ~robot.prismatic
     for q in found:
         apart = (q - known for known in kept)
-        if all(np.abs(d - turn * np.round(d / (2.0 * np.pi))).max() > SAME for d in apart):
+        if all(np.abs(d - turn * np.round(d / (2.0 * np.pi))).max() > SAME_CONFIGURATION for d in apart):
             kept.append(q)
     return np.array(kept).reshape(-1, robot.n)
 
@@ -118,31 +119,31 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
         end, ended = ends, Ended(march.LIMIT, ends, 0.0, joint)
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
-    sigma = np.empty(len(way.s))
-    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(way.q), sigma)
-    cost = MOTION * motion + posture - SINGULAR * float(np.log(np.maximum(sigma.min(), march.SMALLEST_SINGULAR_VALUE)))
+    sigma = robot.singular_values(way.q)[:, -1]
+    cost = (
+        MOTION_WEIGHT * motion
+        + posture
+        - SINGULAR_WEIGHT * float(np.log(np.maximum(sigma.min(), march.SMALLEST_SINGULAR_VALUE)))
+    )
     if near is not None:
-        cost += START * float(np.linalg.norm(q - near))
+        cost += START_WEIGHT * float(np.linalg.norm(q - near))
     return Branch(q, cost, path.end if ended is None else end, ended)
 
 
 def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
-    """Where joint i leaves its limits (infinity: nowhere), what that costs with and without the way from the start, turns.
-
-    For each winding that starts inside.
-    """
-    low, high = robot.limits.lower[i], robot.limits.upper[i]
+    """Windings of joint i that start inside its limits: where it leaves them, two costs, and the number of turns."""
+    # It leaves them at infinity where it stays inside. The first cost includes the distance from a given start.
+    low, high, half = robot.limits.lower[i], robot.limits.upper[i], robot.limits.half[i]
     q, turn = way.q[0, i], 2.0 * np.pi
     if robot.prismatic[i] or low == high:
         first = last = 0
-    elif np.isinf(low) or np.isinf(high):  # as near as can be to the start, or to the end that there is
+    elif np.isinf(low) or np.isinf(high):  # nearest to the start, or to the finite limit
         goal = near[i] if near is not None else np.clip(0.0, low, high)
         first = last = int(np.round((goal - q) / turn))
         if not low <= q + turn * first <= high:
             first = last = int(np.ceil((low - q) / turn) if np.isinf(high) else np.floor((high - q) / turn))
     else:
         first, last = int(np.ceil((low - 1e-9 - q) / turn)), int(np.floor((high + 1e-9 - q) / turn))
-    finite = np.isfinite(low) and np.isfinite(high) and low < high
     steps = np.gradient(way.s) / (way.s[-1] - way.s[0])
     out = []
     for k in range(first, last + 1):
@@ -150,8 +151,8 @@ def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tupl
         shift[i] = k * turn
         lower, upper = robot.limits.lower - shift - LIMIT_TOLERANCE, robot.limits.upper - shift + LIMIT_TOLERANCE
         leaves = march.leaves(way.s, way.q, way.dq, lower, upper, i)
-        x = (way.q[:, i] + k * turn - 0.5 * (low + high)) / (0.5 * (high - low)) if finite else np.zeros(len(way.s))
-        cost = LIMITS * float(x**2 @ steps)
-        away = START * abs(q + k * turn - near[i]) if near is not None else 0.0
+        x = (way.q[:, i] + k * turn - robot.limits.middle[i]) / half if 0.0 < half < np.inf else np.zeros(len(way.s))
+        cost = LIMITS_WEIGHT * float(x**2 @ steps)
+        away = START_WEIGHT * abs(q + k * turn - near[i]) if near is not None else 0.0
         out.append((leaves, cost + away, cost, k))
     return out or [(0.0, 0.0, 0.0, 0)]

@@ -1,4 +1,4 @@
-"""A path as marching needs it: poses, twists, the free motion of a redundant arm, and bounds, at places s."""
+"""A path sampled for marching: poses, twists, the free motion of a redundant arm, and bounds, at places s."""
 
 from __future__ import annotations
 
@@ -6,28 +6,25 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
 from optik.ik import Tolerance
-from optik.types import Array
-from planners.following.joint_path import APART, fourth_bounds
+from optik.types import Array, Flags
+from planners.following.joint_path import LEAST_SPACING, fourth_bounds
 from planners.paths.base import Path
 
-Bools = NDArray[np.bool_]
-
 SHARE = 0.2
-"""Share of the tolerance that the path's own bend may take of a step; the joints, whose bounds are wider, need the rest."""
+"""Share of the tolerance that the path's fourth derivative may take in a step; the bound of the joints is wider."""
 
 MOST_PLACES = 100_000
-"""More are put only where a step is refused."""
+"""Most places that are inserted beforehand where the path bends; more are inserted only where a step is refused."""
 
 Guide = Callable[[Array], tuple[Array, Array]]
 """The free motion of a redundant arm: rows (k, 4, d, n) and values (k, 4, d) at s (k,), as `derivatives_at` takes them."""
 
 
 class Nodes(NamedTuple):
-    """A path at places s (k,): poses, twists (k, 3, 6), the rows and values of the free motion, bounds (k, 2)."""
+    """A path at places s (k,): poses, twists (k, 3, 6), the rows and values of the free motion, fourth bounds (k, 2)."""
 
     s: Array
     poses: Array
@@ -38,24 +35,47 @@ class Nodes(NamedTuple):
 
 
 class Course:
-    """A path with its free motion, as marching needs them."""
+    """A path with its free motion, to be sampled for marching."""
 
     def __init__(self, path: Path, guide: Guide) -> None:
         self.path, self.guide = path, guide
         self.pieces = path.piece_bounds()
 
     def nodes(self, s: Array) -> Nodes:
-        """The path at places s (k,)."""
+        """Evaluate the path and its free motion.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Places [m, or rad].
+
+        Returns
+        -------
+        Nodes
+            Poses, twists, rows, values and bounds there.
+        """
         twists = np.empty((s.size, 3, 6))
         for order in (1, 2, 3):
             twists[:, order - 1] = self.path.twist(s, order)
         return Nodes(s, self.path.pose(s), twists, *self.guide(s), fourth_bounds(self.path, s, self.pieces))
 
     def spread(self, s: Array, tolerance: Tolerance) -> Array:
-        """Places to march through: those given, the path's breaks, and more where it bends; no nearer than it needs.
+        """Return the places to march through: those given, the path's breaks, and more where the path bends.
 
-        Where the path's own share of the deviation from it, h⁴/384 · |d⁴/ds⁴|, needs no shorter step, breaks and samples
-        nearer than `APART` are left out, so that rounding does not show in third derivatives.
+        The path's part of the deviation in a step is h⁴/384 · |d⁴/ds⁴|. Breaks and samples nearer than `LEAST_SPACING`, in
+        whose third derivatives rounding would show, are left out unless this part needs a shorter step.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Samples from 0 to the end [m, or rad].
+        tolerance : Tolerance
+            Largest deviation of the tool from the path [m, rad].
+
+        Returns
+        -------
+        (m,) array
+            Increasing places [m, or rad].
         """
         breaks, fourth = self.path.breaks, self.pieces[:, :, 3]
         with np.errstate(divide="ignore"):
@@ -75,7 +95,7 @@ class Course:
                 np.repeat(step, parts),
             )
             gap = np.diff(s)
-        if gap.min() >= APART:
+        if gap.min() >= LEAST_SPACING:
             return s
         kept = np.ones(len(s), np.bool_)
         thin(s, step, np.isin(s, breaks), kept)
@@ -83,17 +103,28 @@ class Course:
 
 
 @compiled
-def thin(s: Array, step: Array, preferred: Bools, kept: Bools) -> None:
-    """Leave out places that are nearer to the one before than `APART`, and than `step` (k − 1,) from each to the next asks.
+def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
+    """Leave out places that are nearer than `LEAST_SPACING` to the one before, where the step may be that long.
 
-    Of two the preferred one stays; both ends always do.
+    Of two near places the preferred one stays; both ends always do.
+
+    Parameters
+    ----------
+    s : (k,) array
+        Increasing places [m, or rad].
+    step : (k - 1,) array
+        Longest step from each place to the next [m, or rad].
+    preferred : (k,) array of bool
+        Places to keep rather than their neighbours.
+    kept : (k,) array of bool
+        Result, in place.
     """
     last, longest = 0, step[0]
     for i in range(1, s.shape[0] - 1):
         least = min(longest, step[i])
         may = s[i + 1] - s[last] <= least
-        near = s[i] - s[last] < APART
-        yields = s[i + 1] - s[i] < APART and not preferred[i] and (preferred[i + 1] or i + 2 == s.shape[0])
+        near = s[i] - s[last] < LEAST_SPACING
+        yields = s[i + 1] - s[i] < LEAST_SPACING and not preferred[i] and (preferred[i + 1] or i + 2 == s.shape[0])
         kept[i] = not (may and (near or yields))
         if kept[i]:
             last, longest = i, step[i]
@@ -102,10 +133,36 @@ def thin(s: Array, step: Array, preferred: Bools, kept: Bools) -> None:
 
 
 def part(nodes: Nodes, first: int, last: int | None = None) -> Nodes:
-    """Nodes first to last, without copying them."""
+    """Return a range of nodes, without copying them.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        All nodes.
+    first : int
+        Index of the first one.
+    last : int, optional
+        Index behind the last one; by default all that follow.
+
+    Returns
+    -------
+    Nodes
+        Views.
+    """
     return Nodes(*(x[first:last] for x in nodes))
 
 
 def unguided(n: int) -> Guide:
-    """The guide of an arm without free motion."""
+    """Return the guide of an arm without free motion.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    Guide
+        A function of s (k,) whose rows (k, 4, 0, n) and values (k, 4, 0) are empty [1].
+    """
     return lambda s: (np.empty((s.size, 4, 0, n)), np.empty((s.size, 4, 0)))

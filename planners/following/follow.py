@@ -1,4 +1,4 @@
-"""Follow a Cartesian path with the joints: one branch tracked and proved, exact derivatives along s, the method judged."""
+"""Follow a Cartesian path with the joints: one branch tracked and proved, exact derivatives along s, the IK method judged."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import kinematics
 from optik.arm.limits import LIMIT_TOLERANCE
@@ -17,7 +17,7 @@ from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
 from optik.ik._problem import check_start
 from optik.task import POSE
-from optik.types import Array
+from optik.types import Array, Flags
 from planners.following import march
 from planners.following.branches import branches
 from planners.following.course import Course, Nodes, unguided
@@ -31,27 +31,29 @@ from planners.paths.base import Path
 
 __all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
 
-Bools = NDArray[np.bool_]
-
 START_TOLERANCE = 1e-4
-"""How far the tool may stand from the path's start [m and rad]: a real arm's reading, not another place."""
+"""Largest distance of the tool from the path's start [m and rad]: the accuracy of a real arm's encoders and model."""
 
 SAME_BRANCH = 0.02
-"""How far a method's answer may stand from the tracked configuration [rad or m]; farther, it is polished and compared."""
+"""Largest distance of a method's answer from the tracked configuration [rad or m] that is not checked by polishing it."""
 
-NEARLY_SINGULAR, LOOSE = 1e-2, 1e-4
-"""Below the first smallest singular value a method that went over to another branch is asked again, from the tracked
-configuration; below the second, its tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more."""
+RETRY_BELOW = 1e-2
+"""Where the smallest singular value is below this, a method that jumped to another branch is called again with the tracked
+configuration as its initial guess."""
+
+DRIFT_BELOW = 1e-4
+"""Where the smallest singular value is below this, a method's tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and
+more, so the next sample starts at the tracked configuration."""
 
 MOST_SAMPLES = 100_000
-"""More would only take time."""
+"""Most samples: 151 hold a line to a nanometre, and each one is a call of the IK method."""
 
 DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
-"""What the tool's deviation between samples is proved to stay within; 151 samples of a regular line stay 1e4 times below."""
+"""Proved bound on the tool's deviation between samples [m, rad]; 151 samples of a regular line stay 1e4 times below."""
 
 
 class Followed(NamedTuple):
-    """The joint path, or the good part of it and why it stops. ``bool(followed)`` is success."""
+    """The joint path, or its part before the place where it stops, and why. ``bool(followed)`` is success."""
 
     joint_path: JointPath | None
     stop: Stop | None
@@ -69,26 +71,24 @@ def follow(
     samples: int = 151,
     tolerance: Tolerance = DEFAULT_TOLERANCE,
 ) -> Followed:
-    """Turn a Cartesian path into a joint path.
+    """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
 
-    One branch of configurations is tracked: predicted from exact derivatives, corrected by Newton to rounding, each step
-    accepted only if the joints move little and the quintic between is proved to keep the tool on the path and the joints
-    inside their limits; otherwise it is halved. So knots are the samples, the path's breaks, and more where needed. The
-    IK method solves the samples one from another, as it would alone; it is recorded, and judged by the tracked branch.
+    Each step is predicted from exact derivatives and corrected by Newton's method to rounding. It is accepted if the joints
+    move little and the quintic between is proved to keep the tool on the path and the joints inside their limits; else it
+    is halved. The IK method solves the samples one from another; the tracked branch judges its answers.
 
     Parameters
     ----------
     solver : IKSolver
         Built for the arm, for whole poses.
     path : Path
-        Where the tool goes. One that is given in the joints is taken as it is, singular or not.
+        The path of the tool. One that is given in joint space is taken as it is, singular or not.
     q_start : (n,) array, optional
-        Configuration at the path's start.
+        Configuration at the path's start [rad, m].
     branch : {"start", "best"}, optional
-        ``"start"`` keeps the branch and winding of ``q_start``, the default where one is given. ``"best"``, the default
-        without one, tries every configuration of the path's start, every winding, and takes the best that goes all the
-        way (`planners.following.branches`); a ``q_start``, which may then be anywhere, is one to start near. For an arm
-        with more than six joints the free motion is chosen along the path (`planners.following.redundancy`).
+        ``"start"``, the default with a ``q_start``, keeps its branch and winding. ``"best"`` tries all of them at the path's
+        start (`planners.following.branches`), and for more than six joints chooses the null-space motion
+        (`planners.following.redundancy`); ``q_start`` is then one to start near.
     samples : int
         Equally spaced in s, ends included; 151 for the paper's line.
     tolerance : Tolerance
@@ -97,23 +97,28 @@ def follow(
     Returns
     -------
     Followed
-        On failure with the s where it stopped, the reason and what would work.
+        On failure with the place where it stopped, the reason and advice.
 
     Raises
     ------
     InvalidInput
-        A path without length, a start off the path, outside the limits or not finite, fewer than 2 samples, another
-        branch, a tolerance that is none, a solver for part of the pose.
+        A path of length 0, a start off the path, outside the limits or not finite, fewer than 2 samples, another branch,
+        no Tolerance, or a solver for part of the pose.
     """
     for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
-    robot = solver.robot
     q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
     grid = np.linspace(0.0, path.end, samples)
-    given = path.configurations(robot, grid)
+    given = path.configurations(solver.robot, grid)
     if given is not None:
-        return _given(robot, path, grid, given, q)
+        return _given(solver.robot, path, grid, given, q)
+    return _tracked(solver, path, grid, q, branch, tolerance)
+
+
+def _tracked(solver: IKSolver, path: Path, grid: Array, q: Array | None, branch: str, tolerance: Tolerance) -> Followed:
+    """Follow a Cartesian path, by the number of joints and the choice of branch."""
+    robot = solver.robot
     few = lower_rank(robot)
     if few is not None:
         return Followed(None, few)
@@ -162,7 +167,7 @@ def _checked(
 
 
 def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | None) -> Followed:
-    """A path in joint space: nothing to solve."""
+    """Follow a path in joint space: only its limits are checked."""
     if q_start is not None and np.abs(q_start - q[0]).max() > START_TOLERANCE:
         i = int(np.abs(q_start - q[0]).argmax())
         came = f"{robot.joint_names[i]} {abs(q_start[i] - q[0, i]):.3g} {unit(robot, i)} from the path's start"
@@ -197,7 +202,7 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
 def _best(
     solver: IKSolver, course: Course, grid: Array, nodes: Nodes, tolerance: Tolerance, near: Array | None
 ) -> Followed:
-    """The best branch that goes all the way; where none does, the one that goes farthest."""
+    """The best branch that reaches the path's end; where none does, the one that goes farthest."""
     robot, path = solver.robot, course.path
     ranked = branches(robot, path, near)
     best: Track | None = None
@@ -236,7 +241,7 @@ def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
 def _redundant(
     solver: IKSolver, path: Path, grid: Array, q: Array | None, branch: str, tolerance: Tolerance
 ) -> Followed:
-    """Choose the free motion, then track it; the first choice that goes all the way, or the one that goes farthest."""
+    """Choose the free motion, then track it; the first choice that reaches the end, or the one that goes farthest."""
     robot, best = solver.robot, None
     for motion in free_motions(robot, path, q, branch):
         for _ in range(REFINED):
@@ -258,7 +263,7 @@ def _redundant(
 
 
 def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch: str, q_start: Array) -> Followed:
-    """Put the samples among the nodes, let the method solve them, and cut both where either ends."""
+    """Add the samples to the nodes, let the IK method solve them, and cut the joint path where either ends."""
     robot, path = solver.robot, course.path
     samples = grid[grid <= way.s[-1]]
     (knots, q, dq), node = _with_samples(robot, course, way, samples)
@@ -279,11 +284,9 @@ def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch:
     return Followed(JointPath(robot, path, knots, q, dq, record, node), stop)
 
 
-def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Bools]:
-    """Knots, q, derivatives, and which are nodes: samples that are none are solved from the nodes around them.
-
-    At a singular configuration, which the nodes step over, a sample is where the motion between them is.
-    """
+def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Flags]:
+    """Knots, q, derivatives, and which of the knots are nodes; other samples are solved from the nodes around them."""
+    # At a singular configuration, which the nodes step over, a sample is interpolated between them.
     more = np.setdiff1d(samples, way.s, assume_unique=True) if len(way.s) > 1 else samples[:0]
     tracked = way.s, way.q, way.dq
     node = np.arange(len(way.s) + len(more)) < len(way.s)
@@ -306,12 +309,10 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
 def _solve_samples(
     solver: IKSolver, path: Path, samples: Array, tracked: Array, q_start: Array
 ) -> tuple[IKRecord, Stop | None]:
-    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch.
-
-    Where answers may drift along their curves of solutions, for a redundant arm everywhere and for others at singular
-    configurations, from the tracked one before; from the tracked one itself where that leads far away, since the free
-    motion is not the method's to choose.
-    """
+    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch."""
+    # Answers may drift along self-motion manifolds, of a redundant arm everywhere and of others at singular
+    # configurations. There the initial guess is the tracked configuration of the sample before; or that of the sample
+    # itself where the first answer is far away, since the null-space motion is given by the tracked branch.
     robot, stop = solver.robot, None
     solve, redundant = solver.solve, robot.n > 6
     results: list[Any] = []
@@ -322,8 +323,8 @@ def _solve_samples(
         free = redundant
         if away > SAME_BRANCH or not result:
             sigma = 0.0 if redundant else smallest(robot, tracked[i])
-            free = sigma < LOOSE
-            if sigma < NEARLY_SINGULAR and (away > march.LARGEST_STEP or not result):
+            free = sigma < DRIFT_BELOW
+            if sigma < RETRY_BELOW and (away > march.LARGEST_STEP or not result):
                 result = solve(target, tracked[i])
                 away = march.farthest(result.q, tracked[i])
             if not result:
@@ -341,14 +342,14 @@ def _solve_samples(
 
 
 def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
-    """Whether an answer that stands away from the tracked configuration is the same one, met with a loose tolerance."""
+    """Whether an answer at some distance from the tracked configuration converges to it when polished."""
     x = q[None].copy()
     kinematics.polish_batch(robot.chain, x, target[None], 10)
     return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 
 def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
-    """What would work, looked at before it is said."""
+    """What would work; each advice is tried out first."""
     robot = solver.robot
     shorter = f"a path that ends before s = {stop.s:.6g}" if stop.s > 0.0 else "another start configuration or path"
     if branch == "best":
@@ -356,10 +357,10 @@ def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
     if robot.n > 6:
         return f'branch="best" may find other free motion; {shorter}'
     if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
-        return f"no branch goes all the way: no configuration was found for the path's end; {shorter}"
+        return f"no branch reaches the end of the path: no configuration was found there; {shorter}"
     ways = branches(robot, path)
     if ways and ways[0].ended is None:
         start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
-        return f'branch="best": another start configuration goes all the way, {start}; or {shorter}'
+        return f'branch="best": the start configuration {start} reaches the end of the path; or {shorter}'
     farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > stop.s + 1e-3 * path.end else ""
-    return f"{farther}no branch goes all the way; {shorter}"
+    return f"{farther}no branch reaches the end of the path; {shorter}"

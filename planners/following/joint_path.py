@@ -1,4 +1,4 @@
-"""JointPath: configurations along a path, quintic between nodes with exact derivatives, and how far the tool is off."""
+"""JointPath: configurations along a path, quintic between nodes with exact derivatives, and bounds on the deviation."""
 
 from __future__ import annotations
 
@@ -6,36 +6,32 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from optik import kinematics, se3
+from optik import se3
 from optik.arm.robot import Robot
-from optik.types import Array
+from optik.types import Array, Flags, Indices
 from planners.curve import Curve
 from planners.following import march
 from planners.hermite import through
 from planners.paths.base import Path
 
-Ints = NDArray[np.int64]
+LEAST_SPACING = 2e-4
+"""Least spacing of spline nodes [m or rad]: rounding of 1e-16 in q becomes 60e-16 / (2e-4)³ = 1e-3 in the third derivative."""
 
-APART = 2e-4
-"""Least distance of equal samples that are spline nodes [m or rad]: 1e-16 of rounding in q becomes 60e-16 / APART³ = 1e-3
-in the third derivative."""
+SMALL_DEVIATION = 1e-6
+"""A proved deviation [m, rad] below this is not bounded more closely: controllers keep 1e-5 at best."""
 
-
-CLOSE = 1e-6
-"""A proved deviation [m, rad] below this is not looked at more closely: controllers keep 1e-5 at best."""
-
-PARTS = 16
-"""In which other pieces are proved: the remainder is 65,536 times as small there."""
+PROOF_PARTS = 16
+"""Parts in which a piece with a larger deviation is proved: the remainder of fourth order is 16⁴ = 65,536 times as small."""
 
 
 class IKRecord(NamedTuple):
-    """What the IK method itself did at each sample (k,), before the polish: errors [m, rad], iterations, and where."""
+    """Results of the IK method at each sample (k,) before polishing: errors [m, rad], iterations, and places s."""
 
     position_error: Array
     rotation_error: Array
-    iterations: Ints
+    iterations: Indices
     s: Array = np.empty(0)
 
 
@@ -47,26 +43,25 @@ class JointPath(Curve):
     robot : Robot
         The arm.
     path : Path
-        What it follows; s has its unit.
+        The Cartesian path; s has its unit.
     knots : (k,) array
-        The samples in s, the path's breaks, and what had to be added between them.
+        The samples in s, the path's breaks, and places that were inserted between them [m, or rad].
     nodes : (m,) array
-        The knots that the spline passes through: of samples only those at least `APART` from each other, so that
+        The knots that the spline passes through: of samples only those at least `LEAST_SPACING` from each other, so that
         rounding in q does not show in q'''.
     q : (k, n) array
-        Configurations at the knots.
+        Configurations at the knots [rad, m].
     derivatives : (k, 3, n) array
-        Exact q', q'', q''' there, but where the arm is singular, those of the motion between the knots around; at a break of
-        the path, where q''' jumps, one of its two values.
+        Exact q', q'', q''' there. At a singular configuration, those of the interpolation between neighbouring knots.
     ik : IKRecord
-        What the method left before the polish, at the samples.
+        Results of the IK method at the samples, before polishing.
     """
 
     parameter = "s"
 
     def __init__(
         self, robot: Robot, path: Path, knots: Array, q: Array, derivatives: Array, ik: IKRecord,
-        nodes: NDArray[np.bool_] | None = None,
+        nodes: Flags | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
         self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
@@ -75,7 +70,7 @@ class JointPath(Curve):
 
     @property
     def end(self) -> float:
-        """Last s: the path's own end, or where the good part of it ends."""
+        """Last s [m, or rad]: the end of the path, or of the part that could be followed."""
         return float(self.knots[-1])
 
     @property
@@ -94,28 +89,39 @@ class JointPath(Curve):
     @cached_property
     def singular_values(self) -> Array:
         """Smallest singular value (k,) of the Jacobian at the knots."""
-        values, robot = np.empty(len(self.knots)), self.robot
-        kinematics.singular_values_batch(robot.chain, self.q, values)
-        return values
+        return self.robot.singular_values(self.q)[:, -1]
 
     @cached_property
     def deviation(self) -> tuple[float, float]:
-        """Worst distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
+        """Largest distance [m] and angle [rad] to the path at the same s, on seven points between any two nodes."""
         s = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * (np.arange(1, 8) / 8.0)).ravel()
         e = se3.error(self.robot.fk(self(s)), self.path.pose(s))
         return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
 
     @cached_property
     def bound(self) -> tuple[float, float]:
-        """Proved bound on distance [m] and angle [rad] to the path at the same s, everywhere, but for rounding."""
+        """Proved bound, apart from rounding, on distance [m] and angle [rad] to the path at the same s, everywhere."""
         i = self._chosen
         out = deviation_bounds(self.robot, self.path, self.nodes, self.q[i], self.derivatives[i])
         return float(out[:, 0].max()), float(out[:, 1].max())
 
 
-def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
-    """Indices of knots that stand `APART`; both ends and those to keep always."""
-    if len(knots) < 2 or np.diff(knots).min() >= APART:
+def apart(knots: Array, keep: ArrayLike = ()) -> Indices:
+    """Choose knots that are at least `LEAST_SPACING` from each other.
+
+    Parameters
+    ----------
+    knots : (k,) array
+        Increasing places [m, or rad].
+    keep : (m,) array
+        Values of knots to keep in any case, as both ends are [m, or rad].
+
+    Returns
+    -------
+    (j,) array of int
+        Indices of the chosen knots.
+    """
+    if len(knots) < 2 or np.diff(knots).min() >= LEAST_SPACING:
         return np.arange(len(knots))
     kept = np.isin(knots, keep)
     kept[[0, -1]] = True
@@ -123,16 +129,36 @@ def apart(knots: Array, keep: ArrayLike = ()) -> Ints:
     chosen, last = [0], knots[0]
     for i in range(1, len(knots)):
         following = fixed[np.searchsorted(fixed, knots[i], side="right") :][:1]
-        if kept[i] or (knots[i] - last >= APART and not (following - knots[i] < APART).any()):
+        if kept[i] or (knots[i] - last >= LEAST_SPACING and not (following - knots[i] < LEAST_SPACING).any()):
             chosen.append(i)
             last = knots[i]
     return np.array(chosen)
 
 
 def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pieces: Array | None = None) -> Array:
-    """Proved bounds (k − 1, 2) on distance and angle to the path of the quintics between nodes s (k,), everywhere.
+    """Prove bounds on distance and angle to the path of the quintics between nodes, everywhere.
 
-    A piece that does not look close enough is proved in parts, by what it is off between them and less of a remainder.
+    A piece whose bound is larger than `SMALL_DEVIATION` is proved again in parts, whose remainder is smaller.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        The path.
+    s : (k,) array
+        Nodes [m, or rad].
+    q : (k, n) array
+        Configurations there [rad, m].
+    dq : (k, 3, n) array
+        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
+    pieces : (p, 2, 4) array, optional
+        The path's `piece_bounds`, where they are known already [1, 1/m, 1/m², 1/m³].
+
+    Returns
+    -------
+    (k - 1, 2) array
+        Distances [m] and angles [rad].
     """
 
     def bounds(s: Array, q: Array, dq: Array) -> Array:
@@ -150,29 +176,43 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
         return out
 
     out = bounds(s, q, dq)
-    far = np.flatnonzero(out.max(axis=1) > CLOSE)
+    far = np.flatnonzero(out.max(axis=1) > SMALL_DEVIATION)
     if far.size:
-        at = s[far, None] + np.diff(s)[far, None] * (np.arange(PARTS + 1) / PARTS)
+        at = s[far, None] + np.diff(s)[far, None] * (np.arange(PROOF_PARTS + 1) / PROOF_PARTS)
         at[:, -1] = s[far + 1]
         curve, flat = through(s, q, dq[:, 0], dq[:, 1]), at.ravel()
         parts = bounds(flat, curve(flat), np.stack([curve(flat, order) for order in (1, 2, 3)], axis=1))
-        whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PARTS + 1, 2)[
-            :, :PARTS
+        whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PROOF_PARTS + 1, 2)[
+            :, :PROOF_PARTS
         ]  # not from piece to piece
         out[far] = np.minimum(out[far], whole.max(axis=1))
     return out
 
 
 def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
-    """Bounds (k, 2) on the fourth derivatives of position and rotation from each of the nodes s (k,) to the next.
+    """Bound the fourth derivatives of position and rotation from each node to the next.
 
-    The largest of all pieces of the path that the interval touches: derivatives up to the third have no jumps, so a
-    remainder of fourth order holds across breaks. ``pieces`` are the path's `piece_bounds`, where they are at hand.
+    By the largest bound of all pieces of the path that the interval touches: derivatives up to the third are continuous, so a
+    remainder of fourth order holds across breaks.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    s : (k,) array
+        Nodes [m, or rad].
+    pieces : (p, 2, 4) array, optional
+        The path's `piece_bounds`, where they are known already [1, 1/m, 1/m², 1/m³].
+
+    Returns
+    -------
+    (k, 2) array
+        Bounds on position and rotation [1/m³, 1/m⁴].
     """
     breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])
     first = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(fourth) - 1)
     last = np.clip(np.searchsorted(breaks, np.append(s[1:], s[-1:]), side="left") - 1, first, len(fourth) - 1)
     if (first == last).all():
         return np.ascontiguousarray(fourth[first])
-    padded = np.concatenate([fourth, np.zeros((1, 2))])  # so that an interval may end behind the last piece
+    padded = np.concatenate([fourth, np.zeros((1, 2))])  # so that an interval can end behind the last piece
     return np.ascontiguousarray(np.maximum.reduceat(padded, np.stack([first, last + 1], axis=1).ravel())[::2])

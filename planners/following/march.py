@@ -1,4 +1,4 @@
-"""March along a path: predict a configuration, correct it by Newton, prove the piece between; compiled."""
+"""March along a path: predict a configuration, correct it by Newton's method, prove the piece between; compiled."""
 
 from __future__ import annotations
 
@@ -14,25 +14,38 @@ LARGEST_STEP = 0.25
 """Largest joint motion from one node to the next [rad or m]."""
 
 LARGEST_CORRECTION = 0.02
-"""Largest correction of a predicted configuration [rad or m]; more might be another branch."""
+"""Largest correction of a predicted configuration [rad or m]; a larger one may lead to another branch."""
 
 REGULAR = 1e-3
-"""Above this smallest singular value nodes are exact: 1e-15 of rounding in the pose is 1e-6 / m² in q''. Below it a motion
-that goes through the singular configuration smoothly is stepped over from the regular nodes on both sides."""
+"""Above this smallest singular value nodes are exact: rounding of 1e-15 in the pose is 1e-6 / m² in q''. Below it, a step from
+regular nodes on both sides passes a singular configuration that the motion goes through smoothly."""
 
 SMALLEST_SINGULAR_VALUE = 1e-6
-"""Below this the joint speed for a tool speed of 1 mm/s passes 1,000 rad/s: no motion follows the path node by node."""
+"""Below this a tool speed of 1 mm/s needs joint speeds above 1,000 rad/s: no motion follows the path node by node."""
 
 ON_PATH = 1e-12
-"""Error that the corrector must come down to [m and rad] in an arm of a metre; rounding leaves some 1e-15."""
+"""Largest error that the corrector may leave [m and rad] in an arm of a metre; rounding leaves about 1e-15."""
 
-# How a step from one node to the next ended.
 DONE, SINGULAR, NOT_MET, TOO_LONG, LOOSE, LIMIT = range(6)
+"""How a step from one node to the next ended: accepted; a singular value too small; Newton's method did not converge near the
+prediction; a joint moves too far; the proved deviation is too large; a joint passes its limit."""
 
 
 @compiled
 def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Array) -> None:
-    """Bézier points (n, 6) of the quintic with values q, q1 (n,) and derivatives dq, dq1 (3, n) at its ends, h apart."""
+    """Compute the Bézier points of the quintic through two nodes.
+
+    Parameters
+    ----------
+    h : float
+        Distance of the nodes in s [m, or rad].
+    q, q1 : (n,) array
+        Configurations at its ends [rad, m].
+    dq, dq1 : (3, n) array
+        Their derivatives per unit of s; the third is not used [rad/m, rad/m², rad/m³].
+    b : (n, 6) array
+        Result, in place [rad, m].
+    """
     for i in range(q.shape[0]):
         b[i, 0] = q[i]
         b[i, 1] = q[i] + h * dq[0, i] / 5.0
@@ -44,13 +57,28 @@ def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Arra
 
 @compiled
 def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float, float]:
-    """Proved bounds on distance [m] and angle [rad] between tool and path on a piece with Bézier points b (n, 6).
+    """Bound distance and angle between tool and path on a piece whose ends have the path's pose and twist.
 
     Where pose and twist agree at both ends, the difference e of positions, or of entries of rotations, is that of a
     function and its cubic Hermite interpolant, which is zero: |e| ≤ h⁴/384 · max |e⁗|, singular or not. A joint's
     rotation is a power series in s whose coefficients are bounded by those of exp(Σ mₖ tᵏ/k!), where mₖ bounds the joint's
     k-th derivative; that of a chain by the product; so the tool's fourth derivative is bounded by Bell polynomials.
-    fourth (2,) holds bounds on the path's own, of position and rotation.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    h : float
+        Length of the piece in s [m, or rad].
+    b : (n, 6) array
+        Bézier points of the joints [rad, m].
+    fourth : (2,) array
+        Bounds on the fourth derivatives of the path's position and rotation [1/m³, 1/m⁴].
+
+    Returns
+    -------
+    distance, angle : float
+        Proved bounds [m], [rad].
     """
     fixed, prismatic, tool = chain
     n = b.shape[0]
@@ -92,7 +120,23 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
 
 @compiled
 def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Array) -> None:
-    """How far a node is off its path: distance, angle as a chord, and the same of the twist, into out (4,)."""
+    """Compute the deviation of a node from its path: distance, angle as a chord, and the same of the twist.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+    dq : (3, n) array
+        Its derivatives per unit of s [rad/m, rad/m², rad/m³].
+    pose : (4, 4) array
+        The path's T_base_tool [m].
+    twist : (6,) array
+        The path's twist per unit of s [1, rad/m].
+    out : (4,) array
+        Result, in place [m, 1, 1, 1/m].
+    """
     n = q.shape[0]
     frame, T, made = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((3, 6))
     frames(chain, q, frame)
@@ -116,9 +160,23 @@ def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Ar
 
 @compiled
 def widened(bound: tuple[float, float], h: float, left: Array, right: Array) -> tuple[float, float]:
-    """`piece_bound` of a piece whose ends are off by what `misfit` says.
+    """Widen a `piece_bound` by the deviation of its ends.
 
     The cubic Hermite interpolant of e is not zero then; it is at most max |e| + 4/27 h (|e'| + |e'|) at the ends.
+
+    Parameters
+    ----------
+    bound : two floats
+        Distance [m] and angle [rad] from `piece_bound`.
+    h : float
+        Length of the piece in s [m, or rad].
+    left, right : (4,) array
+        Deviations of its ends, from `misfit` [m, 1, 1, 1/m].
+
+    Returns
+    -------
+    distance, angle : float
+        Proved bounds [m], [rad].
     """
     far = max(left[0], right[0]) + 4.0 / 27.0 * h * (left[2] + right[2])
     turn = max(left[1], right[1]) + 4.0 / 27.0 * h * (left[3] + right[3])
@@ -130,9 +188,26 @@ def pieces_bound(
     chain: Chain, s: Array, q: Array, dq: Array, poses: Array, twists: Array,
     fourth: Array, out: Array,
 ) -> None:  # fmt: skip
-    """`piece_bound` between any nodes s (k,) on a path with these poses and twists (k, 6), into out (k − 1, 2).
+    """Bound distance and angle between tool and path on all pieces between nodes, which may deviate from the path.
 
-    Whatever q and dq are: what the nodes are off counts. fourth (k, 2) counts from each node on.
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    s : (k,) array
+        Nodes [m, or rad].
+    q : (k, n) array
+        Configurations [rad, m].
+    dq : (k, 3, n) array
+        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
+    poses : (k, 4, 4) array
+        The path's T_base_tool at the nodes [m].
+    twists : (k, 6) array
+        The path's twists per unit of s [1, rad/m].
+    fourth : (k, 2) array
+        Bounds on the path's fourth derivatives from each node to the next [1/m³, 1/m⁴].
+    out : (k - 1, 2) array
+        Result, in place [m, rad].
     """
     b, left, right = np.empty((q.shape[1], 6)), np.empty(4), np.empty(4)
     misfit(chain, q[0], dq[0], poses[0], twists[0], right)
@@ -146,9 +221,21 @@ def pieces_bound(
 
 @compiled
 def first_exit(points: Array, low: float, high: float) -> float:
-    """First u in [0, 1] where a quintic with these Bézier points (6,) is outside [low, high]; 2 where it never is.
+    """Find the first place where a quintic leaves an interval.
 
-    By halving: a part whose points are all inside is inside; parts shorter than 1e-9 that are not count as outside.
+    By bisection: a part whose Bézier points are all inside is inside; other parts shorter than 1e-9 count as outside.
+
+    Parameters
+    ----------
+    points : (6,) array
+        Bézier points [rad, or m].
+    low, high : float
+        The interval [rad, or m].
+
+    Returns
+    -------
+    float
+        u in [0, 1], or 2 where the quintic is inside everywhere [1].
     """
     lowest, highest = np.inf, -np.inf
     for k in range(6):
@@ -190,36 +277,39 @@ def march(
     chain: Chain, lower: Array, upper: Array, s: Array, poses: Array, twists: Array,
     rows: Array, values: Array, fourth: Array, tolerance: Array, least: float, q: Array, dq: Array, singular: Array,
 ) -> tuple[int, int, float, int]:  # fmt: skip
-    """Go from q[0], dq[0] at s[0] to every next node, as far as each step is good.
+    """March from q[0], dq[0] at s[0] to every next node until a step is refused.
 
-    A step is good where the corrected configuration is on the path, near what was predicted and no large joint motion
-    away, the smallest singular value there is not below the least, the quintic between is proved to be on the path within
-    the tolerance, and inside the limits all along.
+    A step is accepted where the corrected configuration is on the path, near the predicted one and without a large joint
+    motion, its smallest singular value is at least the least, and the quintic between is proved to stay on the path within
+    the tolerance and inside the limits.
 
     Parameters
     ----------
-    chain
+    chain : Chain
         The arm.
     lower, upper : (n,) array
-        Limits, slack included.
+        Limits with slack [rad, m].
     s, poses, twists : (k,), (k, 4, 4), (k, 3, 6) array
-        Nodes and the path there.
+        Nodes [m, or rad] and the path there.
     rows, values : (k, 4, d, n), (k, 4, d) array
-        As `derivatives_at` takes them, at the nodes.
+        The free motion at the nodes, as for `derivatives_at` [1].
     fourth : (k, 2) array
-        Bounds on the fourth derivatives of the path's position and rotation, from each node to the next.
+        Bounds on the fourth derivatives of the path's position and rotation, from each node to the next [1/m³, 1/m⁴].
     tolerance : (2,) array
         Largest bound on distance [m] and angle [rad].
     least : float
-        Smallest singular value that a node may have.
+        Least smallest singular value of a node.
     q, dq, singular : (k, n), (k, 3, n), (k,) array
-        Written; the first of each is given. Singular values are lower bounds where those are not below the least.
+        Results, in place, the first of each given [rad, m]. Singular values are lower bounds where above the least.
 
     Returns
     -------
-    tuple
-        Number of good nodes; how the step after them ended (DONE where all are good); how many times the bound was too
-        large, or where in the step a limit is passed (0 to 1), or the error that Newton left; and which joint.
+    good, code : int
+        Number of good nodes, and how the step after them ended (DONE where all are good).
+    figure : float
+        LOOSE: bound over tolerance; LIMIT: share of the step up to the limit; NOT_MET: error that Newton's method left [1].
+    joint : int
+        The joint that passes its limit.
     """
     n, largest = q.shape[1], 0.0
     b = np.empty((n, 6))
@@ -266,7 +356,18 @@ def march(
 
 @compiled
 def farthest(q: Array, other: Array) -> float:
-    """Largest joint motion between two configurations; three NumPy calls take five times as long."""
+    """Return the largest joint motion between two configurations; three NumPy calls take five times as long.
+
+    Parameters
+    ----------
+    q, other : (n,) array
+        Configurations [rad, m].
+
+    Returns
+    -------
+    float
+        Largest absolute difference [rad or m].
+    """
     largest = 0.0
     for i in range(len(q)):
         largest = max(largest, abs(q[i] - other[i]))
@@ -275,7 +376,26 @@ def farthest(q: Array, other: Array) -> float:
 
 @compiled
 def leaves(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int) -> float:
-    """Where a joint of the quintics through nodes s (k,) first stands outside its limits; infinity where it never does."""
+    """Find the first place where a joint of the quintics through nodes leaves its limits.
+
+    Parameters
+    ----------
+    s : (k,) array
+        Nodes [m, or rad].
+    q : (k, n) array
+        Configurations [rad, m].
+    dq : (k, 3, n) array
+        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
+    lower, upper : (n,) array
+        Limits [rad, m].
+    joint : int
+        Index of the joint.
+
+    Returns
+    -------
+    float
+        The place [m, or rad]; infinity where it stays inside.
+    """
     b = np.empty((q.shape[1], 6))
     for k in range(s.shape[0] - 1):
         h = s[k + 1] - s[k]

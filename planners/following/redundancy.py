@@ -1,4 +1,4 @@
-"""The free motion of an arm with more joints than a pose asks for: chosen along the path, then followed exactly."""
+"""Redundancy resolution for arms of more than six joints: the null-space motion is chosen along the path, then kept exactly."""
 
 from __future__ import annotations
 
@@ -6,51 +6,47 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik import IKSolver, make_solver
-from optik.ik._lm.packed import draw_configurations
-from optik.types import Array
+from optik.types import Array, Flags, Indices
 from planners.following import smoothing
-from planners.following.branches import MOTION, SINGULAR, START
+from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT
 from planners.following.course import Guide
-from planners.following.smoothing import EDGE, LARGEST_EDGE, REACHED, ROOM
+from planners.following.smoothing import LARGEST_EDGE, LOG_EDGE, ROOM_WEIGHT, STATION_REACHED
 from planners.paths.base import Path
 
-Ints = NDArray[np.int64]
+GUIDE_STATIONS = 25
+"""Places along the path at which the free motion is chosen: 24 pieces of a spline describe it."""
 
-STATIONS = 25
-"""Places along the path at which the free motion is chosen."""
-
-DRAWN = 40
-"""Configurations drawn at every station."""
+STATION_DRAWS = 40
+"""Random initial guesses at every station, among whose solutions the programme chooses."""
 
 CHOICES = 3
-"""Free motions tried, the best first."""
+"""Free motions that are tried, the best first: the first can be followed on most paths."""
 
-NEAREST = 1e-3
-"""Shortest step [share of the path] towards where the reach ends."""
+SHORTEST_SHARE = 1e-3
+"""Shortest step [share of the path] towards the end of the reach: so accurately that end is found."""
 
 FURTHER = 8.0
-"""Factor on the weight of the room to the limits where the free motion came to one."""
+"""Factor on the weight of the distance to the limits where the free motion came to one."""
 
 REFINED = 4
-"""Times that stations are put between, where the free motion that was chosen could not be followed."""
+"""Most attempts to follow one free motion; before each new one, stations are inserted where it could not be followed."""
 
 
 def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[FreeMotion]:
-    """Free motions to try, best first.
+    """Choose free motions to try, the best first.
 
-    Configurations q_k at stations along the path are chosen: for ``"start"`` those that the given one is carried to by
-    the shortest joint motion; for ``"best"`` by dynamic programming over configurations drawn at every station and those
-    carried on from the station before, at the cost of motion, room to the limits and singularity. They are then moved
-    along their curves of solutions to where the whole motion is smooth and keeps away from the limits. A spline g through
-    them, and one W through the directions of free motion there, are the guide: q(s) is the configuration on the path with
-    W(s) (q − g(s)) = 0. That makes q', q'', q''' unique and exact, whatever the splines do between stations.
+    Configurations q_k are chosen at stations along the path: for ``"start"`` by minimum-norm joint motion from the given one;
+    for ``"best"`` by dynamic programming over configurations drawn at every station and those continued from the station
+    before, at the cost of motion, distance to the limits and singularity. They are then moved along their self-motion
+    manifolds until the whole motion is smooth and keeps away from the limits. A spline g through them, and one W through
+    the null spaces there, are the guide: q(s) is the configuration on the path with W(s) (q − g(s)) = 0. So q', q'', q''' are
+    unique and exact for any splines.
 
     Parameters
     ----------
@@ -59,16 +55,16 @@ def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iter
     path : Path
         What to follow.
     q : (n,) array, optional
-        The start for ``"start"``, one to start near for ``"best"``.
+        The start for ``"start"``, one to start near for ``"best"`` [rad, m].
     branch : {"start", "best"}
-        Whether to begin at q.
+        Whether to start at q, or near it.
 
     Yields
     ------
     FreeMotion
         With its start and guide.
     """
-    s = np.linspace(0.0, path.end, STATIONS)
+    s = np.linspace(0.0, path.end, GUIDE_STATIONS)
     if branch == "start":
         assert q is not None
         chosen = [q[None].copy()]
@@ -80,30 +76,28 @@ def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iter
 
 
 class FreeMotion:
-    """Configurations at stations along a path, made smooth together, and the guide through them."""
+    """Configurations at stations along a path, smoothed together, and the guide through them."""
 
     def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
         self.robot, self.path, self.held = robot, path, held
         self.chain = robot.chain
-        lower, upper = robot.limits.lower, robot.limits.upper
-        finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
-        self.middle = np.where(finite, 0.5 * (np.where(finite, lower, 0.0) + np.where(finite, upper, 0.0)), 0.0)
-        self.half = np.where(finite, 0.5 * (np.where(finite, upper, 1.0) - np.where(finite, lower, -1.0)), np.inf)
+        self.middle = robot.limits.middle
+        self.half = np.where(robot.limits.half > 0.0, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
-        self.s, self.way, self.keep_off = s[: len(way)], way, ROOM
+        self.s, self.way, self.keep_off = s[: len(way)], way, ROOM_WEIGHT
         self._carry(s[len(way) :])
         self._smooth()
 
     @property
     def start(self) -> Array:
-        """Where it begins."""
+        """Configuration (n,) at the start of the path [rad, m]."""
         start: Array = self.way[0]
         return start
 
     def _carry(self, s: Array) -> None:
-        """Carry the last configuration on to stations s, as far as it goes.
+        """Continue the last configuration to stations s (k,), as far as possible.
 
-        Where one is not reached, one nearer is tried first, so that the last is near where the arm's reach ends.
+        Where one is not reached, a nearer one is tried first, so that the last is near the end of the arm's reach.
         """
         ahead = list(s)
         while ahead:
@@ -114,7 +108,7 @@ class FreeMotion:
             self.s, self.way = np.append(self.s, at[1:good]), np.concatenate([self.way, way[1:good]])
             ahead = ahead[good - 1 :]
             if ahead:
-                if ahead[0] - self.s[-1] < NEAREST * self.path.end:
+                if ahead[0] - self.s[-1] < SHORTEST_SHARE * self.path.end:
                     return
                 ahead.insert(0, 0.5 * (self.s[-1] + ahead[0]))
 
@@ -127,9 +121,19 @@ class FreeMotion:
         )
 
     def refined(self, s: float, limit: bool) -> bool:
-        """Make it smooth again where it could not be followed at s, with stations between those around; if that may help.
+        """Insert stations around a place where the motion could not be followed, and smooth it again.
 
-        And further off the limits, where it came to one.
+        Parameters
+        ----------
+        s : float
+            The place [m, or rad].
+        limit : bool
+            Whether it came to a joint limit there; the motion is then kept further away from the limits.
+
+        Returns
+        -------
+        bool
+            False where there is nothing to change: the motion has to be chosen differently.
         """
         if s >= self.s[-1] and self.s[-1] < self.path.end:
             return False
@@ -137,7 +141,7 @@ class FreeMotion:
         near = slice(max(k - 2, 0), k + 4)
         more = 0.5 * (self.s[near][1:] + self.s[near][:-1])
         between = np.ascontiguousarray(0.5 * (self.way[near][1:] + self.way[near][:-1]))
-        apart = np.diff(self.s[near]).min() >= NEAREST * self.path.end
+        apart = np.diff(self.s[near]).min() >= SHORTEST_SHARE * self.path.end
         if apart and _reach(self.robot, self.path.pose(more), between).all():
             order = np.argsort(np.append(self.s, more))
             self.s, self.way = np.append(self.s, more)[order], np.concatenate([self.way, between])[order]
@@ -149,41 +153,41 @@ class FreeMotion:
         return True
 
     def guide(self) -> Guide:
-        """The guide through the configurations; beyond the last it stays."""
+        """Return the guide through the configurations; behind the last one it is constant."""
         return _guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
 
 
-def _reach(robot: Robot, poses: Array, q: Array) -> NDArray[np.bool_]:
-    """Bring configurations (k, n), in place, the shortest way onto poses (k, 4, 4); which of them come there."""
+def _reach(robot: Robot, poses: Array, q: Array) -> Flags:
+    """Project configurations (k, n), in place, onto poses (k, 4, 4) by minimum-norm steps; return which of them converge."""
     kinematics.polish_batch(robot.chain, q, poses, 12)
-    return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < REACHED)
+    return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < STATION_REACHED)
 
 
 def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
-    """The cheapest ways (k, n) from station to station, by dynamic programming; shorter ones where none goes all the way."""
+    """The cheapest sequences (k, n) over the stations, by dynamic programming; shorter where none reaches the last station."""
     solver, rng = _solver(robot), np.random.default_rng(0)
-    starts = draw_configurations(robot, rng, DRAWN * len(poses))
-    drawn = solver.solve_batch(np.repeat(poses, DRAWN, axis=0), starts, threads=1)
+    starts = robot.limits.draw(rng, STATION_DRAWS * len(poses))
+    drawn = solver.solve_batch(np.repeat(poses, STATION_DRAWS, axis=0), starts, threads=1)
     layers: list[Array] = []
     costs: list[Array] = []
-    before: list[Ints] = []
+    before: list[Indices] = []
     for k, pose in enumerate(poses):
-        part = slice(k * DRAWN, (k + 1) * DRAWN)
+        part = slice(k * STATION_DRAWS, (k + 1) * STATION_DRAWS)
         q = drawn.q[part][drawn.solved[part]]
         if k:
             on = layers[-1].copy()
             on = on[_reach(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
-            q = np.concatenate([on[: 3 * DRAWN], q])
+            q = np.concatenate([on[: 3 * STATION_DRAWS], q])
         if not len(q):
             break
         own = _standing(robot, q) / len(poses)
         if k == 0:
             if near is not None:
-                own = own + START * np.linalg.norm(q - near, axis=1)
+                own = own + START_WEIGHT * np.linalg.norm(q - near, axis=1)
             layers, costs, before = [q], [own], [np.zeros(len(q), np.int64)]
             continue
         total, best = np.empty(len(q)), np.empty(len(q), np.int64)
-        _edges(layers[-1], costs[-1], q, 0.5 * MOTION * (len(poses) - 1), total, best)
+        _edges(layers[-1], costs[-1], q, 0.5 * MOTION_WEIGHT * (len(poses) - 1), total, best)
         if not np.isfinite(total).any():
             break
         kept = np.isfinite(total)
@@ -194,7 +198,7 @@ def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
 
 
 @compiled
-def _edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, best: Ints) -> None:
+def _edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, best: Indices) -> None:
     """Cheapest edge from a layer (k, n) to each configuration (m, n), no joint moving far; infinite where there is none."""
     for j in range(q.shape[0]):
         total[j], best[j] = np.inf, 0
@@ -210,7 +214,7 @@ def _edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, be
 
 
 def _different(layers: list[Array], costs: list[Array]) -> list[int]:
-    """Last configurations of the cheapest ways that end apart from each other."""
+    """Last configurations of the cheapest sequences that end apart from each other."""
     if not layers:
         return []
     chosen: list[int] = []
@@ -220,7 +224,7 @@ def _different(layers: list[Array], costs: list[Array]) -> list[int]:
     return chosen[:CHOICES]
 
 
-def _back(layers: list[Array], before: list[Ints], i: int) -> Array:
+def _back(layers: list[Array], before: list[Indices], i: int) -> Array:
     way = []
     for layer, earlier in zip(reversed(layers), reversed(before), strict=True):
         way.append(layer[i])
@@ -234,14 +238,10 @@ def _solver(robot: Robot) -> IKSolver:
 
 
 def _standing(robot: Robot, q: Array) -> Array:
-    """Cost (k,) of standing at configurations (k, n)."""
-    sigma = np.empty(len(q))
-    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), sigma)
-    lower, upper = robot.limits.lower, robot.limits.upper
-    finite = np.isfinite(lower) & np.isfinite(upper) & (lower < upper)
-    low, high = np.where(finite, lower, -1.0), np.where(finite, upper, 1.0)
-    x = np.where(finite, np.minimum(np.abs(2.0 * q - low - high) / (high - low), EDGE), 0.0)
-    return np.asarray(-ROOM * np.log(1.0 - x**2).sum(axis=1) - SINGULAR * np.log(np.maximum(sigma, 1e-9)))
+    """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
+    sigma = robot.singular_values(q)[:, -1]
+    x = np.minimum(np.abs(robot.limits.normalised(q)), LOG_EDGE)
+    return np.asarray(-ROOM_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9)))
 
 
 def _guide(s: Array, way: Array, directions: Array) -> Guide:

@@ -1,9 +1,9 @@
-"""Where the joint motion along a path goes on at a singular configuration: from regular configurations near it.
+"""Continue the joint motion along a path at a singular configuration, from regular configurations near it.
 
-At such a configuration the Jacobian says nothing about one direction of the joints. Where the tool's twist needs nothing
-that is lost there, as in motion in the arm's plane through a straight wrist, there is one smooth motion through it, and it
-is the limit of the regular configurations on either side: pose and twist determine all directions but the lost one, and
-that is carried on by the motion's own derivatives.
+At such a configuration the Jacobian has a null space, in which pose and twist do not determine the joint velocity. Where the
+tool's twist is in the range of the Jacobian, as in motion in the arm's plane through a straight wrist, there is one smooth
+motion through it, the limit of the regular configurations on either side: the component in the null space is extrapolated
+by the motion's own derivatives.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from planners.following import march
 from planners.following.course import Course
 
 CLEAR = 1e-4
-"""Smallest singular value of a place ahead of a singular start: its derivatives q'' are exact to 1e-3 / m²."""
+"""Least smallest singular value of a place ahead of a singular start: derivatives q'' are exact to 1e-3 / m² there."""
 
 AHEAD = 2.0 ** np.arange(-10.0, -2.0)
-"""Shares of the path at which the motion from a singular start is looked for, the nearest that is regular first."""
+"""Shares of the path at which a regular configuration ahead of a singular start is searched, the nearest first."""
 
 
 class At(NamedTuple):
@@ -37,17 +37,43 @@ class At(NamedTuple):
 
 
 def smallest(robot: Robot, q: Array) -> float:
-    """Smallest singular value of the Jacobian at q (n,)."""
-    out = np.empty(1)
-    kinematics.singular_values_batch(robot.chain, q[None], out)
-    return float(out[0])
+    """Return the smallest singular value of the Jacobian.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+
+    Returns
+    -------
+    float
+        In metres and radians of the tool per radian or metre of the joints.
+    """
+    return float(robot.singular_values(q)[-1])
 
 
 def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At | None:
-    """The configuration at s, ahead or behind, of the motion that is known at a regular place near it.
+    """Continue a motion from a regular place to a place near it, ahead or behind.
 
-    Exact, if its smallest singular value is not below `away`. A singular end of the path is met by `kinematics.settle`.
-    None where neither is so, or the configuration is not near where the motion leads.
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    course : Course
+        The path.
+    near : At
+        The regular place.
+    s : float
+        The place to go to [m, or rad].
+    away : float
+        Least smallest singular value there; at a singular end of the path, `kinematics.settle` finds the configuration.
+
+    Returns
+    -------
+    At or None
+        None where the configuration is singular inside the path, off the path, or not near where the motion leads.
     """
     chain, h = robot.chain, s - near.s
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
@@ -61,16 +87,30 @@ def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At 
         q = predicted.copy()
         dq = np.stack([near.dq[0] + h * (near.dq[1] + 0.5 * h * near.dq[2]), near.dq[1] + h * near.dq[2], near.dq[2]])
         error = kinematics.settle(chain, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
-        error = 0.0 if np.isfinite(error) else error  # what is left counts in the bound
+        error = 0.0 if np.isfinite(error) else error  # the remaining error counts in the bound
     if not (error <= march.ON_PATH * reach and np.abs(q - predicted).max() <= march.LARGEST_CORRECTION):
         return None
     return At(s, q, dq)
 
 
 def departures(robot: Robot, course: Course, near: Array | None = None) -> Iterator[tuple[At, At]]:
-    """Singular starts of the path with smooth motions that go on from them: each start, and a regular place ahead.
+    """Find smooth motions that begin at a singular start of the path.
 
-    From every configuration a little ahead (or those near the given one, with its windings) back to the start.
+    They are continued backwards to the start from the regular configurations a little ahead.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    course : Course
+        The path.
+    near : (n,) array, optional
+        Only motions near this configuration, with its winding [rad, m].
+
+    Yields
+    ------
+    start, ahead : At
+        The singular start, and a regular place ahead of it.
     """
     chain, none = robot.chain, np.empty((4, 0, robot.n))
     for s in AHEAD * course.path.end:
@@ -96,9 +136,25 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
 
 
 def roots(robot: Robot, pose: Array, least: float, near: Array | None = None) -> tuple[Array, bool]:
-    """Configurations (k, n) that meet a pose inside the limits, whose smallest singular value is at least so much.
+    """Return the regular configurations that meet a pose inside the limits.
 
-    And whether there are others.
+    Parameters
+    ----------
+    robot : Robot
+        An arm of up to six joints.
+    pose : (4, 4) array
+        T_base_tool [m].
+    least : float
+        Least smallest singular value of a regular configuration.
+    near : (n,) array, optional
+        Choose windings near this configuration [rad, m].
+
+    Returns
+    -------
+    q : (k, n) array
+        The regular ones [rad, m].
+    singular : bool
+        Whether there are singular ones too.
     """
     found = _closed_form(robot).branches(pose, near)
     singular = found.free.copy()

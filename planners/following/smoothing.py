@@ -1,4 +1,4 @@
-"""Free motion of redundant arms, compiled: configurations carried from station to station, and made smooth together."""
+"""Null-space motion of redundant arms, compiled: continued from station to station, and smoothed as a whole."""
 
 from __future__ import annotations
 
@@ -11,33 +11,50 @@ from optik.se3 import pose_error
 from optik.types import Array
 
 LARGEST_EDGE = 0.7
-"""Largest joint motion from a station to the next [rad or m], before it is made smooth."""
+"""Largest joint motion from one station to the next [rad or m], before smoothing: a larger one may be a jump."""
 
-ROOM = 0.3
-"""Weight of the room to the limits, −Σ ln(1 − x²) with x = (q − middle) / half range, beside ½ the squared motion."""
+ROOM_WEIGHT = 0.3
+"""Weight of the barrier at the limits, −Σ ln(1 − x²) with x = (q − middle) / half, beside ½ the squared motion."""
 
-EDGE = 0.98
-"""Beyond this x the logarithm is continued as a parabola."""
+LOG_EDGE = 0.98
+"""The barrier continues as a parabola beyond this x, so that it has derivatives outside the limits, too."""
 
-ROUNDS = 12
-"""Of making the free motion smooth."""
+SMOOTHING_ROUNDS = 12
+"""Most Newton steps of smoothing, which a motion that does not converge uses up."""
 
-SMOOTH = 1e-4
-"""It is smooth where a round moves no joint further than this [rad or m]."""
+SMOOTHED = 1e-4
+"""Smoothing has converged where a step moves no joint further than this [rad or m]: the guide need not be exact."""
 
 LARGEST_MOVE = 0.2
-"""Of a joint in one round [rad or m]."""
+"""Largest joint motion in one step of smoothing [rad or m], so that the null spaces change little."""
 
-AWAY = 0.05
-"""Largest free motion away from the limits while configurations are carried to the next station [rad or m]."""
+CARRY_AWAY = 0.05
+"""Largest null-space motion away from the limits on the way to the next station [rad or m]; smoothing does the rest."""
 
-REACHED = 1e-9
-"""Error that brings a configuration to its station [m, rad]."""
+STATION_REACHED = 1e-9
+"""Largest error of a configuration that meets the pose of its station [m, rad]."""
 
 
 @compiled
 def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
-    """Bring q (n,), in place, the shortest way onto a target; the error left [m, rad], and the Jacobian (6, n) there."""
+    """Project a configuration, in place, onto a pose by minimum-norm Newton steps.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    target : (4, 4) array
+        T_base_tool [m].
+    q : (n,) array
+        Configuration, changed in place [rad, m].
+    J : (6, n) array
+        Becomes the Jacobian there [m/rad, 1].
+
+    Returns
+    -------
+    float
+        Error that is left [m, rad].
+    """
     n = q.shape[0]
     frame, T, e, dq = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(n)
     A, y, best, worst = np.empty((6, 6)), np.empty(6), np.empty(n), np.inf
@@ -49,7 +66,7 @@ def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
         for i in range(6):
             error = max(error, abs(e[i]))
         if not error < worst:
-            q[:] = best  # rounding, or no progress: J is that of a step further
+            q[:] = best  # rounding, or no progress; J is that of one step before
             break
         worst, best[:] = error, q
         jacobian_from(chain, frame, T, J)
@@ -62,15 +79,29 @@ def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
 
 @compiled
 def free_directions(J: Array, before: Array, N: Array) -> float:
-    """Orthonormal directions (n, d) of free motion, like those before; how alike the least is, 1 for those that stay.
+    """Compute an orthonormal basis of the null space that is near a given one.
 
-    The directions before, less what J sees of them, then made orthonormal one by one.
+    The given vectors are projected onto the null space, then orthonormalised one by one.
+
+    Parameters
+    ----------
+    J : (6, n) array
+        Jacobian [m/rad, 1].
+    before : (n, d) array
+        The given basis [1].
+    N : (n, d) array
+        Result, in place [1].
+
+    Returns
+    -------
+    float
+        Least length of a vector before it is normalised: 1 for a basis that stays, 0 where none is found [1].
     """
     n, d = before.shape
     e, A, y, x = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty(n)
     least = 1.0
     for c in range(d):
-        for again in range(2):  # the second time mends rounding
+        for again in range(2):  # the second time removes rounding
             source = N if again else before
             for i in range(6):
                 e[i] = 0.0
@@ -100,11 +131,24 @@ def free_directions(J: Array, before: Array, N: Array) -> float:
 
 @compiled
 def room(middle: float, half: float, q: float) -> tuple[float, float]:
-    """First and second derivative of −ln(1 − x²), which keeps a joint away from its limits; half is infinite without."""
+    """Return the first and second derivative of the barrier −ln(1 − x²), x = (q − middle) / half.
+
+    Parameters
+    ----------
+    middle, half : float
+        Middle and half of the joint's range [rad, or m]; half is infinite for a joint without limits.
+    q : float
+        Position [rad, or m].
+
+    Returns
+    -------
+    slope, curvature : float
+        Derivatives [1/rad, 1/rad²; or 1/m, 1/m²].
+    """
     if half == np.inf:
         return 0.0, 0.0
     x = (q - middle) / half
-    inner = min(max(x, -EDGE), EDGE)
+    inner = min(max(x, -LOG_EDGE), LOG_EDGE)
     rest = 1.0 - inner * inner
     curve = 2.0 * (1.0 + inner * inner) / (rest * rest)
     return (2.0 * inner / rest + curve * (x - inner)) / half, curve / (half * half)
@@ -120,15 +164,33 @@ def carry(
     N: Array,
     way: Array,
 ) -> int:
-    """Carry way[0] (n,) from station to station, kept off the limits; how many stations of way (k, n) are good.
+    """Continue a configuration from station to station by minimum-norm steps, kept away from the limits.
 
-    shares (k,) are the stations as shares of the path; N (n, d) holds free directions at the first.
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    middle, half : (n,) array
+        Middle and half of the joints' ranges [rad, m].
+    poses : (k, 4, 4) array
+        T_base_tool at the stations [m].
+    shares : (k,) array
+        The stations as shares of the path [1].
+    N : (n, d) array
+        Basis of the null space at the first station, changed in place [1].
+    way : (k, n) array
+        Result, in place, the first one given [rad, m].
+
+    Returns
+    -------
+    int
+        Number of stations that were reached.
     """
     n, d = N.shape
     J, on, other = np.empty((6, n)), np.empty((n, d)), np.empty(n)
     for k in range(1, way.shape[0]):
         way[k] = way[k - 1]
-        if not come_to(chain, poses[k], way[k], J) < REACHED:
+        if not come_to(chain, poses[k], way[k], J) < STATION_REACHED:
             return k
         for i in range(n):
             if not abs(way[k, i] - way[k - 1, i]) <= LARGEST_EDGE:
@@ -144,19 +206,36 @@ def carry(
             for i in range(n):
                 slope += N[i, c] * room(middle[i], half[i], way[k, i])[0]
             for i in range(n):
-                other[i] -= ROOM * slope * N[i, c] * (shares[k] - shares[k - 1])
+                other[i] -= ROOM_WEIGHT * slope * N[i, c] * (shares[k] - shares[k - 1])
         for i in range(n):
             largest = max(largest, abs(other[i]))
         for i in range(n):
-            other[i] = way[k, i] + other[i] * min(1.0, AWAY / largest)
-        if come_to(chain, poses[k], other, J) < REACHED:
+            other[i] = way[k, i] + other[i] * min(1.0, CARRY_AWAY / largest)
+        if come_to(chain, poses[k], other, J) < STATION_REACHED:
             way[k] = other
     return len(way)
 
 
 @compiled
 def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
-    """`free_directions` (k, n, d) at configurations (k, n), each like the one before; how alike the least are."""
+    """Compute bases of the null spaces at configurations, each near the one before.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    way : (k, n) array
+        Configurations [rad, m].
+    first : (n, d) array
+        Basis near which the first one is [1].
+    N : (k, n, d) array
+        Result, in place [1].
+
+    Returns
+    -------
+    float
+        Least result of `free_directions` between neighbours [1].
+    """
     n = way.shape[1]
     frame, T, J, least = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n)), 1.0
     for k in range(way.shape[0]):
@@ -171,7 +250,17 @@ def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
 
 @compiled
 def solve_blocks(D: Array, C: Array, b: Array) -> None:
-    """Solve a symmetric block tridiagonal system, in place: diagonal blocks D (k, d, d), C[i] left of D[i], right side b."""
+    """Solve a symmetric positive definite block tridiagonal system, in place.
+
+    Parameters
+    ----------
+    D : (k, d, d) array
+        Diagonal blocks, overwritten [1].
+    C : (k, d, d) array
+        C[i] is the block left of D[i] [1].
+    b : (k, d) array
+        Right-hand side, which becomes the solution [1].
+    """
     k, d = b.shape
     column, work = np.empty(d), np.empty((d, d))
     for i in range(1, k):
@@ -204,7 +293,7 @@ def _assemble(
     C: Array,
     b: Array,
 ) -> None:
-    """The Newton system of the cost ½ Σ |Δq|² / Δs + Σ room, in the coordinates of free motion, for `solve_blocks`."""
+    """The Newton system of the cost ½ Σ |Δq|² / Δs + Σ barrier, in null-space coordinates, for `solve_blocks`."""
     k, n, d = N.shape
     pull, bend = np.empty(n), np.empty(n)
     for i in range(k):
@@ -242,16 +331,40 @@ def smooth(
     chain: Chain, middle: Array, half: Array, poses: Array, shares: Array, first: Array,
     keep_off: float, held: bool, way: Array, N: Array,
 ) -> float:  # fmt: skip
-    """Move configurations (k, n) along their curves of solutions to the least cost of motion and room, in place.
+    """Move configurations, in place, along their self-motion manifolds to the least cost of motion and barrier.
 
-    Newton steps in the coordinates of free motion: a block tridiagonal system, so a round takes time that grows with the
-    stations only. `keep_off` is the weight of the room to the limits. The first configuration stays where `held`.
-    first (n, d) are free directions there; N (k, n, d) becomes those at all. Returns how alike those of neighbours are.
+    By Newton steps in null-space coordinates: the system is block tridiagonal, so the time grows linearly with the stations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    middle, half : (n,) array
+        Middle and half of the joints' ranges [rad, m].
+    poses : (k, 4, 4) array
+        T_base_tool at the stations [m].
+    shares : (k,) array
+        The stations as shares of the path [1].
+    first : (n, d) array
+        Basis of the null space at the first station [1].
+    keep_off : float
+        Weight of the barrier [1].
+    held : bool
+        Whether the first configuration stays.
+    way : (k, n) array
+        Configurations, changed in place [rad, m].
+    N : (k, n, d) array
+        Becomes the bases of the null spaces [1].
+
+    Returns
+    -------
+    float
+        Least result of `free_directions` between neighbours [1].
     """
     k, n, d = N.shape
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))
     move, J = np.empty((k, n)), np.empty((6, n))
-    for _ in range(ROUNDS):
+    for _ in range(SMOOTHING_ROUNDS):
         directions(chain, way, first, N)
         _assemble(middle, half, shares, keep_off, held, way, N, D, C, b)
         solve_blocks(D, C, b)
@@ -266,8 +379,8 @@ def smooth(
         for i in range(k):
             for j in range(n):
                 move[i, j] = way[i, j] + share * move[i, j]
-            if come_to(chain, poses[i], move[i], J) < REACHED:
+            if come_to(chain, poses[i], move[i], J) < STATION_REACHED:
                 way[i] = move[i]
-        if largest < SMOOTH:
+        if largest < SMOOTHED:
             break
     return directions(chain, way, first, N)

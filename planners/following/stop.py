@@ -1,4 +1,4 @@
-"""Why following a path ended, in words that are true: what was looked at is what is said."""
+"""Why following a path ended: each reason states what was checked."""
 
 from __future__ import annotations
 
@@ -12,28 +12,27 @@ import optik
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
-from optik.ik._lm.packed import draw_configurations
 from optik.types import Array
 from planners.following import march
 from planners.following.singular import smallest
 from planners.following.track import Ended
 from planners.paths.base import Path
 
-NEARLY_SINGULAR = 1e-2
-"""A branch that ends where the smallest singular value is above this did not end at a singularity."""
+CLEARLY_REGULAR = 1e-2
+"""A branch that ends where the smallest singular value is above this did not end at a singular configuration."""
 
 BEYOND = 1e-3
-"""How far beyond its end [share of the path] the arm is asked whether it reaches there by another configuration."""
+"""Distance [share of the path] behind its end at which other configurations of the arm are searched."""
 
-EXACT = Tolerance(1e-9, 1e-9)
-"""Of whether an arm with fewer than six joints meets a pose: beside a path that it can keep, others are nearly met."""
+EXACT_TOLERANCE = Tolerance(1e-9, 1e-9)
+"""Tolerance [m, rad] of whether an arm with fewer than six joints meets a pose: it nearly meets many that it cannot meet."""
 
 
-DRAWN = 20
-"""Configurations at which the rank of an arm is looked at; at random ones it is that of almost all."""
+RANK_DRAWS = 20
+"""Random configurations at which the rank of an arm is computed; almost all configurations have the same."""
 
-ZERO = 1e-10
-"""Share of the largest below which a singular value is rounding."""
+ZERO_SHARE = 1e-10
+"""A singular value below this share of the largest is rounding."""
 
 
 class FollowStatus(StrEnum):
@@ -54,13 +53,13 @@ class Stop:
     Attributes
     ----------
     status : StrEnum
-        Which kind of end.
+        How it ended.
     s : float
-        Where, in the path's unit.
+        Where [m, or rad].
     joint : str or None
-        The joint that says no, where one does.
+        Joint whose limit is violated, or None.
     reason, advice : str
-        With figures; and what would work.
+        Why, with figures; and what would work.
     singular_value : float
         Smallest singular value of the Jacobian at the last good configuration; NaN where there is none.
     """
@@ -74,32 +73,86 @@ class Stop:
 
 
 def unit(robot: Robot, joint: int) -> str:
-    """Return m for a sliding joint, rad for one that turns."""
+    """Return the unit of a joint.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    joint : int
+        Index of the joint.
+
+    Returns
+    -------
+    str
+        ``"m"`` for a prismatic joint, ``"rad"`` for a revolute one.
+    """
     return "m" if robot.prismatic[joint] else "rad"
 
 
 @lru_cache(maxsize=16)
 def rank_of(robot: Robot) -> int:
-    """Greatest rank of the Jacobian at drawn configurations: that of almost all."""
-    q = draw_configurations(robot, np.random.default_rng(0), DRAWN)
-    sigma = np.linalg.svd(robot.jacobian(q), compute_uv=False)
-    return int((sigma > ZERO * sigma[:, :1]).sum(axis=1).max())
+    """Return the greatest rank of the Jacobian at random configurations, which is that of almost all.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    int
+        At most 6.
+    """
+    q = robot.limits.draw(np.random.default_rng(0), RANK_DRAWS)
+    sigma = robot.singular_values(q)
+    return int((sigma > ZERO_SHARE * sigma[:, :1]).sum(axis=1).max())
 
 
 def lower_rank(robot: Robot) -> Stop | None:
-    """Why an arm follows no path at all: that its joints move the tool in fewer directions than there are of them."""
+    """Explain why an arm follows no Cartesian path at all: the rank of its Jacobian is deficient everywhere.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    Stop or None
+        None for an arm of full rank.
+    """
     rank, full = rank_of(robot), min(robot.n, 6)
     if rank == full:
         return None
     reason = (
-        f"the Jacobian of {robot.name} has rank {rank} of {full} at each of {DRAWN} configurations drawn: its {robot.n} joints "
-        f"move the tool in {rank} directions only, so a pose does not determine them"
+        f"the Jacobian of {robot.name} has rank {rank} of {full} at each of {RANK_DRAWS} configurations drawn: its {robot.n} "
+        f"joints move the tool in {rank} directions only, so a pose does not determine them"
     )
     return Stop(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
 
 
 def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> Stop:
-    """Say why the branch ended, from its last good configuration q (n,) and from what lies beyond on the path."""
+    """Explain why a branch ended, by its last good configuration and by the path just behind the end.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        The path.
+    reach : (8,) array
+        Bounds of the arm's reach, from `reach_bound` [m].
+    ended : Ended
+        How tracking ended.
+    q : (n,) array
+        The last good configuration [rad, m].
+
+    Returns
+    -------
+    Stop
+        Without advice.
+    """
     sigma, s = smallest(robot, q), ended.s
     if ended.code == march.LIMIT:
         i, name = ended.joint, robot.joint_names[ended.joint]
@@ -111,7 +164,7 @@ def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) ->
 
 
 def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigma: float) -> tuple[FollowStatus, str]:
-    """Status and reason of an end that is not at a limit: what the arm can do just beyond it."""
+    """Status and reason of an end that is not at a limit, by what the arm can do just behind it."""
     s = ended.s
     beyond = path.pose(min(s + BEYOND * path.end, path.end))
     distance = outside_reach(reach, beyond, 0.0, 0.0)
@@ -121,17 +174,17 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
             f"the path leaves the arm's reach at s = {s:.6g}: just beyond it asks for {distance:.6g} m between the first "
             f"and the last joint's axis, where the links allow {bound} m"
         )
-    if robot.n < 6 and ended.code == march.NOT_MET and sigma > NEARLY_SINGULAR:
+    if robot.n < 6 and ended.code == march.NOT_MET and sigma > CLEARLY_REGULAR:
         few = f"{robot.name} has {robot.n} joints and cannot keep to this path from s = {s:.6g} on"
         target = path.pose(min(s + 10.0 * BEYOND * path.end, path.end))
-        near = optik.solve_ik(robot, target, robot.limits.clip(q), tolerance=EXACT)
+        near = optik.solve_ik(robot, target, robot.limits.clip(q), tolerance=EXACT_TOLERANCE)
         if near:
             return FollowStatus.BRANCH_JUMP, f"{few} without a jump to another configuration"
         off = f"{1e3 * near.position_error:.3g} mm and {np.degrees(near.rotation_error):.3g}° off"
         return FollowStatus.UNREACHABLE, f"{few}: a little further it stays {off}"
     result = optik.solve_ik(robot, beyond, robot.limits.clip(q))
     this = "this branch" if robot.n <= 6 else "this choice of its free motion"
-    if result and sigma > NEARLY_SINGULAR:
+    if result and sigma > CLEARLY_REGULAR:
         words = f"no continuous motion goes on at s = {s:.6g}, where the arm is not singular: does the path jump there?"
         return FollowStatus.BRANCH_JUMP, words
     close = f": the smallest singular value comes to {march.SMALLEST_SINGULAR_VALUE:g} or below"
@@ -147,7 +200,24 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
 
 
 def no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
-    """The method failed where the arm can go on."""
+    """Explain that the IK method failed where the branch continues.
+
+    Parameters
+    ----------
+    solver : IKSolver
+        The method.
+    s : float
+        The sample [m, or rad].
+    result : IKResult
+        What it returned.
+    before : (n,) array
+        Its initial guess [rad, m].
+
+    Returns
+    -------
+    Stop
+        NO_IK.
+    """
     sigma = smallest(solver.robot, before)
     reason = (
         f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
@@ -157,11 +227,28 @@ def no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
 
 
 def jumped(solver: IKSolver, s: float, step: Array, before: Array) -> Stop:
-    """The method went over to another configuration."""
+    """Explain that the IK method converged to another branch.
+
+    Parameters
+    ----------
+    solver : IKSolver
+        The method.
+    s : float
+        The sample [m, or rad].
+    step : (n,) array
+        Its configuration minus the tracked one [rad, m].
+    before : (n,) array
+        The tracked configuration before [rad, m].
+
+    Returns
+    -------
+    Stop
+        BRANCH_JUMP.
+    """
     robot, i = solver.robot, int(np.argmax(np.abs(step)))
     name = robot.joint_names[i]
     reason = (
-        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} stands {step[i]:.3g} {unit(robot, i)} away "
+        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} is {step[i]:.3g} {unit(robot, i)} away "
         "from where the motion leads"
     )
     advice = "another method, such as lm, or more samples: the branch itself goes on there"

@@ -1,4 +1,4 @@
-"""Track one branch along a path: march, put nodes between where a step is refused, step over singular configurations."""
+"""Track one branch along a path: march, divide refused steps, step over singular configurations."""
 
 from __future__ import annotations
 
@@ -13,37 +13,38 @@ from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
 from planners.following.course import Course, Nodes, part
-from planners.following.joint_path import APART, deviation_bounds
+from planners.following.joint_path import LEAST_SPACING, deviation_bounds
 from planners.following.singular import At, beyond, departures, smallest
 
 LEAST_STEP = 1e-6
-"""Shortest step, as a share of the path's length: so sharply the end of a branch is found."""
+"""Shortest step, as a share of the path's length: the accuracy of the end of a branch."""
 
-FINEST = 1e-11
-"""Shortest step where only the path itself bends too much for a longer one; rounding in s is 1e-16 of the length."""
+FINEST_STEP = 1e-11
+"""Shortest step, as a share of the length, where only the path bends too much for a longer one; rounding in s is 1e-16."""
 
 MOST_NODES = 200_000
-"""Of one path; more would only take time."""
+"""Most nodes of one path: a joint path of minutes of computing, where tracking stops."""
 
-BENDS = 1e-3
-"""Share of the tolerance from which the path's own bend in a step counts: below it only the joints make a step too long."""
+BEND_SHARE = 1e-3
+"""Share of the tolerance below which the path's own bend does not limit a step, only the joints do."""
 
-CHUNK = 1024
-"""Nodes that are marched through at once: so the work of a refused step does not grow with the path."""
+NODES_AT_ONCE = 1024
+"""Nodes that are marched through at once, so that the work of a refused step does not grow with the path."""
 
-AWAY = (march.REGULAR, 1.7e-3, 3e-3, 5e-3, 1e-2, 3e-4, 1e-4)
-"""Singular values from which a singular configuration is stepped over: near ones, for a small step; farther ones, where it
-matters less that the path passes a little beside it; and nearer ones, where the arm comes out of it slowly."""
+STEP_OVER_FROM = (march.REGULAR, 1.7e-3, 3e-3, 5e-3, 1e-2, 3e-4, 1e-4)
+"""Smallest singular values at the ends of a step over a singular configuration, in the order they are tried. Small ones make
+a short step; at large ones a path that passes a little beside the singularity is still stepped over; the smallest are for
+arms that leave the singularity slowly."""
 
-STRETCH = (1.0, 1.7, 3.0, 5.0)
-"""Lengths of the step behind the singular configuration, as shares of the length before it: the arm's speed changes there."""
+STEP_OVER_LENGTHS = (1.0, 1.7, 3.0, 5.0)
+"""Lengths of the step behind the singular configuration over that before it, since the speed of the joints changes there."""
 
 SAME_START = 1e-4
-"""How far from the given start the continuation of a singular start may begin [rad or m]."""
+"""Largest distance of a continuation of a singular start from the given one [rad or m]: `follow` accepts as much."""
 
 
 class Ended(NamedTuple):
-    """How a branch ended at s: a code of `_march`, its figure, and the joint that is at its limit, or −1."""
+    """How a branch ended at s: a code of `march`, its figure, and the joint that is at its limit, or −1."""
 
     code: int
     s: float
@@ -68,16 +69,37 @@ def track(
     tolerance: Tolerance,
     limits: tuple[Array, Array] | None = None,
 ) -> Track:
-    """Follow a path from q_start (n,) near its first node, inside the limits (the robot's own, or others)."""
+    """Track the branch of a configuration along a path.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    course : Course
+        The path.
+    nodes : Nodes
+        Places to pass; more are inserted where they are needed.
+    q_start : (n,) array
+        Configuration near the first node [rad, m].
+    tolerance : Tolerance
+        Largest deviation of the tool from the path [m, rad].
+    limits : two (n,) arrays, optional
+        Lower and upper limits [rad, m]; by default the robot's own.
+
+    Returns
+    -------
+    Track
+        Nodes up to the path's end or to where the branch ends.
+    """
     if limits is None:
         limits = robot.limits.lower, robot.limits.upper
     return _Tracker(robot, course, tolerance, limits).run(nodes, q_start)
 
 
 class _Tracker:
-    """The nodes that are good so far, and the parts of the path that are still to come, the next one last.
+    """A stack of parts of the path that remain, the next one on top, and the good nodes so far.
 
-    Each part begins with the node at which the one before it ends, so a refused step costs what it adds, not what follows.
+    Each part begins with the node at which the one before it ends, so the cost of a refused step does not depend on the rest.
     """
 
     def __init__(self, robot: Robot, course: Course, tolerance: Tolerance, limits: tuple[Array, Array]) -> None:
@@ -89,7 +111,7 @@ class _Tracker:
         self.s, self.q, self.dq = np.empty(256), np.empty((256, n)), np.empty((256, 3, n))
         self.ahead: list[Nodes] = []
         self.least = march.REGULAR  # smallest singular value that a node may have
-        self.at_limit: Ended | None = None  # how it ends, once it has come to the limit
+        self.at_limit: Ended | None = None  # how it ends, once a limit was found
 
     def run(self, nodes: Nodes, q_start: Array) -> Track:
         ended = self._begin(nodes, q_start)
@@ -108,12 +130,12 @@ class _Tracker:
         self.count = new
 
     def _resume(self, nodes: Nodes) -> None:
-        """Go on from the last good node to the first of these nodes, or of the parts behind them, that is well ahead."""
+        """Continue from the last good node to the first node of these, or of the parts after them, that is well ahead."""
         s = float(self.s[self.count - 1])
         self.ahead.append(nodes)
         while self.ahead:
             nodes = self.ahead.pop()
-            i = int(np.searchsorted(nodes.s, min(s + APART, self.end)))
+            i = int(np.searchsorted(nodes.s, min(s + LEAST_SPACING, self.end)))
             if i < len(nodes.s) and nodes.s[i] > s:
                 self.ahead += [part(nodes, i), self.course.nodes(np.array([s, nodes.s[i]]))]
                 return
@@ -121,7 +143,7 @@ class _Tracker:
     # ------------------------------------------------------------ the start
 
     def _begin(self, nodes: Nodes, q_start: Array) -> Ended | None:
-        """Put the start on the path; a singular one is where a motion that goes on smoothly begins."""
+        """Correct the start onto the path; at a singular one, begin with a smooth motion that starts there."""
         q, dq = np.array(q_start), np.empty((3, self.robot.n))
         reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
         error, _ = kinematics.put_on(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
@@ -145,7 +167,7 @@ class _Tracker:
         return None
 
     def _depart(self, nodes: Nodes, q_start: Array) -> bool:
-        """Begin at a singular configuration, where a motion that goes on from near it begins."""
+        """Begin at a singular configuration with a smooth motion from it, where there is one."""
         if self.robot.n > 6:
             return False
         for left, right in departures(self.robot, self.course, q_start):
@@ -159,8 +181,8 @@ class _Tracker:
     # ------------------------------------------------------------ going on
 
     def _advance(self, nodes: Nodes) -> Ended | None:
-        """March through nodes whose first is the last good one, as far as it goes; then see to what stopped it."""
-        most = CHUNK if self.least == march.REGULAR else 2
+        """March through nodes, the first of which is the last good one, and handle what stopped the march."""
+        most = NODES_AT_ONCE if self.least == march.REGULAR else 2
         if len(nodes.s) > most:
             self.ahead.append(part(nodes, most - 1))
             nodes = part(nodes, 0, most)
@@ -183,12 +205,12 @@ class _Tracker:
             passed, coarse = self._step_over(nodes, i, value)
             if passed:
                 return None
-            if self.least == march.REGULAR and (not coarse or b - a <= APART):  # go in, node by node
+            if self.least == march.REGULAR and (not coarse or b - a <= LEAST_SPACING):  # approach it node by node
                 self.least = march.SMALLEST_SINGULAR_VALUE
                 self.ahead.append(part(nodes, i))
                 return None
-        bends = (b - a) ** 4 / 384.0 * nodes.fourth[i] > BENDS * self.allowed
-        least = FINEST if code == march.LOOSE and bends.any() else LEAST_STEP
+        bends = (b - a) ** 4 / 384.0 * nodes.fourth[i] > BEND_SHARE * self.allowed
+        least = FINEST_STEP if code == march.LOOSE and bends.any() else LEAST_STEP
         if b - a <= least * self.end or self.count > MOST_NODES:
             return Ended(code, b if code == march.SINGULAR else a, value, -1)
         parts = int(np.clip(np.ceil(value**0.25), 2, 16)) if code == march.LOOSE and value < np.inf else 2
@@ -196,7 +218,7 @@ class _Tracker:
         return None
 
     def _to_the_limit(self, nodes: Nodes, i: int, q: Array, dq: Array, value: float, joint: int) -> Ended | None:
-        """Go on from node i up to the limit that the step to the next one, with ends q and dq, passes; and no further."""
+        """Continue from node i up to the limit that the step to the next node, with ends q and dq, passes."""
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
         points = np.empty((self.robot.n, 6))
         march.control_points(b - a, q[0], dq[0], q[1], dq[1], points)
@@ -212,22 +234,19 @@ class _Tracker:
     # ------------------------------------------------------------ singular configurations
 
     def _step_over(self, nodes: Nodes, i: int, value: float) -> tuple[bool, bool]:
-        """Step from a regular node, over the one behind node i with this singular value, to another; or to the path's end.
-
-        Returns whether that was proved, and if not, whether a shorter step might be.
-        """
+        """Step over the node after node i, with this singular value, between regular nodes or to the path's end."""
+        # Returns whether the step was proved, and if not, whether a shorter one might be.
         middle, coarse, back = float(nodes.s[i + 1]), False, min(self.count, 64)
-        sigma = np.empty(back)
-        kinematics.singular_values_batch(self.chain, self.q[self.count - back : self.count], sigma)
-        for away in AWAY:
+        sigma = self.robot.singular_values(self.q[self.count - back : self.count])[:, -1]
+        for away in STEP_OVER_FROM:
             from_here = np.flatnonzero(sigma >= away)
             if not from_here.size:
                 continue
             k = self.count - back + int(from_here[-1])
             left = At(float(self.s[k]), self.q[k].copy(), self.dq[k].copy())
-            if value >= away:  # there is nothing to step over yet
+            if value >= away:  # the node ahead is not singular at this threshold
                 continue
-            for stretch in STRETCH:
+            for stretch in STEP_OVER_LENGTHS:
                 s = min(middle + stretch * (middle - left.s), self.end)
                 right = beyond(self.robot, self.course, left, s, away)
                 if right is None:
@@ -247,11 +266,9 @@ class _Tracker:
         return False, coarse
 
     def _softened(self, k: int, left: At, right: At) -> list[At] | None:
-        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is good.
-
-        A path that passes a little beside a singular configuration has exact second derivatives near it that tell of the
-        detour of its joints, not of the step over it. The proof needs pose and twist only.
-        """
+        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is accepted."""
+        # Near a singular configuration that the path passes a little beside, exact second derivatives describe the
+        # detour of the joints around it, not the step over it. The proof needs pose and twist only.
         h, (v0, v1) = right.s - left.s, (left.dq[0], right.dq[0])
         slope = (right.q - left.q) / h
         third = 6.0 * (v0 + v1 - 2.0 * slope) / h**2
@@ -260,7 +277,7 @@ class _Tracker:
         if self._refused(soft, softer) != march.DONE:
             return None
         before = At(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
-        if k == 0 or self._refused(before, soft) == march.DONE:  # the piece before ends there too
+        if k == 0 or self._refused(before, soft) == march.DONE:  # the piece before must hold with this end, too
             return [soft, softer]
         between = beyond(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
         if between is not None and self._refused(before, between) == self._refused(between, soft) == march.DONE:
@@ -268,13 +285,13 @@ class _Tracker:
         return None
 
     def _refused(self, left: At, right: At) -> int:
-        """Why a step that no march has judged is not good; DONE where it is."""
+        """Why a step outside the march is refused; DONE where it is accepted."""
         h, n = right.s - left.s, self.robot.n
         if np.abs(right.q - left.q).max() > march.LARGEST_STEP:
             return march.TOO_LONG
         if not h * max(np.abs(left.dq[0]).max(), np.abs(right.dq[0]).max()) <= march.LARGEST_STEP:
             return march.TOO_LONG
-        aside = right.q - left.q - 0.5 * h * (left.dq[0] + right.dq[0])  # of what the speeds at both ends tell
+        aside = right.q - left.q - 0.5 * h * (left.dq[0] + right.dq[0])  # difference from the mean velocity
         if not np.abs(aside).max() <= march.LARGEST_CORRECTION:
             return march.NOT_MET
         points = np.empty((n, 6))

@@ -1,46 +1,114 @@
-"""The place on any path that is nearest to a pose: a grid whose error is bounded, then Newton's method."""
+"""Projection of poses onto any path: a grid whose error is bounded, then Newton's method."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from optik.types import Array
+from optik.types import Array, Indices
 from planners.paths._rotation import vector_of
 
-if TYPE_CHECKING:
-    from planners.paths.base import Path
-
-Indices = NDArray[np.int64]
-
-TURN = 1e-3
-"""What a turn of 1 rad counts beside a distance [m]: next to nothing, but it decides where the tool only turns."""
-GRID = 1e-4
-"""How far a path may bend away from the chords of the grid [m]."""
+TURN_WEIGHT = 1e-3
+"""Distance [m] that a rotation by 1 rad counts for: too little to matter beside a distance, but where the tool only turns it
+tells places apart."""
+MOST_BEND = 1e-4
+"""Largest distance of the path from the chords of the grid [m]: small beside arms, and a metre of arc needs few chords."""
 MOST_CELLS = 512
-"""Of the grid, between two breaks."""
-AT_ONCE = 1_000_000
-"""Distances from poses to chords in memory at a time."""
+"""Most chords of the grid between two breaks, so that a very sharp corner does not fill the memory."""
+DISTANCES_AT_ONCE = 1_000_000
+"""Distances from poses to chords that are in memory at a time: 8 MB an array."""
 
 
-def nearest_places(path: Path, poses: Array) -> Array:
-    """Places (k,) on the path where |p − x|² + `TURN`² |R − X|²/2 is least, of poses (k, 4, 4); X, x are a pose's parts.
+class PosesAlong(Protocol):
+    """What the search needs of a path; see `planners.paths.base.Path`."""
 
-    The path bends away from the chords of a grid by a known bound. So the chords that may be nearest are known, and
+    @property
+    def end(self) -> float:
+        """Length of the path [m, or rad]."""
+
+    @property
+    def breaks(self) -> Array:
+        """Places (k,) between which the path is smooth."""
+
+    def piece_bounds(self) -> Array:
+        """Bounds (k − 1, 2, 4) on derivatives between breaks."""
+
+    def pose(self, s: ArrayLike) -> Array:
+        """Poses (k, 4, 4) at s.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Places [m, or rad].
+
+        Returns
+        -------
+        (k, 4, 4) array
+            T_base_tool [m].
+        """
+
+    def twist(self, s: ArrayLike, order: int = 1) -> Array:
+        """Twists (k, 6) at s, or their derivatives.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Places [m, or rad].
+        order : int
+            1 for twists, 2 for their first derivatives.
+
+        Returns
+        -------
+        (k, 6) array
+            Linear before angular part, per unit of s [1, rad/m].
+        """
+
+
+def nearest_places(path: PosesAlong, poses: Array) -> Array:
+    """Return the places on a path where |p − x|² + `TURN_WEIGHT`² |R − X|²/2 is least; x and X are a pose's parts.
+
+    The distance of the path from the chords of a grid has a known bound. So the chords that may be nearest are known, and
     each of them is searched. Two places whose distances differ by less than twice that bound may count as one.
+
+    Parameters
+    ----------
+    path : Path
+        The path, with a length above 0.
+    poses : (k, 4, 4) array
+        T_base_tool [m].
+
+    Returns
+    -------
+    (k,) array
+        Places s [m, or rad].
     """
-    edges, bend = chords(path, TURN, GRID)
-    rows = max(AT_ONCE // bend.size, 1)
+    edges, bend = chords(path, TURN_WEIGHT, MOST_BEND)
+    rows = max(DISTANCES_AT_ONCE // bend.size, 1)
     return np.concatenate([_search(path, edges, bend, poses[i : i + rows]) for i in range(0, len(poses), rows)])
 
 
-def chords(path: Path, turn: float, most: float, least: int = 1) -> tuple[Array, Array]:
-    """Edges (m + 1,) of cells in s, and how far the path bends away from the chord of each (m,), by |z''| h²/8.
+def chords(path: PosesAlong, turn: float, most: float, least: int = 1) -> tuple[Array, Array]:
+    """Divide a path into cells, each within a known distance of its chord, by |z''| h²/8.
 
-    Distances are those of `embedded` points, where a turn of 1 rad counts `turn` metres. Cells are so short that the bend
-    is at most `most`, but no more than `MOST_CELLS` between two breaks, and at least so many where the path bends.
+    Parameters
+    ----------
+    path : Path
+        The path.
+    turn : float
+        Distance that a rotation by 1 rad counts for, as for `embedded` [m/rad].
+    most : float
+        Largest distance of a cell from its chord [m]. It is exceeded where `MOST_CELLS` between two breaks do not suffice.
+    least : int
+        Least number of cells between two breaks where the path bends.
+
+    Returns
+    -------
+    edges : (m + 1,) array
+        Ends of the cells in s [m, or rad].
+    bend : (m,) array
+        Bound on the distance of each cell from its chord [m].
     """
     breaks, bounds = path.breaks, path.piece_bounds()[:, :, 1]
     second = np.hypot(bounds[:, 0], turn * np.sqrt(1.5) * bounds[:, 1])  # a 3×3 matrix: Frobenius ≤ √3 spectral
@@ -53,8 +121,8 @@ def chords(path: Path, turn: float, most: float, least: int = 1) -> tuple[Array,
     return np.append(edges, breaks[-1]), (second * (length / cells) ** 2 / 8.0)[which]
 
 
-def _search(path: Path, edges: Array, bend: Array, poses: Array) -> Array:
-    which, cell, part = _candidates(embedded(path.pose(edges), TURN), bend, embedded(poses, TURN))
+def _search(path: PosesAlong, edges: Array, bend: Array, poses: Array) -> Array:
+    which, cell, part = _candidates(embedded(path.pose(edges), TURN_WEIGHT), bend, embedded(poses, TURN_WEIGHT))
     low, high = edges[cell], edges[cell + 1]
     s, cost = _newton(path, poses[which], low + part * (high - low), low, high)
     best = np.lexsort((s, cost, which))
@@ -62,7 +130,20 @@ def _search(path: Path, edges: Array, bend: Array, poses: Array) -> Array:
 
 
 def embedded(poses: Array, turn: float) -> Array:
-    """Poses as points (k, 12) whose squared distance is |p − x|² + turn² |R − X|²/2."""
+    """Return poses as points whose squared distance is |p − x|² + turn² |R − X|²/2.
+
+    Parameters
+    ----------
+    poses : (k, 4, 4) array
+        T_base_tool [m].
+    turn : float
+        Distance that a rotation by 1 rad counts for [m/rad].
+
+    Returns
+    -------
+    (k, 12) array
+        Positions [m] and the scaled entries of the rotations [m].
+    """
     return np.concatenate([poses[:, :3, 3], (turn / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
 
 
@@ -81,7 +162,7 @@ def _candidates(z: Array, bend: Array, x: Array) -> tuple[Indices, Indices, Arra
     return which, cell, part[which, cell]
 
 
-def _newton(path: Path, poses: Array, s: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def _newton(path: PosesAlong, poses: Array, s: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Places (k,) of least cost within [low, high] by Newton's method inside a shrinking bracket, and the costs."""
     s, low, high = s.copy(), low.copy(), high.copy()
     active = np.arange(s.size)
@@ -90,7 +171,7 @@ def _newton(path: Path, poses: Array, s: Array, low: Array, high: Array) -> tupl
         low[active] = np.where(slope <= 0.0, s[active], low[active])
         high[active] = np.where(slope >= 0.0, s[active], high[active])
         new = s[active] - np.divide(slope, curvature, out=np.full(slope.shape, np.inf), where=curvature > 0.0)
-        # a cell whose least cost is at its end is found so at once; what else Newton throws out is halved
+        # clamping finds at once a least cost at the end of a cell; any other step out of the bracket is bisected
         kept = np.clip(new, low[active], high[active])
         half = 0.5 * (low[active] + high[active])
         new = np.where((kept == new) | ((step < 2) & (curvature > 0.0)), kept, half)
@@ -102,13 +183,15 @@ def _newton(path: Path, poses: Array, s: Array, low: Array, high: Array) -> tupl
     return s, _cost(path, poses, s)
 
 
-def _cost(path: Path, poses: Array, s: Array) -> Array:
+def _cost(path: PosesAlong, poses: Array, s: Array) -> Array:
     at = path.pose(s)
     r = at[:, :3, 3] - poses[:, :3, 3]
-    return np.asarray(np.einsum("ki,ki->k", r, r) + TURN**2 * (3.0 - np.einsum("kij,kij->k", *_turns(at, poses))))
+    return np.asarray(
+        np.einsum("ki,ki->k", r, r) + TURN_WEIGHT**2 * (3.0 - np.einsum("kij,kij->k", *_turns(at, poses)))
+    )
 
 
-def _slope(path: Path, poses: Array, s: Array) -> tuple[Array, Array]:
+def _slope(path: PosesAlong, poses: Array, s: Array) -> tuple[Array, Array]:
     """First and second derivative (k,) of half the cost, by R' = ω×R and R'' = (ω'× + ω×ω×) R."""
     at, first, second = path.pose(s), path.twist(s), path.twist(s, 2)
     r, v, w = at[:, :3, 3] - poses[:, :3, 3], first[:, :3], first[:, 3:]
@@ -116,7 +199,7 @@ def _slope(path: Path, poses: Array, s: Array) -> tuple[Array, Array]:
     M = R @ np.swapaxes(X, 1, 2)
     axis = vector_of(M)
     turn = np.einsum("kii->k", M) * np.einsum("ki,ki->k", w, w) - np.einsum("ki,kij,kj->k", w, M, w)
-    half = 0.5 * TURN**2
+    half = 0.5 * TURN_WEIGHT**2
     slope = np.einsum("ki,ki->k", r, v) + half * np.einsum("ki,ki->k", w, axis)
     curvature = np.einsum("ki,ki->k", v, v) + np.einsum("ki,ki->k", r, second[:, :3])
     return slope, curvature + half * (np.einsum("ki,ki->k", second[:, 3:], axis) + turn)

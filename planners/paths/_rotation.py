@@ -1,4 +1,4 @@
-"""Rotation along a path: about a fixed axis at constant rate, the shortest way; half turns are refused."""
+"""Rotation along a path: about a fixed axis at constant rate, by the shortest turn; half turns raise an error."""
 
 from __future__ import annotations
 
@@ -10,20 +10,32 @@ from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
 
-NO_MOTION = 1e-12
-"""Chords [m] and angles [rad] below this are rounding, not motion."""
+NO_LENGTH = 1e-12
+"""Chords [m] and angles [rad] below this are rounding: poses of an arm of a metre have errors of 1e-16."""
 
 HALF_TURN = 1e-6
-"""Nearer to 180° than this [rad], the way round hangs on how the poses were rounded or measured."""
+"""Nearer to 180° than this [rad], the direction of the shortest turn depends on rounding and measuring errors."""
 
 
 def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
-    """Rotation vector (3,) [rad] in the base frame that turns one pose (4, 4) into another the shortest way.
+    """Return the shortest rotation from one pose to another.
+
+    Parameters
+    ----------
+    start, goal : (4, 4) array
+        T_base_tool at both ends [m].
+    argument : str
+        Name of the goal in messages.
+
+    Returns
+    -------
+    (3,) array
+        Rotation vector in the base frame [rad].
 
     Raises
     ------
     InvalidInput
-        A half turn, to which two ways are equally short.
+        A half turn, which is as short in both directions.
     """
     turn = se3.log_so3(goal[:3, :3] @ start[:3, :3].T)
     angle = float(np.linalg.norm(turn))
@@ -38,35 +50,97 @@ def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
 
 
 def turned(R: Array, w: Array, s: Array) -> Array:
-    """Rotations exp(s w) R (k, 3, 3) of a rotation (3, 3) that turns with w (3,) at places s (k,)."""
+    """Return the rotations exp(s w) R along a path that turns at a constant rate.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        Rotation at s = 0 [1].
+    w : (3,) array
+        Rotation vector per unit of s, in the base frame [rad/m, or 1].
+    s : (k,) array
+        Places [m, or rad].
+
+    Returns
+    -------
+    (k, 3, 3) array
+        Rotations [1].
+    """
     if not w.any():
         return np.broadcast_to(R, (s.size, 3, 3))
     return (se3.exp_so3(s[:, None] * w).reshape(-1, 3) @ R).reshape(-1, 3, 3)
 
 
 def poses(R: Array, p: Array) -> Array:
-    """Poses (k, 4, 4) of rotations (k, 3, 3) and positions (k, 3)."""
+    """Return the poses of rotations and positions.
+
+    Parameters
+    ----------
+    R : (k, 3, 3) array
+        Rotations [1].
+    p : (k, 3) array
+        Positions [m].
+
+    Returns
+    -------
+    (k, 4, 4) array
+        Homogeneous matrices [m].
+    """
     out = np.zeros((len(p), 4, 4))
     out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p, 1.0
     return out
 
 
 def vector_of(M: Array) -> Array:
-    """Vectors (k, 3) of the skew parts of matrices (k, 3, 3): 2 sin φ · axis, of a rotation by φ."""
+    """Return twice the vectors of the skew parts of matrices: 2 sin φ · axis for a rotation by φ.
+
+    Parameters
+    ----------
+    M : (k, 3, 3) array
+        Matrices [1].
+
+    Returns
+    -------
+    (k, 3) array
+        Vectors [1].
+    """
     return np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], axis=1)
 
 
 def angle_about(axis: Array, R: Array) -> Array:
-    """Angles (k,) in [−π, π] about a unit axis (3,) whose rotations are nearest to R (k, 3, 3).
+    """Return the angles about an axis whose rotations are nearest to the given ones.
 
     tr(exp(−θ n) R) = nᵀRn + cos θ (tr R − nᵀRn) + sin θ n·vec R is greatest there.
+
+    Parameters
+    ----------
+    axis : (3,) array
+        Unit vector [1].
+    R : (k, 3, 3) array
+        Rotations [1].
+
+    Returns
+    -------
+    (k,) array
+        Angles in [−π, π] [rad].
     """
     cosine = np.einsum("kii->k", R) - np.einsum("i,kij,j->k", axis, R, axis)
     return np.asarray(np.arctan2(vector_of(R) @ axis, cosine))
 
 
 def turning(w: Array, w1: Array, w2: Array) -> Array:
-    """Norms (k, 3) of R', R'', R''' where ω, ω', ω'' are (k, 3): R' = ω×R and the product rule; R itself has norm 1."""
+    """Return the norms of R', R'', R''' by R' = ω×R and the product rule; R itself has norm 1.
+
+    Parameters
+    ----------
+    w, w1, w2 : (k, 3) array
+        Angular velocity per unit of s, and its first two derivatives [rad/m, rad/m², rad/m³].
+
+    Returns
+    -------
+    (k, 3) array
+        Spectral norms [1/m, 1/m², 1/m³].
+    """
     A, A1, A2 = (_crossing(v) for v in (w, w1, w2))
     second = A1 + A @ A
     third = A2 + 2.0 * A1 @ A + A @ A1 + A @ A @ A

@@ -14,16 +14,16 @@ from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.paths._nearest import TURN
+from planners.paths._nearest import TURN_WEIGHT
 from planners.paths._rotation import poses, shortest_turn, turned
 from planners.paths.base import Path, fields
 
 SAME_PLACE = 1e-9
-"""Nearer to each other than this [m], two points give no direction."""
+"""Points nearer to each other than this [m] are one point, as far as arms of metres can tell, and give no direction."""
 DEGENERATE = 1e-6
-"""Sides shorter than this part of the longest, and turns by less than this angle [rad], are measuring noise."""
+"""Sides shorter than this share of the longest, and turns by less than this angle [rad], are measuring noise."""
 MOST_TURNS = 10
-"""More is an angle in degrees."""
+"""Largest angle of an arc, in turns: a larger one was most likely given in degrees."""
 
 
 class Circle(NamedTuple):
@@ -57,19 +57,24 @@ class Arc(Path):
 
     @classmethod
     def through(cls, start: ArrayLike, via: ArrayLike, goal: ArrayLike) -> Self:
-        """From start to goal through a point between; the rotation goes the shortest way from start to goal.
+        """Build the arc from start to goal through a point; the rotation is the shortest one from start to goal.
 
         Parameters
         ----------
         start, goal : (4, 4) array
-            T_base_tool at both ends.
+            T_base_tool at both ends [m].
         via : (3,) or (4, 4) array
             A point [m] on the arc; of a pose, only the position counts.
+
+        Returns
+        -------
+        Arc
+            The arc.
 
         Raises
         ------
         InvalidInput
-            No pose or point, two of the three at one place, all three on a straight line, a half turn.
+            No pose or point, two equal points, three points on a straight line, or a half turn.
         """
         first, last = (se3.nearest_pose(se3.check_pose(T, n)).copy() for T, n in ((start, "start"), (goal, "goal")))
         point = se3.check_pose(via, "via")[:3, 3] if np.shape(via) == (4, 4) else _vector(via, "via", "a point [m]")
@@ -81,21 +86,26 @@ class Arc(Path):
     def about(
         cls, start: ArrayLike, centre: ArrayLike, axis: ArrayLike, angle: float, *, orientation: ArrayLike = "fixed"
     ) -> Self:
-        """From start about an axis, by an angle that may be several turns.
+        """Build the arc from start about an axis, by an angle that may be several turns.
 
         Parameters
         ----------
         start : (4, 4) array
-            T_base_tool at s = 0.
+            T_base_tool at s = 0 [m].
         centre : (3,) array
             A point [m] on the axis.
         axis : (3,) array
-            Direction of the axis, of any length; the arc turns about it by the right hand.
+            Direction of the axis, of any length [1]; the arc turns about it by the right hand.
         angle : float
-            [rad], negative for the other way round, at most 10 turns.
+            Angle [rad], negative for the other direction, at most 10 turns.
         orientation : str or (3, 3) array
             ``"fixed"``: the tool keeps its orientation. ``"arc"``: it turns with the arc, as if held by the axis. A
-            rotation matrix: that of the goal, reached the shortest way from the start's.
+            rotation matrix [1]: that of the goal, reached by the shortest rotation from the start's.
+
+        Returns
+        -------
+        Arc
+            The arc.
 
         Raises
         ------
@@ -148,7 +158,7 @@ class Arc(Path):
         return out
 
     def _nearest(self, poses: Array) -> Array:
-        """Closed form: by position; of places that it does not tell apart, the one whose rotation is nearest, or the first."""
+        """Closed form: by position; of places at equal distance the one with the nearest rotation, or the first."""
         along, inward, r, angle = self.circle
         offset = poses[:, :3, 3] - self.start[:3, 3]
         a, b = offset @ along, offset @ inward
@@ -156,13 +166,13 @@ class Arc(Path):
         first[first > 2.0 * pi - 1e-12] = 0.0
         turns = first + 2.0 * pi * np.arange(ceil(angle / (2.0 * pi)))[:, None]
         theta = np.concatenate([np.minimum(turns, angle), np.tile([[0.0], [angle]], len(poses))])
-        # half the squared distance, less what all places share
+        # half the squared distance, without the terms that do not depend on the place
         cost = 2.0 * r * np.sin(0.5 * theta) ** 2 * (r - b) - r * np.sin(theta) * a
         if self._w.any():
             R = turned(self.start[:3, :3], self._w, r * theta.ravel()).reshape(*theta.shape, 3, 3)
-            cost -= 0.5 * TURN**2 * np.einsum("tkij,kij->tk", R, poses[:, :3, :3])
+            cost -= 0.5 * TURN_WEIGHT**2 * np.einsum("tkij,kij->tk", R, poses[:, :3, :3])
         cost[: len(turns)][turns > angle] = np.inf
-        # the ends come last: rounding in the cost shall not draw a place near an end to it
+        # the ends come last, so that rounding in the cost does not move a place near an end onto it
         rounding = 1e-14 * ((r * min(angle, 2.0)) ** 2 + np.einsum("ki,ki->k", offset, offset))
         chosen = np.argmax(cost <= cost.min(axis=0) + rounding, axis=0)
         return np.asarray(r * theta[chosen, np.arange(len(poses))])
@@ -178,7 +188,25 @@ class Arc(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """The arc that `to_dict` wrote."""
+        """Return the arc that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data.
+        robot : Robot, optional
+            Not needed.
+
+        Returns
+        -------
+        Arc
+            With the same poses to the last bit.
+
+        Raises
+        ------
+        InvalidInput
+            Data that describe no arc.
+        """
         if isinstance(data, Mapping) and "via" in data:
             return cls.through(*fields(data, cls.name, "start", "via", "goal"))
         *given, orientation = fields(data, cls.name, "start", "centre", "axis", "angle", "orientation")
@@ -201,7 +229,7 @@ def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
         raise InvalidInput(
             "via",
             f"three points on a straight line (within {DEGENERATE:g} rad)",
-            "a point off the line from start to goal; for the straight way take Line",
+            "a point off the line from start to goal; for a straight path take Line",
         )
     normal /= area
     chord /= sides[2]

@@ -1,4 +1,4 @@
-"""What every path is: poses of the tool along s, their twists, and bounds on how fast they change."""
+"""Base class of the paths: poses of the tool along s, their twists, and bounds on their derivatives."""
 
 from __future__ import annotations
 
@@ -18,19 +18,85 @@ from planners.paths._nearest import nearest_places
 
 
 class Path(Curve):
-    """A curve of tool poses T_base_tool over s: metres, or radians where the tool only turns.
+    """A curve of tool poses T_base_tool over s, in metres, or in radians where the tool only turns.
 
     ``path(s)`` is the pose (4, 4); ``path(s, 1)`` the twist (v, ω) per unit of s in the base frame, ``path(s, 2)`` and
-    ``path(s, 3)`` its derivatives, all (6,). A path is a subclass in a file of its own that names itself ``METHOD``.
+    ``path(s, 3)`` its derivatives, all (6,). All of them are continuous.
+
+    A path is one module with a subclass of `Path` and the line ``METHOD = <the class>``. The subclass needs
+
+    - ``name``, the name of the module;
+    - ``end``, the length of the path;
+    - ``_evaluate(x, order)`` for places x (k,) in [0, end]: poses (k, 4, 4) for order 0, twists (k, 6) and their first and
+      second derivatives for orders 1 to 3;
+    - ``derivative_bounds``, which must hold, since certificates rest on them;
+    - ``to_dict`` and ``from_dict``, plain data for files and back.
+
+    ``breaks`` and ``piece_bounds`` are for paths of several pieces, ``turns_only`` and ``unit = "rad"`` for those
+    whose tool only turns, ``_nearest`` for those with a closed form of it. A whole path, in a file ``wave.py``::
+
+        import numpy as np
+
+        from planners.paths.base import Path, fields
+
+
+        class Wave(Path):
+            name = "wave"
+
+            def __init__(self, start, length, height):
+                self.start, self.length, self.height = np.array(start), float(length), float(height)
+                self.k = 2.0 * np.pi / self.length
+
+            @property
+            def end(self):
+                return self.length
+
+            def _evaluate(self, x, order):
+                rise = self.height * self.k**order * np.sin(self.k * x + 0.5 * np.pi * order)
+                if order:
+                    twist = np.zeros((x.size, 6))
+                    twist[:, 0], twist[:, 2] = order == 1, rise
+                    return twist
+                pose = np.tile(self.start, (x.size, 1, 1))
+                pose[:, 0, 3] += x
+                pose[:, 2, 3] += rise
+                return pose
+
+            def derivative_bounds(self):
+                position = abs(self.height) * self.k ** np.arange(1, 5)
+                position[0] = np.hypot(1.0, position[0])
+                return np.stack([position, np.zeros(4)])
+
+            def to_dict(self):
+                return {
+                    "path": self.name, "start": self.start.tolist(), "length": self.length, "height": self.height
+                }
+
+            @classmethod
+            def from_dict(cls, data, robot=None):
+                return cls(*fields(data, cls.name, "start", "length", "height"))
+
+
+        METHOD = Wave
+
+    Attributes
+    ----------
+    name : str
+        Name of the path's module, which files record.
+    unit : {"m", "rad"}
+        Unit of s.
+    turns_only : bool
+        Whether s counts the tool's rotation [rad], because its point does not move.
     """
 
     parameter = "s"
     unit = "m"
+    turns_only = False
     name: ClassVar[str]
 
     @property
     def breaks(self) -> Array:
-        """Places (k,) between which the path is smooth, both ends included; twists may jump in ``path(s, 3)`` there."""
+        """Places (k,) between which the path is smooth, both ends included; ``path(s, 3)`` is continuous there, too."""
         return np.array([0.0, self.end])
 
     @abstractmethod
@@ -41,30 +107,43 @@ class Path(Curve):
         """
 
     def piece_bounds(self) -> Array:
-        """`derivative_bounds` of each piece between two breaks, (k − 1, 2, 4); a sharp corner is felt only there."""
+        """Bounds (k − 1, 2, 4) as `derivative_bounds`, one for each piece between two breaks."""
         return np.tile(self.derivative_bounds(), (self.breaks.size - 1, 1, 1))
 
     def places(self, count: int, per_piece: int) -> Array:
-        """Places (k,) from 0 to the end: `count` equal intervals, and `per_piece` equal ones between any two breaks."""
+        """Return places along the path: equal intervals of the whole, and of each piece.
+
+        Parameters
+        ----------
+        count : int
+            Number of equal intervals of the whole path.
+        per_piece : int
+            Number of equal intervals between any two breaks.
+
+        Returns
+        -------
+        (k,) array
+            Increasing places from 0 to the end [m, or rad].
+        """
         breaks, u = self.breaks, np.arange(per_piece) / per_piece
         within = breaks[:-1, None] + np.diff(breaks)[:, None] * u
         s = np.union1d(np.linspace(0.0, self.end, count + 1), within.ravel())
         return np.asarray(s[np.append(np.diff(s) > 1e-9 * self.end, True)])  # equal but for rounding is equal
 
     def nearest(self, poses: ArrayLike) -> Array:
-        """Where on the path the poses are nearest to it.
+        """Project poses onto the path.
 
-        Nearest by position; where the position does not tell places apart (the tool only turns), by rotation.
+        By position; where the position does not tell places apart (the tool only turns), by rotation.
 
         Parameters
         ----------
         poses : (k, 4, 4) array
-            T_base_tool.
+            T_base_tool [m].
 
         Returns
         -------
         (k,) array
-            Places in [0, end].
+            Places in [0, end] [m, or rad].
 
         Raises
         ------
@@ -79,48 +158,126 @@ class Path(Curve):
         return self._nearest(T) if self.end and len(T) else np.zeros(len(T))
 
     def _nearest(self, poses: Array) -> Array:
-        """Places (k,) of checked poses on a path with a length: by search; a path with a closed form has its own."""
+        """Places (k,) nearest to checked poses on a path with a length; overridden by paths with a closed form."""
         return nearest_places(self, poses)
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array | None:
-        """Configurations (k, n) at s or their derivatives, for a path that is given in the joints; None for all others."""
+        """Return configurations at s, or their derivatives, of a path that is given in joint space.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        s : (k,) array
+            Places [m, or rad].
+        order : int
+            0 for configurations, 1 to 3 for their derivatives.
+
+        Returns
+        -------
+        (k, n) array or None
+            Configurations [rad, m] or derivatives per unit of s; None for a Cartesian path.
+        """
         return None
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files: ``path`` is the name of the path's file. Read back, the poses are the same to the last bit."""
+        """Plain data for files: ``path`` is the path's name. Read back, the poses are the same to the last bit."""
 
     @classmethod
     @abstractmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """The path that `to_dict` wrote; a path in the joints needs the arm.
+        """Return the path that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data.
+        robot : Robot, optional
+            The arm; a path in joint space needs it.
+
+        Returns
+        -------
+        Path
+            With the same poses to the last bit.
 
         Raises
         ------
         InvalidInput
-            Data that describe no such path, no arm where one is needed.
+            Data that describe no such path, or no arm where one is needed.
         """
 
     def pose(self, s: ArrayLike) -> Array:
-        """Poses at s: (4, 4) for a scalar, (k, 4, 4) for an array."""
+        """Return poses at s.
+
+        Parameters
+        ----------
+        s : float or (k,) array
+            Places [m, or rad].
+
+        Returns
+        -------
+        (4, 4) or (k, 4, 4) array
+            T_base_tool [m].
+        """
         return self(s)
 
     def twist(self, s: ArrayLike, order: int = 1) -> Array:
-        """Twists (v, ω) per unit of s in the base frame, or their derivatives (order 2, 3)."""
+        """Return twists (v, ω) in the base frame, or their derivatives.
+
+        Parameters
+        ----------
+        s : float or (k,) array
+            Places [m, or rad].
+        order : int
+            1 for the twist, 2 and 3 for its first and second derivative.
+
+        Returns
+        -------
+        (6,) or (k, 6) array
+            Per unit of s [1, rad/m].
+        """
         return self(s, order)
 
     def frames(self, s: Array) -> tuple[Array, Array]:
-        """Poses (k, 4, 4) and twists (k, 6) at places inside the path, unchecked: for inner loops."""
+        """Return poses and twists without checking s, for inner loops.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Places in [0, end] [m, or rad].
+
+        Returns
+        -------
+        poses : (k, 4, 4) array
+            T_base_tool [m].
+        twists : (k, 6) array
+            Per unit of s [1, rad/m].
+        """
         return self._evaluate(s, 0), self._evaluate(s, 1)
 
 
 def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:
     """Return the named fields of a path's plain data.
 
+    Parameters
+    ----------
+    data : mapping
+        What `Path.to_dict` wrote.
+    path : str
+        Name of the path.
+    *names : str
+        Keys that are needed.
+
+    Returns
+    -------
+    tuple
+        Their values, in that order.
+
     Raises
     ------
     InvalidInput
-        No mapping, the data of another path, or a field that is missing.
+        No mapping, the data of another path, or a missing field.
     """
     if not isinstance(data, Mapping) or data.get("path", path) != path:
         raise InvalidInput("data", repr(data)[:60], f"what to_dict of a {path} wrote")

@@ -1,4 +1,4 @@
-"""Point to point in joint space: all joints at constant rates, the way to where a Cartesian path begins."""
+"""Straight line in joint space: all joints at constant rates, as to the start of a Cartesian path."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from planners.curve import Curve
 from planners.paths._rotation import turning
 from planners.paths.base import Path, fields
 
-SAMPLES = 32
-"""For the bounds: in a radian or metre, and at least."""
+BOUND_SAMPLES = 32
+"""Least number of samples for the bounds on derivatives, and their number in a radian or metre. Between samples a bound grows
+by half their distance times the bound of the next derivative."""
 
 
 class _Joints(Curve):
@@ -42,7 +43,7 @@ class _Joints(Curve):
 
 
 class JointLine(Path):
-    """From one configuration to another; s is the length of the way in joint space [rad; m if only sliding joints move].
+    """Straight line between configurations; s is its length in joint space [rad; m if only sliding joints move].
 
     q(s) = q_start + s q' with a constant q' of length 1, in which a radian counts as much as a metre; `configurations`
     gives it. The tool goes where the joints take it: poses and twists are exact, by forward kinematics. Equal
@@ -76,27 +77,32 @@ class JointLine(Path):
 
     @classmethod
     def to_pose(cls, robot: Robot, q_start: ArrayLike, pose: ArrayLike, *, solver: str = "lm", **options: Any) -> Self:
-        """From a configuration to one whose tool has a pose, found by an IK method from the start.
+        """Build the line from a configuration to one that meets a pose, found by an IK method from the start.
 
         Parameters
         ----------
         robot : Robot
             The arm.
         q_start : (n,) array
-            Configuration inside the limits.
+            Configuration inside the limits [rad, m].
         pose : (4, 4) array
-            T_base_tool at the goal.
+            T_base_tool at the goal [m].
         solver : str
             A name from `optik.ik.solvers`.
         **options
-            Of that method.
+            Options of that method.
+
+        Returns
+        -------
+        JointLine
+            The path.
 
         Raises
         ------
         NoSolution
             The method found no configuration; with its status and error.
         InvalidInput
-            An argument that cannot be meant.
+            An invalid argument.
         UnknownName
             No such method.
         """
@@ -113,7 +119,7 @@ class JointLine(Path):
             )
         exact = np.ascontiguousarray(result.q[None]).copy()
         kinematics.polish_batch(robot.chain, exact, target[None], 6)
-        # an arm that is singular there may be sent far away by the last step of rounding
+        # at a singular configuration, rounding in the last Newton step may move the joints far
         near = np.abs(exact[0] - result.q).max() <= 1e-3 and bool(robot.limits.contains(exact[0]))
         return cls(robot, q, robot.limits.clip(exact[0]) if near else result.q)
 
@@ -123,7 +129,21 @@ class JointLine(Path):
         return self._joints.end
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
-        """Configurations at s, (n,) for a scalar or (k, n), or their derivatives: q' is constant.
+        """Return configurations at s, or their derivatives: q' is constant.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm that this path was made for.
+        s : float or (k,) array
+            Places [rad, or m].
+        order : int
+            0 for configurations, 1 to 3 for their derivatives.
+
+        Returns
+        -------
+        (n,) or (k, n) array
+            Configurations [rad, m], or derivatives per unit of s.
 
         Raises
         ------
@@ -151,11 +171,9 @@ class JointLine(Path):
         return twists
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4): what samples show, and what it may grow to between them.
-
-        The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance of
-        the samples times the bound above it.
-        """
+        """Bounds (2, 4): the largest sample, plus what the bound above allows between samples."""
+        # The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance
+        # of the samples times the bound above it.
         return self._bounds.copy()
 
     @cached_property
@@ -163,7 +181,7 @@ class JointLine(Path):
         bounds = self._by_reach()
         if not self.end:
             return bounds
-        cells = int(np.clip(np.ceil(SAMPLES * self.end), SAMPLES, 64 * SAMPLES))
+        cells = int(np.clip(np.ceil(BOUND_SAMPLES * self.end), BOUND_SAMPLES, 64 * BOUND_SAMPLES))
         twists = self._twists(self._joints(np.linspace(0.0, self.end, cells + 1)))
         sampled = np.stack([
             np.linalg.norm(twists[:, :, :3], axis=2).max(axis=0),
@@ -175,11 +193,10 @@ class JointLine(Path):
         return bounds
 
     def _by_reach(self) -> Array:
-        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it.
-
-        A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
-        since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'| Wᵏ⁻¹.
-        """
+        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it."""
+        # A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
+        # since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'|
+        # Wᵏ⁻¹.
         robot, rate = self.robot, np.abs(self._joints.rate)
         W = np.concatenate([[0.0], np.cumsum(np.where(robot.prismatic, 0.0, rate))])  # before joint i
         links = np.concatenate([robot.fixed, robot.tool[None]])[:, :3, 3]
@@ -201,7 +218,19 @@ class JointLine(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """The path that `to_dict` wrote, for the arm that it was made for.
+        """Return the path that `to_dict` wrote, for the arm that it was made for.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data.
+        robot : Robot
+            That arm.
+
+        Returns
+        -------
+        JointLine
+            With the same poses to the last bit.
 
         Raises
         ------

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.paths._rotation import NO_MOTION, angle_about, poses, shortest_turn, turned
+from planners.paths._rotation import NO_LENGTH, angle_about, poses, shortest_turn, turned
 from planners.paths.base import Path, fields
 
 
 class Line(Path):
-    """From one pose to another; s is the distance travelled [m], or the angle turned [rad] where the tool only turns.
+    """Straight line from one pose to another; s is the distance [m], or the angle [rad] where the tool only turns.
 
     The paper's eq. 14 without its misprints: T(s) = [exp(s ω) R₀, P₀ + s v; 0 1]. The paper's own line keeps its
     orientation; any other goal is turned to about one fixed axis, the shortest way. Equal poses make a line of length
@@ -30,7 +30,7 @@ class Line(Path):
     Raises
     ------
     InvalidInput
-        An argument that is no pose, or a turn within 1e-6 rad of 180°, to which no shortest way exists.
+        An argument that is no pose, or a turn within 1e-6 rad of 180°, whose direction is not determined.
     """
 
     name: ClassVar[str] = "line"
@@ -40,11 +40,11 @@ class Line(Path):
         self.goal = se3.nearest_pose(se3.check_pose(goal, "goal")).copy()
         e = np.concatenate([self.goal[:3, 3] - self.start[:3, 3], shortest_turn(self.start, self.goal, "goal")])
         chord, angle = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
-        # a chord of rounding beside a real turn is no length to count in
-        self.turns_only = chord <= NO_MOTION or (chord <= 1e-6 and angle > chord)
+        # where a turn is much larger than the chord, s in metres would be dominated by round-off
+        self.turns_only = chord <= NO_LENGTH or (chord <= 1e-6 and angle > chord)
         self.unit = "rad" if self.turns_only else "m"
         length = angle if self.turns_only else chord
-        self._end = length if length > NO_MOTION else 0.0
+        self._end = length if length > NO_LENGTH else 0.0
         self._twist: Array = e / self._end if self._end else np.zeros(6)
 
     @property
@@ -62,7 +62,7 @@ class Line(Path):
 
     def _nearest(self, poses: Array) -> Array:
         """Closed form: by position, or by rotation where it only turns."""
-        # seen from the middle, no place on the line is a half turn away, where the angle changes sign
+        # measured from the middle, all angles are below a half turn, where they would change sign
         middle = 0.5 * self._end
         T = self.pose(middle)
         if self.turns_only:
@@ -84,7 +84,25 @@ class Line(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """The line that `to_dict` wrote."""
+        """Return the line that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data.
+        robot : Robot, optional
+            Not needed.
+
+        Returns
+        -------
+        Line
+            With the same poses to the last bit.
+
+        Raises
+        ------
+        InvalidInput
+            Data that describe no line.
+        """
         return cls(*fields(data, cls.name, "start", "goal"))
 
 

@@ -6,39 +6,37 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Flags, Indices
 from planners.paths._rotation import poses, shortest_turn
 from planners.paths.base import Path, fields
 
-Indices = NDArray[np.int64]
-
 METRES_PER_RADIAN = 0.1
-"""Length [m] that a turn of 1 rad counts for, where a segment turns more than it moves: that of a hand's tool."""
+"""Length [m] that a rotation by 1 rad counts for, where a segment turns more than it moves: that of a gripper."""
 SAME_POSE = 1e-9
-"""Waypoints nearer than this [m and rad] to the one before are the same pose to any arm."""
+"""Waypoints nearer than this [m and rad] to the one before are the same pose for any arm."""
 MERGED, SMALLEST = 0.25, np.array([1e-4, 1e-3])
 """A waypoint is merged with the one before where it is nearer than this share of its tolerance, and nearer than 0.1 mm and
-1 mrad, which is what arms repeat to: a corner between would be far sharper than was asked for, and all but stop the tool."""
+1 mrad, the repeatability of arms: a corner between them would be far sharper than was asked for and nearly stop the tool."""
 RETURN = 1e-4
-"""A corner whose directions add to less turns back (0.006° from a reversal)."""
+"""Largest sum of the two directions of a corner that returns the way it came: within 0.006° of a reversal."""
 MIDDLE = 5.0 / 64.0
 """∫f over half a corner: at its middle the path is 2h·5/64·|d₂ − d₁| from the waypoint."""
 
 
 class Pieces(NamedTuple):
-    """What the path is between two breaks, m pieces; a straight one is the corner's formula with nothing before it.
+    """The m pieces between breaks; a straight one is a corner without a segment before it.
 
-    p = base + d₂ b − d₁ a and R = exp(w₂ b) exp(−w₁ a) R_base, where a is what is left of the segment before the
-    waypoint, and b what is done of the one behind it.
+    p = base + d₂ b − d₁ a and R = exp(w₂ b) exp(−w₁ a) R_base, where a is the remaining part of the segment before
+    the waypoint, and b the completed part of the one after it.
     """
 
-    corner: NDArray[np.bool_]
+    corner: Flags
     begin: Array
     width: Array
     position: Array
@@ -50,31 +48,32 @@ class Pieces(NamedTuple):
 
 
 class Polyline(Path):
-    """Through poses by straight segments; near each waypoint one segment fades into the next.
+    """Straight segments through poses; near each waypoint one segment is blended into the next.
 
     s counts a segment as long as its chord [m], or as 0.1 m per rad where it turns more than that; in radians where the
     whole path only turns. Along a segment of length L everything is at constant rate: dp/ds = d, ω = w. Around a
     waypoint, over 2h in s, the rate of the one segment goes down from 1 to 0 as 1 − f(u) and that of the next one up as
-    f(u) = 10u³ − 15u⁴ + 6u⁵: both motions are added, p by p, turn after turn. So position, rotation and twist have
-    continuous derivatives up to the third of the pose, and |dp/ds| ≤ 1.
+    f(u) = 10u³ − 15u⁴ + 6u⁵: positions of both motions are added, rotations composed. So the pose has continuous
+    derivatives up to the third, and |dp/ds| ≤ 1.
 
-    The tolerance holds both ways. At u the path is at most min(F(u), F(1 − u))·2h·|d₂ − d₁| ≤ 2h·5/64·|d₂ − d₁| from a
-    place of the sharp polyline (F = ∫f), which runs over all places of the sharp corner as u goes from 0 to 1, and is
-    turned against it by at most 2h·5/64·|w₂ − w₁| (the exponential map of SO(3) does not stretch). h is the largest
-    that keeps both within the tolerance, and at most half of either segment. Waypoints that nearly repeat one before are
-    merged with it first, well within their tolerance, so that none of them all but stops the tool.
+    The tolerance bounds the distance from the path to the sharp polyline and from the polyline to the path. At u the path is
+    at most min(F(u), F(1 − u))·2h·|d₂ − d₁| ≤ 2h·5/64·|d₂ − d₁| from a place of the sharp polyline (F = ∫f), which runs over
+    all places of the sharp corner as u goes from 0 to 1, and is turned against it by at most 2h·5/64·|w₂ − w₁| (the
+    exponential map of SO(3) does not stretch). h is the largest that keeps both within the tolerance, and at most half of
+    either segment. Waypoints that nearly repeat one before are merged with it first, well within their tolerance, since a
+    corner between them would nearly stop the tool.
 
-    A path that returns the way it came has no smooth corner there, whatever the tolerance: the tool has to stop, and it is
-    refused.
+    A path that returns the way it came has no smooth corner there at any tolerance, since the tool has to stop: it raises
+    InvalidInput.
 
     Parameters
     ----------
     waypoints : (k, 4, 4) array
         T_base_tool, at least two that differ. Turns from one to the next go the shortest way.
     blend : float or (k − 2,) array
-        How far the path may pass by each inner waypoint [m].
+        Largest distance of the path from each inner waypoint [m].
     blend_rotation : float or (k − 2,) array
-        And how far it may be turned against the sharp polyline there [rad].
+        Largest rotation of the path against the sharp polyline there [rad].
 
     Attributes
     ----------
@@ -107,7 +106,7 @@ class Polyline(Path):
         turns = np.stack([shortest_turn(a, b, f"waypoints[{i}]") for a, b, i in pairs])
         moved, turned = np.linalg.norm(chords, axis=1), np.linalg.norm(turns, axis=1)
         only_turns = bool(moved.sum() <= 1e-6 and moved.sum() < turned.sum())  # as `Line`
-        self.unit = "rad" if only_turns else "m"
+        self.turns_only, self.unit = only_turns, "rad" if only_turns else "m"
         length = np.maximum(moved, turned if only_turns else METRES_PER_RADIAN * turned)
         ends = np.cumsum(length)
         self._end = float(ends[-1])
@@ -168,7 +167,7 @@ class Polyline(Path):
         out[at, :3] = (d1 + f * (d2 - d1), f1 * (d2 - d1), f2 * (d2 - d1))[order - 1]
         if not self._turns:
             return out
-        # ω = f w₂ + (1 − f) y, where y = exp(w₂ b) w₁ turns with the segment behind: y' = f w₂×y
+        # ω = f w₂ + (1 − f) y, where y = exp(w₂ b) w₁ turns with the segment after the waypoint: y' = f w₂×y
         y = np.einsum("kij,kj->ki", se3.exp_so3(width * _risen(u) * w2), w1)
         if order == 1:
             out[at, 3:] = f * w2 + (1.0 - f) * y
@@ -182,11 +181,9 @@ class Polyline(Path):
         return out
 
     def piece_bounds(self) -> Array:
-        """Bounds (pieces, 2, 4) on the derivatives of position and rotation.
-
-        With |w₂ − exp(w₂ b) w₁| = |w₂ − w₁| and |w₂ × exp(w₂ b) w₁| = |w₂ × w₁| the derivatives of ω are bounded term by
-        term, those of R by the Bell polynomials of the bounds on |ω|, |ω'|, |ω''|, |ω'''|.
-        """
+        """Bounds (pieces, 2, 4) on the derivatives of position and rotation."""
+        # With |w₂ − exp(w₂ b) w₁| = |w₂ − w₁| and |w₂ × exp(w₂ b) w₁| = |w₂ × w₁| the derivatives of ω are bounded term
+        # by term, those of R by the Bell polynomials of the bounds on |ω|, |ω'|, |ω''|, |ω'''|.
         c = self._pieces
         rate = np.where(c.corner, 1.0 / c.width, 0.0)
         f1, f2, f3 = 1.875 * rate, 10.0 / np.sqrt(3.0) * rate**2, 60.0 * rate**3  # the greatest |f'|, |f''|, |f'''|
@@ -219,13 +216,31 @@ class Polyline(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """The polyline that `to_dict` wrote."""
+        """Return the polyline that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data.
+        robot : Robot, optional
+            Not needed.
+
+        Returns
+        -------
+        Polyline
+            With the same poses to the last bit.
+
+        Raises
+        ------
+        InvalidInput
+            Data that describe no polyline.
+        """
         waypoints, blend, rotation = fields(data, cls.name, "waypoints", "blend", "blend_rotation")
         return cls(waypoints, blend=blend, blend_rotation=rotation)
 
 
 def _risen(u: Array) -> Array:
-    """F(u) = ∫f from 0 to u: how far a segment has come when its rate has risen to f(u), over 2h."""
+    """F(u) = ∫f from 0 to u: the length that a segment has covered when its rate is f(u), over 2h."""
     return u * u * u * u * (2.5 + u * (u - 3.0))
 
 
@@ -254,11 +269,10 @@ def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
 
 
 def _merged(waypoints: Array, blend: Array, blend_rotation: Array) -> tuple[list[int], Array]:
-    """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use.
-
-    An inner waypoint near the last one kept is merged with it, and near the end with that. So every waypoint that is left
-    out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses what remains.
-    """
+    """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use."""
+    # An inner waypoint near the last one kept is merged with it; those near the end are merged with the end. So every
+    # waypoint left out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses the
+    # rest.
     last = len(waypoints) - 1
     room = np.vstack([np.full(2, np.inf), np.stack([blend, blend_rotation], axis=1), np.full(2, np.inf)])
     near = np.clip(MERGED * room, SAME_POSE, SMALLEST)
@@ -282,7 +296,7 @@ def _within(a: Array, b: Array, near: Array) -> bool:
 
 
 def _refuse_returns(d: Array, w: Array, kept: list[int]) -> None:
-    """Refuse a corner in whose middle neither position nor rotation would go on: half of d₁ + d₂ and w₁ + w₂ remain there."""
+    """Raise InvalidInput at a corner in whose middle the tool would stop: its velocity there is half of d₁ + d₂ and w₁ + w₂."""
     left = [np.linalg.norm(x[1:] + x[:-1], axis=1) for x in (d, METRES_PER_RADIAN * w)]
     back = np.flatnonzero(np.maximum(*left) < RETURN)
     if back.size:
@@ -304,7 +318,7 @@ def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend
 
 
 def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: Array) -> Pieces:
-    """Segments and corners in turn; a segment that its corners use up has no piece of its own."""
+    """Segments and corners alternately; a segment that its corners cover wholly has no piece."""
     d, w = chords / length[:, None], turns / length[:, None]
     starts = np.concatenate([[0.0], np.cumsum(length)[:-1]])
     left = _left(length, half)
@@ -320,14 +334,14 @@ def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: 
     return Pieces(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _left(length: Array, half: Array) -> NDArray[np.bool_]:
+def _left(length: Array, half: Array) -> Flags:
     """Which segments (m,) have a straight part between their corners."""
     taken = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
     return np.asarray(length - taken > 1e-12 * length)
 
 
 def _begins(pieces: Pieces, length: Array, half: Array) -> Array:
-    """Where in s each piece begins; those of corners as they are, those of straight parts at the end of the corner before."""
+    """Where in s each piece begins: a straight one at the end of the corner before it."""
     after = np.concatenate([[0.0], np.cumsum(length)[:-1] + half])
     straight = ~pieces.corner
     begin = pieces.begin.copy()

@@ -143,7 +143,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     """
     path, end = joint_path.path, joint_path.end
     s = path.places(CELLS, PER_PIECE)
-    turning = getattr(path, "turns_only", False) or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
+    turning = path.turns_only or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
     while True:
         c, c1, c2 = _rates(joint_path, s, turning)
         if c.min() <= 1e-6 * c.max():

@@ -7,7 +7,7 @@ import pytest
 
 import optik
 from benchmarks.problems.base import start_of
-from benchmarks.problems.hard import draw, hard, put_at_zero, put_on_limits, singular
+from benchmarks.problems.hard import hard, put_at_zero, put_on_limits, singular
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
 from tests import oracles
@@ -48,11 +48,11 @@ def test_arms_with_seven_joints_have_singular_targets_too() -> None:
 
 def test_joints_are_put_on_their_limits_and_at_zero() -> None:
     robot, rng = optik.load("paper6r"), np.random.default_rng(4)
-    q = put_on_limits(robot, rng, draw(robot, rng, 50), but=4)
+    q = put_on_limits(robot, rng, robot.limits.draw(rng, 50), but=4)
     on = (q == robot.limits.lower) | (q == robot.limits.upper)
     assert on.any(axis=1).all()
     assert not on[:, 4].any()
-    zeros = put_at_zero(robot, rng, draw(robot, rng, 50)) == 0.0
+    zeros = put_at_zero(robot, rng, robot.limits.draw(rng, 50)) == 0.0
     assert zeros.any(axis=1).all()
     assert zeros[0].all()
 

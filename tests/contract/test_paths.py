@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import sys
 from functools import cache
+from textwrap import dedent
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.registry import label, load_method
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, path_of
+from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, path_of, plan
 from tests import oracles
 from tests.contract import test_plans
 from tests.oracles import PAPER
@@ -408,3 +410,33 @@ def test_the_arm_follows_it(name: str, kind: str) -> None:
     if isinstance(path, JointLine):
         np.testing.assert_allclose(joints(s), path.configurations(paper6r(), s), rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(joints(s, 2), 0.0, rtol=0.0, atol=1e-6)
+
+
+# ---------------------------------------------------------------- a path from outside
+
+
+def test_the_path_in_the_documentation_keeps_the_contract() -> None:
+    code = inspect.getdoc(Path).split("::\n", 1)[1].split("\nAttributes\n")[0]  # type: ignore[union-attr]
+    module: dict[str, Any] = {}
+    exec(dedent(code), module)
+    path = module["METHOD"](paper6r().fk(START), 0.15, 0.02)
+    s = np.linspace(0.1, 0.9, 40) * path.end
+    for order in (1, 2, 3):
+        slope = (path(s + 1e-5, order - 1) - path(s - 1e-5, order - 1)) / 2e-5
+        np.testing.assert_allclose(path(s, order)[:, :3], slope[:, :3, 3] if order == 1 else slope[:, :3], atol=1e-4)
+    assert (
+        np.linalg.norm(np.stack([path(s, k)[:, :3] for k in (1, 2, 3)]), axis=2).max(axis=1)
+        <= path.derivative_bounds()[0, :3]
+    ).all()
+    again = module["METHOD"].from_dict(json.loads(json.dumps(path.to_dict())))
+    assert again.pose(s).tobytes() == path.pose(s).tobytes()
+    motion = plan(paper6r(), path, START)
+    assert motion.certificate.holds
+    np.testing.assert_allclose(path.nearest(path.pose(s)), s, atol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "kind"), CASES, ids=[f"{n}, {k}" for n, k in CASES])
+def test_a_path_says_whether_the_tool_only_turns(name: str, kind: str) -> None:
+    path = examples()[name][kind]
+    assert path.turns_only == (kind in ("turns", "turns only", "turns far"))
+    assert not path.turns_only or path.unit == "rad"

@@ -185,12 +185,12 @@ def bad_advice(one: Problem, result: Plan) -> list[str]:
     stop, path = result.stop, one.path
     assert stop is not None
     words = []
-    if "goes all the way" in stop.advice and "no branch" not in stop.advice:
+    if "reaches the end of the path" in stop.advice and "no branch" not in stop.advice:
         again = one.planned(branch="best")
         if (
             not goes(again) and again.status is not PlanStatus.BRANCH_JUMP
         ):  # the branch goes on, the method may still jump
-            words.append(f"branch='best' does not go all the way: {again.status}, {again.stop}")
+            words.append(f"branch='best' does not reach the end of the path: {again.status}, {again.stop}")
     # the free motion of a redundant arm is chosen for the whole path: that of a shorter one may be another
     if (
         "a path that ends before" in stop.advice

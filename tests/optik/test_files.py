@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from optik.errors import OutputError
-from optik.files import write_whole
+from optik.errors import InvalidInput, OutputError
+from optik.files import content_of, parsed, suffix_of, text_of, write_whole
 from tests.oracles import REPOSITORY
 
 
@@ -64,3 +64,51 @@ def test_a_process_that_dies_while_writing_leaves_the_old_file(tmp_path):
     done = subprocess.run([sys.executable, "-c", KILLED, str(target)], cwd=REPOSITORY, check=False)
     assert done.returncode == 9
     assert target.read_text() == "old"
+
+
+# ---------------------------------------------------------------- reading
+
+
+def test_a_file_is_read_up_to_a_size_and_no_further(tmp_path):
+    file = tmp_path / "data"
+    for size in (0, 5, 2**20 + 1):
+        file.write_bytes(b"x" * size)
+        assert content_of(file) == b"x" * size
+        assert content_of(file, most=size) == b"x" * size
+    with pytest.raises(InvalidInput, match="source: expected an arm; got more than 1 MB"):
+        content_of(file, argument="source", expected="an arm", most=2**20)
+
+
+@pytest.mark.parametrize("name", ["missing", "", "none/x", "nul\0byte"])
+def test_what_cannot_be_read_is_named(name, tmp_path):
+    with pytest.raises(InvalidInput) as caught:
+        content_of(tmp_path / name)
+    assert caught.value.argument == "file"
+    assert repr(name)[1:-1] in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["a.json", "b/A.JSON", "x.y.json"])
+def test_a_suffix_is_read_in_lower_case(name):
+    assert suffix_of(name, (".npz", ".json")) == ".json"
+
+
+@pytest.mark.parametrize("name", ["a.jso", "json", ".json", "", 3, None, b"a.json"])
+def test_another_suffix_is_refused(name):
+    with pytest.raises(InvalidInput, match=r"\.npz, \.json"):
+        suffix_of(name, (".npz", ".json"))
+
+
+def test_text_is_utf_8():
+    assert text_of("q̇ ≤ 2".encode()) == "q̇ ≤ 2"
+    with pytest.raises(InvalidInput, match="UTF-8"):
+        text_of(b"\xe9")
+
+
+@pytest.mark.parametrize("text", ["", "{", "NaN", "[-Infinity]", "[" * 100_000, "1 2"])
+def test_what_is_no_strict_json_is_refused(text):
+    with pytest.raises(InvalidInput, match="header: expected JSON"):
+        parsed(text, "header")
+
+
+def test_json_is_parsed():
+    assert parsed('{"a": [1, 2.5, null]}', "header") == {"a": [1, 2.5, None]}

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, JointLimits, Robot
-from optik.arm.limits import positive
-from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
+from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests import oracles
 
 BUILD = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
@@ -126,22 +125,6 @@ def test_base_stands_before_the_chain_and_tool_after_it():
     assert np.abs(built(arm).fk(q) - arm.base @ bare.fk(q) @ arm.tool).max() < 1e-14
 
 
-@pytest.mark.parametrize("name", optik.robots())
-def test_with_tool_replaces_the_tool_and_nothing_else(name):
-    robot = optik.load(name)
-    q = robot.limits.clip(np.linspace(-0.4, 0.5, robot.n))
-    T = oracles.pose((0.1, 0.2, 0.3), (0.0, 0.05, 0.2))
-    longer = robot.with_tool(robot.tool @ T)
-    assert np.abs(longer.fk(q) - robot.fk(q) @ T).max() < 1e-14
-    assert (longer.frames(q)[:-1] == robot.frames(q)[:-1]).all()
-    assert longer.limits is robot.limits
-    assert (longer.name, longer.joint_names, longer.source) == (robot.name, robot.joint_names, robot.source)
-    assert longer != robot
-    assert longer.with_tool(robot.tool) == robot
-    with pytest.raises(InvalidInput, match=r"^tool: "):
-        robot.with_tool(np.eye(3))
-
-
 @pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3), (0,)])
 def test_batches_have_the_shape_of_their_parts(shape):
     robot = optik.load("puma560")
@@ -165,155 +148,6 @@ def test_errors_of_many_targets_are_those_of_each():
     targets = robot.fk(oracles.configurations(oracles.table("paper6r"), 5, 2))
     expected = np.array([oracles.error(T, goal) for T, goal in zip(robot.fk(q), targets, strict=True)])
     assert np.abs(robot.errors(q, targets) - expected).max() < 1e-13
-
-
-# ---------------------------------------------------------------- the robots that come with optik
-
-
-def test_the_papers_arm_at_zero_has_its_tool_where_the_paper_puts_it():
-    T = optik.load("paper6r").fk(np.zeros(6))
-    assert np.abs(T[:3, 3] - (0.527, 0.731, 0.0)).max() < 1e-12
-    assert np.abs(T[:3, :3] - [[1, 0, 0], [0, 0, 1], [0, -1, 0]]).max() < 1e-15
-
-
-def test_the_default_line_begins_and_ends_at_the_papers_notes():
-    robot = optik.load("paper6r")
-    start, end = np.radians([[20, -35, 40, 25, 50, -30], [52.74, -34.83, 37.15, 57.57, 53.29, -29.81]])
-    T, goal = robot.fk(start), robot.fk(end)
-    assert np.abs(T[:3, 3] - (0.1640, 0.3536, 0.1496)).max() < 0.5e-4
-    # the end's angles are given to 0.01°, which is 2e-4 m at this reach
-    assert np.abs(goal[:3, 3] - T[:3, 3] - (-0.12, 0.0, 0.20)).max() < 2e-4
-    assert np.abs(robot.errors(end, T)[3:]).max() < 5e-4
-    assert robot.limits.contains(np.array([start, end])).all()
-
-
-def test_the_papers_arm_has_the_papers_ranges_and_gravity_along_plus_y():
-    robot = optik.load("paper6r")
-    assert np.abs(np.degrees(robot.limits.upper) - [180, 85, 90, 90, 90, 120]).max() < 1e-12
-    assert (robot.limits.lower == -robot.limits.upper).all()
-    assert (robot.gravity == (0, 1, 0)).all()
-    assert [set(x) for x in (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)] == [{2}, {10}, {100}]
-
-
-def test_the_papers_arm_is_singular_at_zero():
-    assert np.linalg.svd(optik.load("paper6r").jacobian(np.zeros(6)))[1][-1] < 1e-14
-
-
-@pytest.mark.parametrize("name", optik.robots())
-def test_a_robot_is_its_file(name):
-    robot, arm = optik.load(name), oracles.table(name)
-    assert robot.name == name
-    assert robot.n == arm.n
-    assert robot.source
-    assert np.abs(robot.limits.lower - arm.lower).max() < 1e-15
-    assert np.abs(robot.limits.upper - arm.upper).max() < 1e-15
-    assert abs(np.linalg.norm(robot.gravity) - 1.0) < 1e-15
-    for q in oracles.configurations(arm, 20, 3):
-        assert np.abs(robot.fk(q) - oracles.fk(arm, q)).max() < 1e-14
-
-
-def test_a_robots_speeds_are_those_of_its_data_sheet():
-    def degrees(name):
-        return np.degrees(optik.load(name).limits.velocity)
-
-    assert np.abs(degrees("ur10e") - [120, 120, 180, 180, 180, 180]).max() < 1e-12
-    assert np.abs(degrees("iiwa14") - [85, 85, 100, 75, 130, 135, 135]).max() < 1e-12
-    assert np.abs(degrees("irb910sc")[[0, 1, 3]] - [415, 659, 2400]).max() < 1e-11
-    assert optik.load("irb910sc").limits.velocity[2] == 1.02
-    panda = optik.load("panda").limits
-    assert panda.velocity.tolist() == [2.175] * 4 + [2.61] * 3
-    assert panda.acceleration.tolist() == [15, 7.5, 10, 12.5, 15, 20, 20]
-    assert panda.jerk.tolist() == [7500, 3750, 5000, 6250, 7500, 10000, 10000]
-
-
-FLANGE_X = oracles.rot_z(0.0)[:, [2, 1, 0, 3]] @ np.diag([-1.0, 1.0, 1.0, 1.0])  # x of link_6 is z of tool0
-SSIK = {
-    # name: module, before its base, after its tip, and how far its file rounds right angles
-    "ur10e": ("universal_robots.ur10e_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), np.eye(4), 2e-9),
-    "panda": ("franka.panda_ik", np.eye(4), np.eye(4), 1e-12),
-    "iiwa14": ("kuka.iiwa14_ik", np.eye(4), np.eye(4), 1e-12),
-    "irb120": ("abb.irb120_ik", np.eye(4), FLANGE_X, 1e-12),
-    "kr6": ("kuka.kr6_r900_ik", np.eye(4), FLANGE_X, 1e-12),
-    "gen3lite": ("kinova.gen3_lite_ik", np.eye(4), np.eye(4), 2e-5),
-}
-
-
-@pytest.mark.parametrize("name", SSIK)
-def test_a_robots_table_is_ssiks(name):
-    module, base, tool, tolerance = SSIK[name]
-    theirs = pytest.importorskip(f"ssik.prebuilt.{module}")
-    q = oracles.configurations(oracles.table(name), 30, 15)
-    assert np.abs(optik.load(name).fk(q) - base @ [theirs.fk(x) for x in q] @ tool).max() < tolerance
-
-
-def test_the_wx200_is_its_urdf():
-    # interbotix_xsarm_descriptions/urdf/wx200.urdf.xacro: where each joint stands in the one before, and its axis
-    steps = [
-        ((0, 0, 0.072), "z"),
-        ((0, 0, 0.03865), "y"),
-        ((0.05, 0, 0.2), "y"),
-        ((0.2, 0, 0), "y"),
-        ((0.065, 0, 0), "x"),
-    ]
-    robot = optik.load("wx200")
-    for q in oracles.configurations(oracles.table("wx200"), 20, 16):
-        T = np.eye(4)
-        for (position, axis), angle in zip(steps, q, strict=True):
-            T = T @ oracles.pose(angle * np.eye(3)["xyz".index(axis)], position)
-        assert np.abs(robot.fk(q) - T @ oracles.trans(x=0.043)).max() < 1e-15
-
-
-def test_the_scara_reaches_its_arms_lengths_and_goes_down_as_it_slides():
-    robot = optik.load("irb910sc")
-    assert robot.prismatic.tolist() == [False, False, True, False]
-    T = robot.fk([0, 0, 0, 0])
-    assert np.abs(T[:3, 3] - (0.65, 0, 0)).max() < 1e-15
-    assert np.abs(T[:3, 2] - (0, 0, -1)).max() < 1e-15  # the tool points down
-    assert np.abs(robot.fk([0, 0, 0.18, 0])[:3, 3] - (0.65, 0, -0.18)).max() < 1e-15
-    elbow = robot.fk([np.pi / 2, -np.pi / 2, 0, 0])[:3, 3]
-    assert np.abs(elbow - (0.25, 0.4, 0)).max() < 1e-15
-    assert np.abs(robot.fk([0, 0, 0, np.pi / 2])[:3, 0] - (0, -1, 0)).max() < 1e-15  # seen from above, clockwise
-
-
-def axes_of(name):
-    frames = optik.load(name).frames(np.zeros(6))[:-1]
-    return frames[:, :3, 3], frames[:, :3, 2]
-
-
-def meet(points, directions):
-    """How far three lines are from one common point: the residual of the point nearest to them."""
-    across = [np.eye(3) - np.outer(d, d) for d in directions]
-    A, b = np.vstack(across), np.concatenate([a @ p for a, p in zip(across, points, strict=True)])
-    return np.linalg.norm(A @ np.linalg.lstsq(A, b, rcond=None)[0] - b)
-
-
-def parallel(directions):
-    return max(np.linalg.norm(np.cross(directions[0], d)) for d in directions[1:]) < 1e-9
-
-
-PIEPER = {"paper6r": True, "puma560": True, "irb120": True, "kr6": True, "ur5e": True, "ur10e": True, "gen3lite": False}
-
-
-@pytest.mark.parametrize(("name", "expected"), PIEPER.items())
-def test_only_the_general_arm_has_no_three_axes_that_meet_or_are_parallel(name, expected):
-    points, directions = axes_of(name)
-    triples = [slice(i, i + 3) for i in range(4)]
-    special = [parallel(directions[t]) or meet(points[t], directions[t]) < 1e-9 for t in triples]
-    assert any(special) == expected
-    if not expected:  # nor nearly
-        assert min(meet(points[t], directions[t]) for t in triples) > 0.02
-
-
-def test_an_unknown_robot_is_answered_with_the_nearest_names():
-    with pytest.raises(UnknownName) as caught:
-        optik.load("paper6")
-    error = caught.value
-    assert error.nearest[0] == "paper6r"
-    assert error.known == optik.robots()
-    assert error.kind == "robot"
-    assert "did you mean paper6r" in str(error)
-    assert isinstance(error, LookupError)
-    assert "paper6r" not in UnknownName("robot", "zzz", ["paper6r"]).nearest
 
 
 # ---------------------------------------------------------------- identity
@@ -441,90 +275,6 @@ def test_joints_are_named_from_one_unless_named():
     assert one_joint(joint_names=["rail"]).joint_names == ("rail",)
 
 
-# ---------------------------------------------------------------- limits
-
-
-def test_contains_is_true_at_the_limits_and_a_billionth_past_and_no_further():
-    limits = JointLimits([-1, -2], [1, 2])
-    assert limits.contains([1, -2])
-    assert limits.contains([1 + 0.9e-9, -2 - 0.9e-9])
-    assert not limits.contains([1 + 1.1e-9, 0])
-    assert not limits.contains([0, -2 - 1.1e-9])
-    assert limits.contains([[0, 0], [0, 3]]).tolist() == [True, False]
-    assert not limits.contains([np.nan, 0.0])
-
-
-@given(st.lists(st.floats(-10, 10), min_size=2, max_size=2))
-def test_clip_gives_the_nearest_configuration_inside(q):
-    limits = JointLimits([-1, -np.inf], [1, 2])
-    inside = limits.clip(q)
-    assert limits.contains(inside)
-    assert inside.tolist() == [min(max(q[0], -1), 1), min(q[1], 2)]
-
-
-def test_a_locked_joint_and_a_free_one_are_limits():
-    limits = JointLimits([0.5, -np.inf], [0.5, np.inf])
-    assert limits.contains([0.5, 1e9])
-    assert not limits.contains([0.6, 0.0])
-
-
-def test_one_figure_stands_for_every_joint():
-    limits = JointLimits([-1, -1], [1, 1], velocity=2, jerk=[3, np.inf])
-    assert limits.velocity.tolist() == [2, 2]
-    assert limits.acceleration is None
-    assert limits.jerk.tolist() == [3, np.inf]
-
-
-BAD_LIMITS = {
-    "NaN below": (([np.nan, 0], [1, 1]), {}, "limits", "NaN"),
-    "NaN above": (([0, 0], [1, np.nan]), {}, "limits", "NaN"),
-    "crossed": (([0, 2], [1, 1]), {}, "limits", "joint 2"),
-    "lengths": (([0, 0], [1, 1, 1]), {}, "limits", "length"),
-    "none": (([], []), {}, "limits", "n ≥ 1"),
-    "scalars": ((0, 1), {}, "limits", "length"),
-    "tables": (([[0, 0]], [[1, 1]]), {}, "limits", "length"),
-    **{
-        f"{name} {label}": (([0, 0], [1, 1]), {name: value}, name, word)
-        for name in ("velocity", "acceleration", "jerk")
-        for label, value, word in (
-            ("zero", 0.0, "above 0"),
-            ("negative", [1, -1], "above 0"),
-            ("NaN", [1, np.nan], "above 0"),
-            ("minus infinity", -np.inf, "above 0"),
-            ("too long", [1, 1, 1], "2 of them"),
-            ("a table", [[1, 1]], "2 of them"),
-            ("a word", "fast", "2 of them"),
-        )
-    },
-}
-
-
-@pytest.mark.parametrize(("limits", "options", "argument", "word"), BAD_LIMITS.values(), ids=BAD_LIMITS.keys())
-def test_limits_that_cannot_be_meant_are_refused_by_name(limits, options, argument, word):
-    with pytest.raises(InvalidInput) as caught:
-        JointLimits(*limits, **options)
-    assert caught.value.argument == argument
-    assert word in str(caught.value)
-
-
-def test_pickled_limits_come_back_the_same():
-    limits = JointLimits([-1, -2], [1, np.inf], velocity=[1, 2])
-    back = pickle.loads(pickle.dumps(limits))
-    assert (back.lower == limits.lower).all()
-    assert (back.upper == limits.upper).all()
-    assert (back.velocity == limits.velocity).all()
-    assert back.acceleration is None
-    assert back.jerk is None
-
-
-def test_positive_gives_one_figure_a_joint_and_no_hold_of_the_callers():
-    mine = np.array([1.0, 2.0])
-    limit = positive(mine, 2, "speed")
-    mine[0] = 7.0
-    assert limit.tolist() == [1, 2]
-    assert not limit.flags.writeable
-
-
 # ---------------------------------------------------------------- what is refused
 
 ONE = JointLimits([-1.0], [1.0])
@@ -629,12 +379,6 @@ def test_one_configuration_is_not_a_batch_of_them():
 def test_misuse_is_answered_by_optiks_own_error(misuse):
     with pytest.raises(OptikError):
         misuse()
-
-
-@pytest.mark.parametrize("bound", [np.inf, -np.inf])
-def test_limits_that_no_finite_configuration_meets_are_refused(bound):
-    with pytest.raises(InvalidInput):
-        JointLimits([bound], [bound])
 
 
 def test_a_bad_last_row_of_a_standard_table_is_blamed_on_the_table():

@@ -20,9 +20,9 @@ from optik.ik.closed_form import ClosedForm
 from optik.types import Array
 from planners import FollowStatus, JointPath, Line, follow
 from planners.following.branches import branches
-from planners.following.joint_path import APART, apart
+from planners.following.joint_path import LEAST_SPACING, apart
 from planners.following.march import first_exit, piece_bound
-from planners.following.smoothing import ROOM
+from planners.following.smoothing import ROOM_WEIGHT
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_line, paper6r
@@ -98,7 +98,7 @@ def test_equal_samples_on_a_short_path_are_knots_but_not_all_nodes() -> None:
     joint_path = follow(make_solver(paper6r(), "lm"), line, START).joint_path
     assert joint_path is not None
     assert len(joint_path.knots) == 151
-    assert np.diff(joint_path.nodes).min() >= APART - 1e-12
+    assert np.diff(joint_path.nodes).min() >= LEAST_SPACING - 1e-12
     for i in (0, 1, 77, 150):
         exact = oracles.derivatives_along(PAPER, line.start, line.goal, joint_path.knots[i], line.end, joint_path.q[i])
         for order in (1, 2, 3):
@@ -127,7 +127,7 @@ def test_a_break_next_to_a_sample_is_the_node_of_the_two() -> None:
     assert 0.05001 in chosen
     assert grid[50] not in chosen
     assert len(chosen) == 101
-    assert np.diff(chosen).min() >= APART
+    assert np.diff(chosen).min() >= LEAST_SPACING
 
 
 def test_the_bound_of_a_slider_is_the_fourth_derivative_of_its_motion() -> None:
@@ -262,7 +262,7 @@ def test_advice_of_another_branch_is_true() -> None:
         if stop is None:
             continue
         best = follow(solver, line)
-        assert bool(best) is ("goes all the way" in stop.advice and "no branch goes" not in stop.advice)
+        assert bool(best) is ("reaches the end of the path" in stop.advice and "no branch reaches" not in stop.advice)
         seen += bool(best)
         if stop.status is FollowStatus.UNREACHABLE:
             beyond = solver.solve(line.pose(min(stop.s + 1e-3 * line.end, line.end)), robot.limits.clip(q))
@@ -363,7 +363,7 @@ def test_a_redundant_arm_starts_where_it_is_told_or_where_it_is_best() -> None:
         middle, half = 0.5 * (robot.limits.lower + robot.limits.upper), 0.5 * (robot.limits.upper - robot.limits.lower)
         q = p(np.linspace(0.0, p.end, 400))
         room = -np.log(1.0 - ((q - middle) / half) ** 2).sum(axis=1).mean()
-        return float(0.5 * np.linalg.norm(np.diff(q, axis=0), axis=1).sum() ** 2 + ROOM * room)
+        return float(0.5 * np.linalg.norm(np.diff(q, axis=0), axis=1).sum() ** 2 + ROOM_WEIGHT * room)
 
     assert cost(best) < cost(joint_path)
 

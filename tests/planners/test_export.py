@@ -19,9 +19,9 @@ import pytest
 import optik
 from optik import Robot
 from optik.errors import InvalidInput, OptikError, OutputError
+from optik.files import parsed
 from planners import MotionLimits
 from planners.files import load_motion, npz, save
-from planners.files._reading import parsed
 from planners.motion import Motion, motion_of
 from tests.planners.motions import is_same, planned, readable_or_refused, same_bits, small
 
@@ -311,7 +311,7 @@ def test_a_name_of_no_format_is_refused(file: Any) -> None:
 def test_what_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "folder.json").mkdir()
     for name in ("missing.json", "folder.json", "no\0name.json", "none/motion.csv"):
-        with pytest.raises(InvalidInput, match="nothing that can be read"):
+        with pytest.raises(InvalidInput, match="readable file"):
             load_motion(tmp_path / name)
         if name != "missing.json":
             with pytest.raises(OutputError):

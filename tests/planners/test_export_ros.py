@@ -465,7 +465,7 @@ def test_files_and_plans_that_are_none_are_named(tmp_path: Path) -> None:
             from_ros(file, paper6r())  # type: ignore[arg-type]
     with pytest.raises(OutputError):
         to_ros(hop(), tmp_path / "none" / "motion.json")
-    with pytest.raises(InvalidInput, match="nothing that can be read"):
+    with pytest.raises(InvalidInput, match="readable file"):
         from_ros(tmp_path / "motion.json", paper6r())
     start = paper6r().fk(START)
     with pytest.raises(NoSolution):

@@ -17,7 +17,7 @@ from optik.ik import Tolerance, make_solver
 from optik.types import Array
 from planners import Line, Polyline, follow
 from planners.following.course import Course, thin, unguided
-from planners.following.joint_path import APART, fourth_bounds
+from planners.following.joint_path import LEAST_SPACING, fourth_bounds
 from tests import oracles
 
 
@@ -64,12 +64,12 @@ def test_places_are_no_further_than_the_path_bends_and_no_nearer_than_rounding_a
     assert found[0] == 0.0 and found[-1] == 1.0 and (np.diff(found) > 0.0).all()
     h, bound = np.diff(found), fourth_bounds(path, found)[:-1, 0]
     assert (h**4 / 384.0 * bound <= 1e-5).all()
-    near = np.flatnonzero(h < APART * (1.0 - 1e-9))
+    near = np.flatnonzero(h < LEAST_SPACING * (1.0 - 1e-9))
     for i in near[(near > 0) & (near < len(h) - 1)]:  # what is near is needed: without it the path bends too much
         wide = np.array([found[i - 1], found[i + 1], found[i + 2]]), np.array([found[i - 1], found[i], found[i + 2]])
         worst = max(((x[1:] - x[:-1]) ** 4 * fourth_bounds(path, x)[:-1, 0]).max() for x in wide)
         ends = found[i] in breaks and found[i + 1] in breaks
-        assert worst / 384.0 > 1e-7 or ends or h[i - 1] + h[i] >= APART
+        assert worst / 384.0 > 1e-7 or ends or h[i - 1] + h[i] >= LEAST_SPACING
 
 
 def test_of_two_places_that_are_too_near_the_break_stays() -> None:
@@ -78,7 +78,7 @@ def test_of_two_places_that_are_too_near_the_break_stays() -> None:
     kept = np.ones(len(s), np.bool_)
     thin(s, np.full(len(s) - 1, np.inf), s == 0.05001, kept)
     assert kept.sum() == 101 and kept[s == 0.05001].all()
-    assert np.diff(s[kept]).min() >= APART
+    assert np.diff(s[kept]).min() >= LEAST_SPACING
 
 
 def drawn(robot: Robot, rng: np.random.Generator) -> tuple[Polyline, Array]:

@@ -59,7 +59,8 @@ def cost(robot: Robot, way: Array, shares: Array) -> float:
     room = -np.log(1.0 - ((way - middle) / half) ** 2).sum(axis=1)
     h = np.diff(shares)
     return float(
-        0.5 * (np.diff(way, axis=0) ** 2 / h[:, None]).sum() + smoothing.ROOM * (0.5 * (room[1:] + room[:-1]) * h).sum()
+        0.5 * (np.diff(way, axis=0) ** 2 / h[:, None]).sum()
+        + smoothing.ROOM_WEIGHT * (0.5 * (room[1:] + room[:-1]) * h).sum()
     )
 
 

@@ -15,7 +15,7 @@ from optik.ik import Tolerance, make_solver
 from optik.types import Array
 from planners import Followed, FollowStatus, JointPath, Line, follow
 from planners.following import march
-from planners.following.joint_path import CLOSE, deviation_bounds
+from planners.following.joint_path import SMALL_DEVIATION, deviation_bounds
 from tests import oracles
 
 ARMS = ("irb120", "paper6r", "puma560", "kr6")
@@ -266,7 +266,7 @@ def test_the_bound_counts_what_nodes_are_off_in_pose_and_twist(off: float) -> No
         worst = np.array([oracles.off_by(robot.fk(joint_path(at)), line(at)) for at in s]).max(axis=0)
         assert (worst <= out[i] + 1e-14).all()
         assert (out[i] <= plainly[i]).all()
-        assert (out[i] <= np.maximum(3.0 * worst + 2e-7, CLOSE)).all(), "and looked at closely it is near"
+        assert (out[i] <= np.maximum(3.0 * worst + 2e-7, SMALL_DEVIATION)).all(), "and looked at closely it is near"
 
 
 def test_derivatives_of_samples_that_are_stepped_over_are_those_of_the_joint_path() -> None:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
-from optik.ik._lm.packed import draw_configurations
 from optik.se3 import pose
 from optik.types import Array
 
@@ -119,7 +118,7 @@ class Backend:
 
     def _try(self, robot: Robot) -> None:
         """See that the closed form finds where some poses came from; solving once also loads what it loads late."""
-        for q in draw_configurations(robot, np.random.default_rng(2), 4):
+        for q in robot.limits.draw(np.random.default_rng(2), 4):
             target = robot.fk(q)
             found = self.candidates(target)
             found = found[np.isfinite(found).all(axis=1)]

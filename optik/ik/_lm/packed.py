@@ -57,7 +57,7 @@ def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
     counts as 0.3 m (measured: anything between 0.15 and 0.5 does as well).
     """
     rng = np.random.default_rng(1)
-    q = on_limits(robot, rng, draw_configurations(robot, rng, SEEDS), held)
+    q = on_limits(robot, rng, robot.limits.draw(rng, SEEDS), held)
     T = inverse(robot.fixed[0]) @ robot.fk(q[:NEAR])
     R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
     return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q
@@ -70,17 +70,6 @@ def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Ar
     end = np.where(np.isfinite(end), end, np.where(np.isfinite(lower), lower, upper))
     rank = np.where(np.isfinite(end) & (lower < upper), rng.random(q.shape), 2.0).argsort(axis=1).argsort(axis=1)
     return np.where(rank < held, end, q)
-
-
-def draw_configurations(robot: Robot, rng: np.random.Generator, count: int) -> Array:
-    """Draw configurations (count, n), uniform inside the limits.
-
-    A joint without an end is drawn over one turn from the end it has, or around zero.
-    """
-    lower, upper = robot.limits.lower, robot.limits.upper
-    low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2.0 * np.pi, -np.pi))
-    high = np.where(np.isfinite(upper), upper, low + 2.0 * np.pi)
-    return rng.uniform(low, high, (count, robot.n))
 
 
 def chain_joints(robot: Robot) -> Array:

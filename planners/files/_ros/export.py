@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.files import write_whole
+from optik.files import content_of, suffix_of, text_of, write_whole
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.continuity import JUMP
-from planners.files._reading import content_of, suffix_of, text_of
 from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
 from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
 from planners.limits import DERIVATIVES
@@ -85,7 +84,7 @@ def to_ros(
     interpolation : {"quintic", "cubic", "linear"}
         What the controller interpolates through: q, q̇ and q̈; q and q̇; or q.
     joint_names : mapping or sequence, optional
-        Another order of the robot's joint names, or a mapping from them to the controller's in its order.
+        Another order of the robot's joint names, or a mapping from them to the controller's.
     start : (n,) array or mapping, optional
         Where the arm stands now, in the robot's order or by the written names [rad, m].
     tolerance : float
@@ -112,9 +111,7 @@ def to_ros(
         The file cannot be written.
     """
     suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
-    form = _form(motion, interpolation, joint_names, frame_id)
-    rate = _checked_rate(rate, strict, keep_speed)
-    _check_ends(motion.trajectory, rate)
+    form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
     _check_start(motion, start, tolerance, form)
     message, executed = fit(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
     sent = _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
@@ -166,15 +163,18 @@ def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id:
     return Form(interpolation, _columns(motion.robot, joint_names), frame_id)
 
 
-def _checked_rate(rate: float | None, strict: bool, keep_speed: bool) -> float | None:
+def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
+    """The rate, after checking that the motion can be sent at it."""
     for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
         if not isinstance(flag, bool):
             raise InvalidInput(argument, repr(flag)[:60], "True or False")
-    return None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
+    rate = None if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
+    _check_ends(motion.trajectory, rate)
+    return rate
 
 
 def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
-    """Which of the robot's joints each written name is, in the order of writing."""
+    """Index of the joint of each written name, in the order of writing."""
     ours = robot.joint_names
     if joint_names is None:
         chosen: dict[Any, Any] = {name: name for name in ours}
@@ -193,7 +193,7 @@ def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
 
 
 def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
-    """A controller refuses a motion that does not end at rest, and one that starts on the move cannot be slowed."""
+    """Raise InvalidInput for a motion that controllers refuse: one that is too long or does not end at rest."""
     if rate is not None and rate * LONGEST_DURATION < 1.0:
         raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST_DURATION} s")
     if trajectory.duration > LONGEST_DURATION:
@@ -228,12 +228,12 @@ def _check_start(motion: Motion, start: Any, tolerance: float, form: Form) -> No
 
 
 def _proved(motion: Motion, executed: Trajectory, form: Form) -> Certificate:
-    """Certificate of what the controller makes of the points; nothing is written that breaks what is judged."""
+    """Certificate of the motion that the controller makes; raises NoSolution where a judged limit does not hold."""
     certificate = certify(
         motion.robot, motion.path, executed, motion.limits, law=motion.law, keeps=motion.keeps, span=motion.span
     )
     judged = replace(certificate, keeps=judged_fields(motion, form))
-    if form.interpolation == "linear":  # its velocity jumps, as asked, and so it does at the end
+    if form.interpolation == "linear":  # velocities of lines jump, also at the end
         judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
     if judged.broken:
         raise NoSolution(f"as the controller interpolates, {'; '.join(judged.broken)}", advice=ADVICE)
@@ -249,7 +249,7 @@ def _report(motion: Motion, executed: Trajectory, points: int, certificate: Cert
 
 
 def _remarks(motion: Motion, rate: float | None, sent: Sent) -> list[str]:
-    """What a reader of the file should know, for its comments."""
+    """Lines for people who read the file: the motion, its duration and what the controller makes of it."""
     at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
     worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}
     remarks = [

@@ -1,4 +1,4 @@
-"""The message trajectory_msgs/JointTrajectory as plain data and as text, and what a controller makes of it."""
+"""The message trajectory_msgs/JointTrajectory as plain data and as text, and the motion that a controller makes of it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, MissingDependency
+from optik.files import parsed
 from optik.types import Array
 from planners.controller import interpolated, points_of, states
-from planners.files._reading import parsed
 from planners.trajectory import Trajectory
 
 Times = NDArray[np.int64]
 
 SECOND = 1_000_000_000
-"""Nanoseconds: ROS counts in whole ones."""
+"""Nanoseconds in a second: ROS counts in whole ones."""
 LONGEST_DURATION = 2**31 - 1
-"""Seconds that a ROS duration holds."""
-FIELDS = ("positions", "velocities", "accelerations")
+"""Longest ROS duration [s]: its seconds are a signed integer of 32 bits."""
+POINT_FIELDS = ("positions", "velocities", "accelerations")
+"""Fields of a point that controllers interpolate through, by order of derivative."""
 
 
 class Form(NamedTuple):
-    """How a message is written: what is interpolated through, which joint each written name is, and the frame."""
+    """How a message is written: the interpolation, the index of the joint of each written name, and the frame."""
 
     interpolation: str
     columns: dict[str, int]
@@ -37,12 +38,27 @@ class Form(NamedTuple):
 
 
 def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
-    """Message with the trajectory's exact states at times (k,) [ns], as many fields as are interpolated through."""
+    """Return the message with a trajectory's exact states at some times.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    times : (k,) array of int
+        Times [ns].
+    form : Form
+        How the message is written; its interpolation decides which fields the points have.
+
+    Returns
+    -------
+    dict
+        The message as plain data.
+    """
     t, order = times / SECOND, list(form.columns.values())
     values: list[Any] = [x[:, order].tolist() for x in states(trajectory, t)[: points_of(form.interpolation)]]
-    values += [[[]] * t.size] * (len(FIELDS) - len(values))
+    values += [[[]] * t.size] * (len(POINT_FIELDS) - len(values))
     points = [
-        {**dict(zip(FIELDS, point, strict=True)), "effort": [], "time_from_start": _time(int(ns))}
+        {**dict(zip(POINT_FIELDS, point, strict=True)), "effort": [], "time_from_start": _time(int(ns))}
         for ns, *point in zip(times, *values, strict=True)
     ]
     header = {"stamp": _time(0), "frame_id": form.frame_id}  # a stamp of 0 is "now" to the controller
@@ -54,15 +70,27 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 
 def controlled(message: Any, names: list[str]) -> Trajectory:
-    """Motion that ROS 2's joint_trajectory_controller makes of a message, joints in the order of the names.
+    """Return the motion that ROS 2's joint_trajectory_controller makes of a message.
 
     Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both
     carry velocities, else linearly (ros2_controllers, trajectory.cpp, interpolate_between_points).
 
+    Parameters
+    ----------
+    message : dict
+        The message as plain data, which others may have written.
+    names : list of str
+        Names of the joints, in the order of the result.
+
+    Returns
+    -------
+    Trajectory
+        The motion.
+
     Raises
     ------
     InvalidInput
-        No such message: what is wrong is named.
+        No such message; the error names what is wrong.
     """
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
@@ -72,7 +100,7 @@ def controlled(message: Any, names: list[str]) -> Trajectory:
     if not isinstance(points, list) or len(points) < 2 or not all(isinstance(p, dict) for p in points):
         raise InvalidInput("points", repr(points)[:60], "at least two points")
     times, order = _times(points), [found.index(name) for name in names]
-    fields = [f for f in FIELDS if f == "positions" or any(p.get(f) for p in points)]
+    fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
         raise InvalidInput("points", "accelerations without velocities", "velocities too: no controller goes by these")
     return interpolated(times / SECOND, *(_rows(points, field, len(names))[:, order] for field in fields))
@@ -116,17 +144,44 @@ def _rows(points: list[dict[str, Any]], field: str, n: int) -> Array:
 
 
 def to_text(message: dict[str, Any], suffix: str, remarks: list[str]) -> str:
-    """Text of a message: JSON, or YAML with remarks as comments."""
+    """Return a message as text: JSON, or YAML with remarks as comments.
+
+    Parameters
+    ----------
+    message : dict
+        The message as plain data.
+    suffix : str
+        ``".json"``, or a suffix of YAML.
+    remarks : list of str
+        Lines for people.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     return json.dumps(message, allow_nan=False) + "\n" if suffix == ".json" else _to_yaml(message, remarks)
 
 
 def from_text(text: str, suffix: str) -> Any:
-    """Plain data of JSON or YAML.
+    """Return the plain data of JSON or YAML.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    suffix : str
+        ``".json"``, or a suffix of YAML.
+
+    Returns
+    -------
+    object
+        Plain data.
 
     Raises
     ------
     InvalidInput
-        Text that is none.
+        Text of another format.
     MissingDependency
         YAML without PyYAML.
     """
@@ -140,7 +195,7 @@ def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:
     lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quoted(header['frame_id'])}"]
     lines += ["joint_names:", *(f"- {quoted(name)}" for name in message["joint_names"]), "points:"]
     for point in message["points"]:
-        rows = [f"{field}: [{', '.join(map(_yaml_float, point[field]))}]" for field in (*FIELDS, "effort")]
+        rows = [f"{field}: [{', '.join(map(_yaml_float, point[field]))}]" for field in (*POINT_FIELDS, "effort")]
         lines.append("- " + "\n  ".join([*rows, f"time_from_start: {_yaml_time(point['time_from_start'])}"]))
     return "\n".join(lines) + "\n"
 
@@ -150,13 +205,24 @@ def _yaml_time(time: dict[str, int]) -> str:
 
 
 def _yaml_float(value: float) -> str:
-    """Shortest digits that read back to the last bit; 1e-05 is a word to readers of YAML 1.1, as ROS's is: 1.0e-05."""
+    """Shortest digits that read back to the last bit; readers of YAML 1.1, such as ROS's, take 1e-05 for a word: 1.0e-05."""
     digits, e, power = repr(value).partition("e")
     return f"{digits}.0e{power}" if e and "." not in digits else f"{digits}{e}{power}"
 
 
 def quoted(name: str) -> str:
-    """Return a name in double quotes, as YAML and JSON escape it."""
+    """Return a name in double quotes, as YAML and JSON escape it.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+
+    Returns
+    -------
+    str
+        The quoted name.
+    """
     return json.dumps(name, ensure_ascii=False)
 
 
@@ -168,7 +234,7 @@ def _from_yaml(text: str) -> Any:
     try:
         documents = [d for d in yaml.load_all(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) if d is not None]
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # the last three: dates, keys, nesting
-        raise InvalidInput("content", " ".join(str(error).split())[:160], "YAML, whole") from None
+        raise InvalidInput("content", " ".join(str(error).split())[:160], "complete YAML") from None
     if len(documents) != 1:
         raise InvalidInput("content", f"{len(documents)} documents", "one message")
     return documents[0]

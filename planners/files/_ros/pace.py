@@ -131,10 +131,8 @@ def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
 
 
 def _paced(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
-    """The motion slowed by at least a factor to whole periods, or nanoseconds; and the times of the points [ns].
-
-    Instants `between` the periods (k,) [s] are points too, instead of those of a period that are nearly there.
-    """
+    """The motion slowed by at least a factor, to whole periods or nanoseconds; and the times of the points [ns]."""
+    # Instants `between` the periods (k,) [s] are points too; they replace points at periods that are nearly there.
     duration = Fraction(trajectory.duration) * Fraction(factor)
     if rate is None:
         times = np.rint(trajectory.knots * factor * SECOND).astype(np.int64)

@@ -1,0 +1,178 @@
+"""An arm as data: its joints, limits, base, tool and gravity, checked once and equal by content."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import se3
+from optik.arm.limits import JointLimits, frozen
+from optik.check import check_flag, check_words, real_array
+from optik.errors import InvalidInput, RobotModelError
+from optik.types import Array, Flags
+
+UNIT_LENGTH = 1e-14
+"""A gravity vector whose length is this near to 1 is kept to the last bit, so that a copy of an arm equals it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """The data of a serial arm, whose joints turn about or slide along their z axes; what readers of files return.
+
+    Parameters
+    ----------
+    name, fixed, prismatic, tool, limits, joint_names, gravity, source
+        As those of `optik.Robot`.
+
+    Raises
+    ------
+    InvalidInput
+        A value of the wrong type.
+    RobotModelError
+        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity.
+    """
+
+    name: str
+    fixed: Array
+    prismatic: Flags
+    tool: Array
+    limits: JointLimits
+    joint_names: tuple[str, ...] = ()
+    gravity: Array = (0.0, 0.0, -1.0)  # type: ignore[assignment]
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for field in ("name", "source"):
+            if not isinstance(getattr(self, field), str):
+                raise InvalidInput(field, repr(getattr(self, field))[:60], "a word")
+        if not isinstance(self.limits, JointLimits):
+            raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
+        fixed = _checked_fixed(self.name, self.fixed)
+        n = len(fixed)
+        if self.limits.lower.size != n:
+            raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
+        checked = {
+            "fixed": fixed,
+            "prismatic": _checked_prismatic(self.name, self.prismatic, n),
+            "tool": frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"),
+            "joint_names": _checked_names(self.name, self.joint_names, n),
+            "gravity": _checked_gravity(self.name, self.gravity),
+        }
+        for field, value in checked.items():
+            object.__setattr__(self, field, value)
+
+    # ------------------------------------------------------------ identity
+
+    @cached_property
+    def _content(self) -> bytes:
+        digest = hashlib.sha256(repr((self.name, self.joint_names)).encode())
+        lim = self.limits
+        for array in (self.fixed, self.prismatic, self.tool, self.gravity, lim.lower, lim.upper):
+            digest.update(array.tobytes())
+        for limit in (lim.velocity, lim.acceleration, lim.jerk):
+            digest.update(b"-" if limit is None else limit.tobytes())
+        return digest.digest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ArmModel) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(self._arguments().values())
+
+    def _arguments(self) -> dict[str, Any]:
+        """Return the constructor's arguments by name: an arm of them equals this one."""
+        return {field.name: getattr(self, field.name) for field in fields(ArmModel)}
+
+    @property
+    def fingerprint(self) -> str:
+        """First 16 hexadecimal digits of the content's SHA-256: equal for equal arms, on any machine."""
+        return self._content.hex()[:16]
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.fixed.shape[0])
+
+    def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
+        """Return configurations as a float64 array, checked.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+        argument : str
+            What an error calls them.
+        batch : bool
+            Whether more than one configuration is allowed.
+
+        Returns
+        -------
+        (n,) or (..., n) array
+            The configurations [rad, m].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity.
+        """
+        array = real_array(q, argument, f"{self.n} joint values")
+        if array.ndim == 0 or array.shape[-1] != self.n or (array.ndim > 1 and not batch):
+            wanted = f"shape ({self.n},) or (..., {self.n})" if batch else f"shape ({self.n},)"
+            raise InvalidInput(argument, f"shape {np.shape(q)}", f"joint values of {wanted} for {self.name}")
+        if not np.isfinite(array).all():
+            raise InvalidInput(argument, "NaN or infinity in it", "finite joint values")
+        return array
+
+
+# ---------------------------------------------------------------- checks
+
+
+def _checked_fixed(name: str, value: ArrayLike) -> Array:
+    """Return the transforms between the joints (n, 4, 4), each with the rotation nearest to the one given."""
+    fixed = frozen(value, "fixed")
+    n = fixed.shape[0] if fixed.ndim == 3 else 0
+    if fixed.shape != (n, 4, 4) or n == 0:
+        raise RobotModelError(name, f"fixed transforms of shape {fixed.shape}, expected (n, 4, 4)")
+    for i in range(n):
+        try:
+            se3.check_pose(fixed[i], f"joint {i + 1}")
+        except InvalidInput as error:
+            raise RobotModelError(name, str(error)) from None
+    return frozen([se3.nearest_pose(T) for T in fixed], "fixed")
+
+
+def _checked_prismatic(name: str, value: ArrayLike, n: int) -> Flags:
+    given = np.asarray(value, dtype=object)
+    if given.shape != (n,):
+        raise RobotModelError(name, f"prismatic has shape {given.shape}, expected ({n},)")
+    prismatic = np.array([check_flag(slides, f"prismatic[{i}]") for i, slides in enumerate(given)])
+    prismatic.setflags(write=False)
+    return prismatic
+
+
+def _checked_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
+    joint_names = check_words(value, "joint_names") or tuple(f"joint{i + 1}" for i in range(n))
+    if len(joint_names) != n or len(set(joint_names)) != n:
+        raise RobotModelError(name, f"{n} joints need {n} different names, got {joint_names}")
+    return joint_names
+
+
+def _checked_gravity(name: str, value: ArrayLike) -> Array:
+    """Return the direction of gravity (3,), of length 1."""
+    gravity = frozen(value, "gravity")
+    if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
+        raise RobotModelError(name, "gravity is not a direction (3,)")
+    norm = float(np.linalg.norm(gravity))
+    if not 0.0 < norm < np.inf:  # the squares overflow or vanish
+        gravity = gravity / np.abs(gravity).max()
+        norm = float(np.linalg.norm(gravity))
+    return gravity if abs(norm - 1.0) <= UNIT_LENGTH else frozen(gravity / norm, "gravity")
