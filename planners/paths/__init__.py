@@ -81,7 +81,7 @@ def path_of(data: Mapping[str, Any], robot: Robot | None = None) -> Path:
     UnknownName
         No such path; the nearest names are offered. A path of a plug-in file is known once `make_path` has loaded it.
     """
-    if not isinstance(data, Mapping) or "path" not in data:
+    if not isinstance(data, Mapping) or not isinstance(data.get("path"), str):
         raise InvalidInput("data", repr(data)[:60], "a mapping with the name of a path in 'path'")
     name = data["path"]
     kind: type[Path] | None = loaded("planners.paths", name)
