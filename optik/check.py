@@ -1,4 +1,4 @@
-"""Checks of what people pass: arrays, numbers and counts, refused by name before anything is computed from them."""
+"""Checks of arguments: arrays, numbers, counts, flags and words; a wrong one raises InvalidInput with the argument's name."""
 
 from __future__ import annotations
 
@@ -13,12 +13,26 @@ from optik.types import Array
 
 
 def real_array(value: Any, argument: str, expected: str) -> Array:
-    """Return a C-contiguous float64 array of what came.
+    """Return a C-contiguous float64 array.
+
+    Parameters
+    ----------
+    value : array of any shape
+        What was passed; returned itself if it is such an array already.
+    argument : str
+        Name of the argument, for the error.
+    expected : str
+        What is expected, for the error.
+
+    Returns
+    -------
+    array of the same shape
+        The numbers [as value].
 
     Raises
     ------
     InvalidInput
-        Words, complex numbers, ragged lists, objects.
+        Words, complex numbers, ragged lists or objects.
     """
     if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
         return value
@@ -34,12 +48,30 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
 def check_number(
     value: Any, argument: str, expected: str, *, above: float | None = None, least: float | None = None
 ) -> float:
-    """Return a finite number, above or at least so much.
+    """Return a finite number inside a range.
+
+    Parameters
+    ----------
+    value : float
+        What was passed.
+    argument : str
+        Name of the argument, for the error.
+    expected : str
+        What is expected, for the error.
+    above : float, optional
+        The number must be greater than this.
+    least : float, optional
+        The number must not be less than this.
+
+    Returns
+    -------
+    float
+        The number.
 
     Raises
     ------
     InvalidInput
-        Another kind of thing, NaN, infinity, or out of range.
+        Not a real number, NaN, infinity, or out of range.
     """
     good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if (
@@ -54,12 +86,23 @@ def check_number(
 
 
 def check_count(value: Any, argument: str, least: int, most: int | None = None) -> None:
-    """Refuse what is no whole number of at least and at most so many.
+    """Raise InvalidInput unless a value is an integer inside a range.
+
+    Parameters
+    ----------
+    value : int
+        What was passed.
+    argument : str
+        Name of the argument, for the error.
+    least : int
+        Smallest allowed value.
+    most : int, optional
+        Largest allowed value.
 
     Raises
     ------
     InvalidInput
-        Another kind of thing (True and 2.0 among them), too few or too many.
+        Not an integer (True and 2.0 are none), or out of range.
     """
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not good or value < least or (most is not None and value > most):
@@ -68,12 +111,24 @@ def check_count(value: Any, argument: str, least: int, most: int | None = None) 
 
 
 def check_flag(value: Any, argument: str) -> bool:
-    """Return a yes or no: True and False, or 1 and 0 as arrays and tables of numbers write them.
+    """Return a truth value: True or False, or 1 or 0 as arrays and tables of numbers write them.
+
+    Parameters
+    ----------
+    value : bool
+        What was passed.
+    argument : str
+        Name of the argument, for the error.
+
+    Returns
+    -------
+    bool
+        The truth value.
 
     Raises
     ------
     InvalidInput
-        Anything else: "no" and NaN count as true in Python.
+        Anything else, because "no" and NaN count as true in Python.
     """
     if not isinstance(value, bool | np.bool_ | int | np.integer) or value not in (0, 1):
         raise InvalidInput(argument, repr(value)[:60], "True or False")
@@ -81,12 +136,24 @@ def check_flag(value: Any, argument: str) -> bool:
 
 
 def check_words(value: Any, argument: str) -> tuple[str, ...]:
-    """Return a sequence of words, none by default.
+    """Return a sequence of strings as a tuple.
+
+    Parameters
+    ----------
+    value : iterable of str
+        What was passed; it may be empty.
+    argument : str
+        Name of the argument, for the error.
+
+    Returns
+    -------
+    tuple of str
+        The strings.
 
     Raises
     ------
     InvalidInput
-        A single word, whose letters would be taken apart, or what are no words.
+        A single string, which would be split into letters, or items that are not strings.
     """
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InvalidInput(argument, repr(value)[:60], "a list of words")

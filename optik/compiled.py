@@ -1,4 +1,4 @@
-"""The one way a hot loop is compiled: Numba, kept on disk, division errors as IEEE values, no fast-math."""
+"""Compilation of hot loops by Numba: machine code cached on disk, IEEE values for division by zero, no fast-math."""
 
 from __future__ import annotations
 
@@ -27,18 +27,41 @@ from numba.extending import is_jitted
 from optik.fingerprint import Opaque, fingerprint, variant
 
 F = TypeVar("F", bound=Callable[..., Any])
+"""Type of the function: the type checker sees the signature of what is compiled."""
 
-DIGITS = 64
-"""Hexadecimal digits of a SHA-256, which a kept file starts with twice."""
+SHA256_DIGITS = 64
+"""Hexadecimal digits of a SHA-256; a cached file begins with two: fingerprint and checksum."""
 
 
 def compiled(function: F) -> F:
-    """Compile a plain function over arrays on first use; the type checker keeps its signature."""
+    """Compile a function over arrays on its first call.
+
+    Parameters
+    ----------
+    function : callable
+        The Python function.
+
+    Returns
+    -------
+    callable
+        The compiled function, with the signature of the Python function.
+    """
     return _jit(function, False)
 
 
 def parallel(function: F) -> F:
-    """Compile as `compiled` does, into code that other threads run beside: it lets go of Python's lock."""
+    """Compile as `compiled` does, into code that releases Python's global lock, so that threads can run it in parallel.
+
+    Parameters
+    ----------
+    function : callable
+        The Python function.
+
+    Returns
+    -------
+    callable
+        The compiled function, with the signature of the Python function.
+    """
     return _jit(function, True)
 
 
@@ -51,23 +74,33 @@ def _jit(function: F, nogil: bool) -> F:
 
 
 def inlined(function: F) -> F:
-    """Compile a helper into whatever kernel calls it: it sees the kernel's constants, and is kept with it.
+    """Compile a helper into every kernel that calls it: it sees the kernel's constants, and is cached with the kernel.
 
-    No fast-math here either: LLVM would fuse products and sums differently for one lane and for many.
+    There is no fast-math here either: LLVM would fuse products and sums differently for one lane and for many.
+
+    Parameters
+    ----------
+    function : callable
+        The Python function.
+
+    Returns
+    -------
+    callable
+        The function for kernels, with the signature of the Python function.
     """
     result: F = numba.njit(error_model="numpy", forceinline=True)(function)
     return result
 
 
 class KernelCache(_Cache):  # type: ignore[misc]
-    """Machine code of one function on disk, used for as long as everything that it depends on is the same.
+    """Machine code of one function on disk, valid as long as everything that it depends on is unchanged.
 
-    Numba's own cache asks whether a function's file has changed: too much for a docstring, too little for a helper in
-    another file. Here one file holds the code for one set of argument types and one processor, beginning with the
-    fingerprint of what it depends on; code that is no longer right is written over, so the folder does not grow with
-    the versions of a source, and what a function that is gone has left goes with the folder. A file is written whole
-    and then renamed: processes that compile at once do not see each other's halves, and what they write is the same or
-    says what it is. Nothing is looked for before the first call.
+    Numba's own cache is invalidated by any change of a function's file, even of a docstring, but not by a change of a
+    helper in another file. Here one file holds the code for one set of argument types and one processor, and begins
+    with the fingerprint of what the code depends on. Outdated code is overwritten, so the folder does not grow with the
+    versions of a source; files of a deleted function stay until the folder is deleted. A file is written under a
+    temporary name and then renamed, so processes that compile at the same time never read a partial file. The disk is
+    not accessed before the first call.
     """
 
     def __init__(self, kernel: Dispatcher) -> None:
@@ -77,12 +110,25 @@ class KernelCache(_Cache):  # type: ignore[misc]
 
     @property
     def cache_path(self) -> str | None:
-        """Folder of the kept code, or None where none can be written."""
+        """Folder of the cached code, or None if no folder can be written."""
         place = _place(self._kernel.py_func)
         return None if place is None else str(place.locator.get_cache_path())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for some types of arguments, or None where it must be compiled."""
+        """Return the cached code for types of arguments.
+
+        Parameters
+        ----------
+        sig : tuple or numba signature
+            Types of the arguments.
+        target_context : numba target context
+            Numba's description of the processor.
+
+        Returns
+        -------
+        compile result or None
+            None if the function must be compiled.
+        """
         target_context.refresh()
         found = self._find(sig, target_context.codegen())
         if found is None:
@@ -92,13 +138,21 @@ class KernelCache(_Cache):  # type: ignore[misc]
             data = file.read_bytes()
         except OSError:
             return None
-        payload = data[2 * DIGITS :]
-        if data[: 2 * DIGITS] != (depends + hashlib.sha256(payload).hexdigest()).encode():
+        payload = data[2 * SHA256_DIGITS :]
+        if data[: 2 * SHA256_DIGITS] != (depends + hashlib.sha256(payload).hexdigest()).encode():
             return None
         return place.rebuild(target_context, pickle.loads(payload))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled; a disk that is full only means that the next process compiles again."""
+        """Write compiled code to the cache; if the disk is full, nothing is cached and no error is raised.
+
+        Parameters
+        ----------
+        sig : tuple or numba signature
+            Types of the arguments.
+        data : compile result
+            What Numba compiled.
+        """
         found = self._find(sig, data.codegen)
         if found is None or not found[0].check_cachable(data):
             return
@@ -114,15 +168,15 @@ class KernelCache(_Cache):  # type: ignore[misc]
                 part.unlink()
 
     def enable(self) -> None:
-        """Use the kept code again."""
+        """Use the cache again."""
         self._enabled = True
 
     def disable(self) -> None:
-        """Compile without asking for kept code, and keep none."""
+        """Neither read nor write the cache."""
         self._enabled = False
 
     def flush(self) -> None:
-        """Forget what is kept of the function."""
+        """Delete the cached code of the function."""
         place = _place(self._kernel.py_func)
         if place is not None:
             for file in Path(place.locator.get_cache_path()).glob(f"{self._stem()}-*.nbk"):
@@ -133,7 +187,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return f"{module}.{self._qualname}".replace("<", "").replace(">", "")
 
     def _find(self, sig: Any, codegen: Any) -> tuple[_Place, Path, str] | None:
-        """Where the code for some types of arguments lies or would lie, and what it depends on."""
+        """Place and file of the code for types of arguments, and the fingerprint of what it depends on."""
         place = _place(self._kernel.py_func) if self._enabled else None
         if place is None:
             return None
@@ -142,8 +196,8 @@ class KernelCache(_Cache):  # type: ignore[misc]
             depends = fingerprint(self._kernel, types)
         except Opaque:
             return None
-        # Symbols bear the function's name: two versions of it, or two closures, must not be taken for one another where
-        # they are linked into a third function.
+        # Symbols contain the function's name: two versions of it, or two closures, must not be confused when they are
+        # linked into a third function.
         self._kernel.py_func.__qualname__ = f"{self._qualname}_{depends[:12]}"
         processor = hashlib.sha256(repr((codegen.magic_tuple(), sys.version_info[:2])).encode()).hexdigest()[:8]
         file = f"{self._stem()}-{variant(self._kernel, types)}-{processor}.nbk"
@@ -151,7 +205,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
 
 
 class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
-    """The last resort, where neither a function's own folder nor the user's cache can be written: a temporary folder."""
+    """A temporary folder, for when neither a function's own folder nor the user's cache can be written."""
 
     def __init__(self, py_file: str) -> None:
         self._py_file = py_file
@@ -159,7 +213,7 @@ class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _PrivateFolder | None:
-        """Return the place for a function, or None where no folder at all can be written."""
+        """Return the place for a function, or None if no folder at all can be written."""
         with contextlib.suppress(OSError):
             if not Path(py_file).exists():
                 return None
@@ -173,32 +227,32 @@ class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
         return self._folder
 
     def get_source_stamp(self) -> None:
-        """Sources are not asked for their time."""
+        """Modification times of sources are not used."""
 
     def get_disambiguator(self) -> str:
-        """File names are made elsewhere."""
+        """File names are composed by `KernelCache`."""
         return ""
 
 
 class _Place(CompileResultCacheImpl):  # type: ignore[misc]
-    """Where Numba keeps a function's code (NUMBA_CACHE_DIR, else beside the source, else the user's cache), and how."""
+    """Folder in which Numba caches a function (NUMBA_CACHE_DIR, else beside the source, else the user's cache)."""
 
     _locator_classes = (*CompileResultCacheImpl._locator_classes, _PrivateFolder)
 
 
 def _place(function: Callable[..., Any]) -> _Place | None:
-    """Where a function's code is kept; nowhere where it has no file, as at a prompt, or no folder can be written."""
+    """Place of a function's code; None if it has no file, as at a prompt, or if no folder can be written."""
     try:
         return _Place(function)
     except RuntimeError:
         if Path(function.__code__.co_filename).exists():
-            _warn("no folder can be written, so every process compiles anew")
+            _warn("no folder can be written, so every process compiles again")
         return None
 
 
 @cache
 def _private_folder() -> Path:
-    """Return this user's folder among the temporary ones: what lies there is run, so nobody else may write to it."""
+    """Return this user's temporary folder: code in it is executed, so no other user may be able to write to it."""
     user = os.getuid() if hasattr(os, "getuid") else "kernels"  # elsewhere the temporary folder is the user's own
     folder = Path(tempfile.gettempdir()) / f"optik-{user}"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -207,7 +261,9 @@ def _private_folder() -> Path:
     if not ours:
         folder = Path(tempfile.mkdtemp(prefix="optik-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    _warn(f"compiled code is kept in {folder}, since neither the package's folder nor the user's cache can be written")
+    _warn(
+        f"compiled code is cached in {folder}, since neither the package's folder nor the user's cache can be written"
+    )
     return folder
 
 

@@ -1,4 +1,4 @@
-"""What stands for a value in a key or a comparison: its content, so that arrays and mappings take part."""
+"""Hashable content of values, so that arrays and mappings can be compared and used in keys."""
 
 from __future__ import annotations
 
@@ -9,10 +9,20 @@ import numpy as np
 
 
 def content(value: Any) -> Any:
-    """Return something hashable that is equal for equal contents of one type, to the last bit.
+    """Return a hashable value that is equal for equal contents of one type, to the last bit.
 
-    Arrays are told by their bytes, sequences and mappings by what is in them, the order of a mapping aside. Types count,
-    since 1 == 1.0 == True; what is none of these stands for itself.
+    Arrays are compared by dtype, shape and bytes; sequences, sets and mappings by their items, mappings regardless of
+    order. Types count, because 1 == 1.0 == True. Any other value is compared as it is.
+
+    Parameters
+    ----------
+    value : object
+        An array, a container, or a hashable value.
+
+    Returns
+    -------
+    hashable
+        The type and the content.
     """
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return np.ndarray, value.dtype.str, value.shape, value.tobytes()
@@ -26,5 +36,18 @@ def content(value: Any) -> Any:
 
 
 def equal(one: tuple[Any, ...], other: object) -> bool:
-    """Whether two records that hold arrays are of one type and one content."""
+    """Whether two tuples that hold arrays have the same type and content.
+
+    Parameters
+    ----------
+    one : tuple
+        A tuple, such as a NamedTuple of arrays.
+    other : object
+        What it is compared with.
+
+    Returns
+    -------
+    bool
+        True for the same type and content.
+    """
     return type(one) is type(other) and content(one) == content(other)

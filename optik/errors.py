@@ -1,4 +1,4 @@
-"""Every error optik raises: misuse is named with its data; expected failures are statuses, not errors."""
+"""Every error that optik raises, with its data; an expected failure is a status of a result, not an error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class OptikError(Exception):
-    """The one base of all errors raised by optik, planners and benchmarks."""
+    """Base class of all errors raised by optik, planners and benchmarks."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The constructors take data, not a message: rebuild from the finished state instead.
@@ -16,16 +16,16 @@ class OptikError(Exception):
 
 
 class InvalidInput(OptikError, ValueError):
-    """An argument that cannot be meant.
+    """An invalid argument.
 
     Attributes
     ----------
     argument : str
         Name of the argument.
     got : str
-        What came.
+        The value that was passed, in words.
     expected : str
-        What was expected.
+        The values that are allowed, in words.
     """
 
     def __init__(self, argument: str, got: object, expected: str) -> None:
@@ -36,7 +36,7 @@ class InvalidInput(OptikError, ValueError):
 
 
 class RobotModelError(OptikError, ValueError):
-    """A robot description that is not a serial arm, or contradicts itself.
+    """A robot description that is not a serial arm, or is inconsistent.
 
     Attributes
     ----------
@@ -53,18 +53,18 @@ class RobotModelError(OptikError, ValueError):
 
 
 class UnknownName(OptikError, LookupError):
-    """A name that is in no registry.
+    """An unknown name.
 
     Attributes
     ----------
     kind : str
         What the name should name ("robot", "IK method", ...).
     name : str
-        The name that came.
+        The unknown name.
     known : tuple of str
         All names that exist.
     nearest : tuple of str
-        The known names that look most like it.
+        The known names that are spelt most similarly.
     """
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
@@ -75,12 +75,12 @@ class UnknownName(OptikError, LookupError):
         hint = f"did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
         super().__init__(f"unknown {kind} {name!r}; {hint}there are: {', '.join(self.known) or 'none'}")
 
-    def __str__(self) -> str:  # KeyError-style quoting of LookupError subclasses is not wanted
+    def __str__(self) -> str:  # a LookupError would show its message in quotes
         return str(self.args[0])
 
 
 class MissingDependency(OptikError, ImportError):
-    """An optional package that a method needs is not installed.
+    """A missing optional package.
 
     Attributes
     ----------
@@ -98,18 +98,18 @@ class MissingDependency(OptikError, ImportError):
 
 
 class NoSolution(OptikError, RuntimeError):
-    """A result was used that does not exist: the planning that should have made it failed.
+    """Use of a result that does not exist because planning failed.
 
     Attributes
     ----------
     s : float or None
-        Where along the path it ended, in the path's unit (metres; radians for a pure rotation).
+        Path parameter at which planning failed, in the path's unit (metres; radians for a pure rotation).
     joint : str or None
-        The joint that says no, where one does.
+        Joint whose limit is violated, or None.
     reason : str
-        What went wrong, with figures.
+        Why it failed, with numbers.
     advice : str
-        What would work.
+        What to change.
     """
 
     def __init__(self, reason: str, *, s: float | None = None, joint: str | None = None, advice: str = "") -> None:
@@ -121,7 +121,15 @@ class NoSolution(OptikError, RuntimeError):
 
 
 class OutputError(OptikError, OSError):
-    """A file or folder that cannot be written, or that holds something else."""
+    """A file or folder that cannot be written, or that has other content than expected.
+
+    Attributes
+    ----------
+    path : str
+        The file or folder.
+    problem : str
+        What is wrong with it.
+    """
 
     def __init__(self, path: object, problem: str) -> None:
         super().__init__(f"{path}: {problem}")

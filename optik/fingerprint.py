@@ -1,10 +1,10 @@
-"""What a compiled function's code depends on, in one number: its bytecode, and the values and functions that it reaches.
+"""Fingerprint of everything that a compiled function's machine code depends on: bytecode, values and functions it reaches.
 
-Numba compiles into a function whatever it calls, and every global it names as a constant. So the walk follows names:
-to other compiled functions, to helpers, through modules to their attributes, to closures and default values. What does
-not reach the machine code, docstrings, comments, annotations, line numbers and other functions of a file, is left out.
-Where the walk cannot see through a value, the text of the file that made it stands for it. It does not see what Numba
-has been taught about the methods and attributes of foreign types (`overload_method`, `overload_attribute`).
+Numba compiles into a function whatever it calls, and every global that it names as a constant. So the walk follows
+names: to other compiled functions, to helpers, through modules to their attributes, to closures and default values.
+Docstrings, comments, annotations, line numbers and other functions of a file do not affect the machine code and are left
+out. A value that the walk cannot analyse is represented by the text of the file that defines its type. Not seen are
+Numba extensions for methods and attributes of foreign types (`overload_method`, `overload_attribute`).
 """
 
 from __future__ import annotations
@@ -30,38 +30,50 @@ from numba.core.typing.templates import builtin_registry
 from numba.extending import is_jitted
 
 FOREIGN = {"numpy", "numba", "llvmlite"} | set(sys.stdlib_module_names)
-"""Packages whose functions are known by name: their versions are part of every fingerprint."""
+"""Packages whose functions are identified by name, because their versions are part of every fingerprint."""
 
 VERSIONS = (numba.__version__, np.__version__, sys.version)
-"""Of what turns the same source into machine code."""
+"""Versions of the software that turns a source into machine code."""
 
 SETTINGS = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
-"""Of Numba's own settings (NUMBA_OPT and so on), those that change what it makes of a function."""
+"""Settings of Numba (NUMBA_OPT and so on) that change the machine code of a function."""
 
 LOADS_CONSTANT = {dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap}
-"""Instructions that load a constant by its index, in the versions of Python that have them."""
+"""Bytecode instructions that load a constant by its index; which of them exist depends on the version of Python."""
 
 PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), range, np.generic)
-"""Types whose values are told whole by their `repr`."""
+"""Types whose values are described completely by their `repr`."""
 
 NAMED = (BuiltinFunctionType, MethodDescriptorType, np.ufunc, np.dtype, types.Type)
-"""Types whose values are known by name: their code is of a version that the fingerprint holds."""
+"""Types whose values are identified by name, because the version of their code is part of the fingerprint."""
 
 ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
-"""Where an object lies in memory, as `repr` writes it: another place in every process."""
+"""Memory address in a `repr`: it differs in every process."""
 
 
 class Opaque(Exception):
-    """Nothing stands for a value: the function must be compiled anew in every process."""
+    """A value cannot be fingerprinted, so the function must be compiled again in every process."""
 
 
 def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
-    """Return what the machine code of a kernel for some types of arguments depends on, as 64 hexadecimal digits.
+    """Return the fingerprint of everything that the machine code of a kernel depends on.
+
+    Parameters
+    ----------
+    kernel : Dispatcher
+        The compiled function.
+    signature : tuple of numba types
+        Types of the arguments.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
 
     Raises
     ------
     Opaque
-        The kernel reaches a value that nothing can stand for.
+        The kernel reaches a value that cannot be fingerprinted.
     """
     walk = _Walk()
     walk.note("versions", *VERSIONS, *(f"{name} {getattr(config, name, None)}" for name in SETTINGS))
@@ -75,14 +87,27 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
 
 
 def variant(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
-    """Short name for what tells one function's kernels apart: types of arguments, and plain values that it closes over."""
+    """Short name of one kernel of a function, from its types of arguments and the plain values in its closure.
+
+    Parameters
+    ----------
+    kernel : Dispatcher
+        The compiled function.
+    signature : tuple of numba types
+        Types of the arguments.
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
+    """
     closed = (_cell(c) for c in kernel.py_func.__closure__ or ())
     parts = [ADDRESS.sub("", str(kind)) for kind in signature] + [repr(v) for v in closed if isinstance(v, PLAIN)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 class _Walk:
-    """One pass over everything that a function reaches; what was met before is told by its number."""
+    """One traversal of everything that a function reaches; an object that was visited before is represented by its number."""
 
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
@@ -90,13 +115,13 @@ class _Walk:
         self.modules: set[tuple[str, frozenset[str]]] = set()
 
     def note(self, *parts: str | bytes) -> None:
-        """Add words to the fingerprint, each with its length, so that no two lists of words look alike."""
+        """Add words to the fingerprint, each with its length, so that different lists of words always differ."""
         for part in parts:
             data = part.encode(errors="surrogatepass") if isinstance(part, str) else part
             self.digest.update(len(data).to_bytes(8, "little") + data)
 
     def value(self, v: Any, names: Iterable[str] = ()) -> None:
-        """Add a value; of a module, those attributes that the code names."""
+        """Add a value; of a module, only the attributes that the code names."""
         if isinstance(v, enum.Enum):  # before numbers: some enumerations are numbers
             self.note("member", v.name)
             self.value(type(v))
@@ -120,7 +145,7 @@ class _Walk:
             self._object(v)
 
     def _object(self, v: Any) -> None:
-        """Add what may be reached more than once, or by itself."""
+        """Add an object that may be reached several times, or from itself."""
         if isinstance(v, np.ndarray) and not v.dtype.hasobject:
             self.note("array", repr(v.dtype), str(v.shape), str(v.strides), v.tobytes())
         elif is_jitted(v):
@@ -134,7 +159,7 @@ class _Walk:
             self._other(v)
 
     def argument(self, kind: Any) -> None:
-        """Add the type of an argument; a function that is passed is compiled in, and so is the order of named fields."""
+        """Add the type of an argument; functions that are passed and the order of named fields are compiled in."""
         self.note("argument", type(kind).__qualname__, ADDRESS.sub("", str(kind)), repr(getattr(kind, "fields", ())))
         if isinstance(kind, types.Dispatcher):
             self.value(kind.dispatcher)
@@ -142,7 +167,7 @@ class _Walk:
             raise Opaque(str(kind))
 
     def _again(self, v: Any) -> bool:
-        """Whether an object was met before: functions may reach each other in a circle."""
+        """Whether an object was visited before: functions may call each other recursively."""
         number = len(self.met)
         known = self.met.setdefault(id(v), number)
         if known != number:
@@ -177,14 +202,14 @@ class _Walk:
         self.modules.add((module.__name__, names))
         foreign = _foreign(module.__name__)
         for name in sorted(names):
-            # NumPy makes some attributes, with warnings, when they are asked for; what compiled code may use is there.
+            # NumPy creates some attributes on access, with warnings; those that compiled code can use exist already.
             attribute = vars(module).get(name, _MISSING) if foreign else getattr(module, name, _MISSING)
             if attribute is not _MISSING:
                 self.note("attribute", name)
                 self.value(attribute, names)
 
     def _plain_function(self, f: FunctionType) -> None:
-        """Add what Numba has been taught, by `overload` or `register_jitable`, of a function that is not compiled."""
+        """Add the Numba overloads (`overload`, `register_jitable`) of a function that is not compiled."""
         self.note("plain function", str(f.__module__), f.__qualname__)
         if _foreign(f.__module__):
             return
@@ -194,7 +219,7 @@ class _Walk:
 
     def _class(self, c: type) -> None:
         self.note("class", c.__module__, c.__qualname__)
-        if _foreign(c.__module__) or issubclass(c, BaseException):  # machine code names exceptions, no more
+        if _foreign(c.__module__) or issubclass(c, BaseException):  # of an exception, machine code holds the name only
             return
         if hasattr(c, "class_type"):
             raise Opaque(repr(c))  # a `jitclass`: its methods are compiled elsewhere
@@ -207,7 +232,7 @@ class _Walk:
             self.note(*(_text(base.__module__) for base in c.__mro__ if not _foreign(base.__module__)))
 
     def _unordered(self, v: Any) -> None:
-        """Add a set or dictionary, in the order of what its items are by themselves: that of strings is drawn anew."""
+        """Add a set or dictionary, sorted by the digests of its items: the hash order of strings differs in every process."""
         parts = []
         for item in v.items() if isinstance(v, dict) else v:
             alone = _Walk()
@@ -216,7 +241,7 @@ class _Walk:
         self.note("unordered", type(v).__qualname__, *sorted(parts))
 
     def _other(self, v: Any) -> None:
-        """Add what only its maker understands: intrinsics by their definition, the rest by its pickle; and its file."""
+        """Add any other object: an intrinsic by its definition, the rest by its pickle, both with the text of their file."""
         made = getattr(v, "_defn", None)
         self.note("other", type(v).__module__, type(v).__qualname__)
         if isinstance(made, FunctionType):
@@ -234,7 +259,7 @@ class _Walk:
 
 
 _MISSING = object()
-"""What a module does not have; None may be an attribute."""
+"""Stands for an attribute that a module does not have, because None may be one."""
 
 
 def _foreign(module: str | None) -> bool:
@@ -242,7 +267,7 @@ def _foreign(module: str | None) -> bool:
 
 
 def _cell(cell: Any) -> Any:
-    """Value of a closure's cell; a function that is not yet bound to its name stands for nothing."""
+    """Value of a closure's cell; None if it is not yet bound."""
     try:
         return cell.cell_contents
     except ValueError:
@@ -268,7 +293,7 @@ def _starts_with_docstring(code: CodeType) -> bool:
 
 
 def _overloads(f: FunctionType) -> list[FunctionType]:
-    """Return the functions that tell Numba what to compile for a plain function."""
+    """Return the overloads that Numba compiles in place of a plain function."""
     kinds = [kind for known, kind in builtin_registry.globals if known is f]
     found = [getattr(template, "_overload_func", None) for kind in kinds for template in getattr(kind, "templates", ())]
     return [taught for taught in found if isinstance(taught, FunctionType)]

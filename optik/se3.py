@@ -16,10 +16,13 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 ROTATION_TOLERANCE = 1e-6
-"""Largest departure from RᵀR = I that still counts as a rotation (measured poses come with 1e-7 of noise)."""
+"""Largest |RᵀR − I| of a matrix that is accepted as a rotation [1]: measured poses come with 1e-7 of noise."""
 
 FARTHEST = 1e6
-"""Positions beyond this [m] are no place for an arm, and their squares lose the millimetres."""
+"""Largest coordinate of a position that is accepted [m]: an arm is not larger, and squares of more lose the millimetres."""
+
+LAST_ROW_TOLERANCE = 1e-9
+"""Largest difference of a pose's last row from (0, 0, 0, 1) [1]: it is written exactly, so only rounding is accepted."""
 
 
 # ---------------------------------------------------------------- compiled, on plain arrays
@@ -27,10 +30,17 @@ FARTHEST = 1e6
 
 @compiled
 def log_rotation(R: Array, out: Array) -> None:
-    """Rotation vector of R (3, 3) into out (3,), its length in [0, π].
+    """Write the rotation vector of a rotation matrix.
 
-    By way of the unit quaternion, whose largest component is found first (Shepperd 1978): exact to rounding near 0 and
-    near π, where the usual arccos((trace − 1)/2) loses half its digits.
+    It is computed from the unit quaternion, whose largest component is found first (Shepperd 1978): exact to rounding
+    near 0 and near π, where the usual arccos((trace − 1)/2) loses half its digits.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        Rotation matrix [1].
+    out : (3,) array
+        Written: axis times angle [rad], the angle in [0, π].
     """
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     if trace > R[0, 0] and trace > R[1, 1] and trace > R[2, 2]:
@@ -55,7 +65,15 @@ def log_rotation(R: Array, out: Array) -> None:
 
 @compiled
 def exp_rotation(w: Array, R: Array) -> None:
-    """Rotation matrix of the rotation vector w (3,) into R (3, 3): Rodrigues' formula, series near 0."""
+    """Write the rotation matrix of a rotation vector, by Rodrigues' formula, or its series near 0.
+
+    Parameters
+    ----------
+    w : (3,) array
+        Axis times angle [rad].
+    R : (3, 3) array
+        Written: the rotation matrix [1].
+    """
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     if angle2 < 1e-8:  # the next terms are below 1e-18
         a = 1.0 - angle2 / 6.0
@@ -79,7 +97,17 @@ def exp_rotation(w: Array, R: Array) -> None:
 
 @compiled
 def pose_error(T: Array, target: Array, out: Array) -> None:
-    """Twist (6,) in the base frame from T to the target: (p_t − p, log(R_t Rᵀ)); eq. 8–10, eq. 9 corrected."""
+    """Write the error twist (p_t − p, log(R_t Rᵀ)) in the base frame from a pose to a target; eq. 8–10, eq. 9 corrected.
+
+    Parameters
+    ----------
+    T : (4, 4) array
+        Pose [1, m].
+    target : (4, 4) array
+        Pose to be reached [1, m].
+    out : (6,) array
+        Written: position [m], then rotation [rad].
+    """
     relative = np.empty((3, 3))
     for i in range(3):
         out[i] = target[i, 3] - T[i, 3]
@@ -90,16 +118,27 @@ def pose_error(T: Array, target: Array, out: Array) -> None:
 
 @compiled
 def is_pose(T: Array) -> bool:
-    """Whether T (4, 4) is a pose: position within `FARTHEST`, last row (0, 0, 0, 1), a rotation within `ROTATION_TOLERANCE`."""
+    """Whether a matrix is a pose, within `FARTHEST`, `LAST_ROW_TOLERANCE` and `ROTATION_TOLERANCE`.
+
+    Parameters
+    ----------
+    T : (4, 4) array
+        The matrix [1, m].
+
+    Returns
+    -------
+    bool
+        False for NaN and for a reflection.
+    """
     for j in range(4):
-        if not abs(T[3, j] - (1.0 if j == 3 else 0.0)) <= 1e-9:
+        if not abs(T[3, j] - (1.0 if j == 3 else 0.0)) <= LAST_ROW_TOLERANCE:
             return False
     for i in range(3):
-        if not abs(T[i, 3]) <= 1e6:
+        if not abs(T[i, 3]) <= FARTHEST:
             return False
         for j in range(i + 1):
             dot = T[0, i] * T[0, j] + T[1, i] * T[1, j] + T[2, i] * T[2, j]
-            if not abs(dot - (1.0 if i == j else 0.0)) <= 1e-6:
+            if not abs(dot - (1.0 if i == j else 0.0)) <= ROTATION_TOLERANCE:
                 return False
     det = (
         T[0, 0] * (T[1, 1] * T[2, 2] - T[1, 2] * T[2, 1])
@@ -130,12 +169,12 @@ def log_so3(R: ArrayLike) -> Array:
     Parameters
     ----------
     R : (..., 3, 3) array
-        Rotation matrices.
+        Rotation matrices [1].
 
     Returns
     -------
     (..., 3) array
-        Axis times angle [rad], the angle in [0, π]. At exactly π both signs of the axis are right; one is returned.
+        Axis times angle [rad], the angle in [0, π]. At exactly π both signs of the axis are correct; one is returned.
     """
     R = np.ascontiguousarray(R, dtype=np.float64)
     out = np.empty(R.shape[:-1])
@@ -144,7 +183,18 @@ def log_so3(R: ArrayLike) -> Array:
 
 
 def exp_so3(w: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    """Rotation matrices of rotation vectors.
+
+    Parameters
+    ----------
+    w : (..., 3) array
+        Axis times angle [rad].
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Rotation matrices [1].
+    """
     w = np.ascontiguousarray(w, dtype=np.float64)
     out = np.empty((*w.shape, 3))
     _exp_many(w.reshape(-1, 3), out.reshape(-1, 3, 3))
@@ -152,7 +202,20 @@ def exp_so3(w: ArrayLike) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Pose (4, 4) from a rotation matrix (identity by default) and a position [m]."""
+    """Pose of a rotation and a position.
+
+    Parameters
+    ----------
+    R : (3, 3) array, optional
+        Rotation matrix [1]; the identity by default.
+    p : (3,) array
+        Position [m].
+
+    Returns
+    -------
+    (4, 4) array
+        The pose [1, m].
+    """
     T = np.eye(4)
     if R is not None:
         T[:3, :3] = R
@@ -161,7 +224,18 @@ def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
 
 
 def nearest_pose(T: Array) -> Array:
-    """Return T (4, 4) with the rotation nearest to its 3×3 part, in the Frobenius norm; T itself where it is one."""
+    """Return a pose with the rotation nearest to its 3×3 part, in the Frobenius norm.
+
+    Parameters
+    ----------
+    T : (4, 4) array
+        Pose whose 3×3 part is nearly a rotation [1, m].
+
+    Returns
+    -------
+    (4, 4) array
+        The pose [1, m]; ``T`` itself if its 3×3 part is a rotation to rounding.
+    """
     R = T[:3, :3]
     if np.abs(R.T @ R - np.eye(3)).max() <= 1e-14:
         return T
@@ -170,7 +244,18 @@ def nearest_pose(T: Array) -> Array:
 
 
 def inverse(T: Array) -> Array:
-    """Inverse of poses (..., 4, 4)."""
+    """Inverse of poses.
+
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Poses [1, m].
+
+    Returns
+    -------
+    (..., 4, 4) array
+        Poses whose product with ``T`` is the identity [1, m].
+    """
     out = np.zeros_like(T)
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     out[..., :3, :3] = Rt
@@ -180,10 +265,19 @@ def inverse(T: Array) -> Array:
 
 
 def error(T: Array, target: Array) -> Array:
-    """Error twists (..., 6) in the base frame that lead from poses T to targets, both (..., 4, 4).
+    """Error twists (p_t − p, log(R_t Rᵀ)) in the base frame from poses to targets (paper eq. 8–10, sign of eq. 9 corrected).
 
-    The position part is p_t − p [m]; the rotation part is the rotation vector of R_t Rᵀ [rad] (paper eq. 8–10 with the
-    sign of eq. 9 corrected).
+    Parameters
+    ----------
+    T : (..., 4, 4) array
+        Poses [1, m].
+    target : (..., 4, 4) array
+        Poses to be reached [1, m].
+
+    Returns
+    -------
+    (..., 6) array
+        Position [m], then rotation vector [rad].
     """
     R = target[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2)
     return np.concatenate([target[..., :3, 3] - T[..., :3, 3], log_so3(R)], axis=-1)
@@ -194,15 +288,17 @@ def interpolate(start: Array, goal: Array, u: ArrayLike) -> Array:
 
     Parameters
     ----------
-    start, goal : (4, 4) array
-        Poses at u = 0 and u = 1.
+    start : (4, 4) array
+        Pose at u = 0 [1, m].
+    goal : (4, 4) array
+        Pose at u = 1 [1, m].
     u : scalar or (k,) array
-        Where; not limited to [0, 1].
+        Fraction of the way [1]; not limited to [0, 1].
 
     Returns
     -------
     (4, 4) or (k, 4, 4) array
-        Poses.
+        Poses [1, m].
     """
     u = np.asarray(u, dtype=np.float64)
     e = error(start, goal)
@@ -214,12 +310,24 @@ def interpolate(start: Array, goal: Array, u: ArrayLike) -> Array:
 
 
 def check_pose(T: ArrayLike, argument: str) -> Array:
-    """Return T as a (4, 4) float64 array, or say why it is no pose.
+    """Return a pose as a float64 array, checked.
+
+    Parameters
+    ----------
+    T : (4, 4) array
+        Pose [1, m].
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    (4, 4) array
+        The pose [1, m].
 
     Raises
     ------
     InvalidInput
-        Wrong shape, NaN or infinite, last row not (0, 0, 0, 1), or RᵀR further than 1e-6 from I, or a reflection.
+        Wrong shape, NaN or infinity, last row not (0, 0, 0, 1), |RᵀR − I| above 1e-6, or a reflection.
     """
     T = real_array(T, argument, "a (4, 4) array of numbers")
     if T.shape == (4, 4) and is_pose(T):
@@ -233,7 +341,7 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
         raise InvalidInput(argument, f"a position {np.abs(T[:3, 3]).max():.3g} m away", "a position within 1e6 m")
     if np.abs(T[:3, :3]).max() > 2.0:
         raise InvalidInput(argument, f"{np.abs(T[:3, :3]).max():.3g} in its 3×3 part", "a rotation (entries within ±1)")
-    if np.abs(T[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
+    if np.abs(T[3] - (0.0, 0.0, 0.0, 1.0)).max() > LAST_ROW_TOLERANCE:
         raise InvalidInput(argument, f"last row {T[3].tolist()}", "the last row (0, 0, 0, 1)")
     R = T[:3, :3]
     off = float(np.abs(R.T @ R - np.eye(3)).max())
@@ -243,7 +351,20 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
 
 
 def from_xyz_rpy(xyz: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Pose from a position [m] and roll, pitch, yaw in degrees, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF."""
+    """Pose of a position and roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF.
+
+    Parameters
+    ----------
+    xyz : (3,) array
+        Position [m].
+    rpy_deg : (3,) array
+        Roll, pitch and yaw [°].
+
+    Returns
+    -------
+    (4, 4) array
+        The pose [1, m].
+    """
     roll, pitch, yaw = np.asarray(rpy_deg, dtype=np.float64) * (pi / 180.0)
     Rx = exp_so3([roll, 0.0, 0.0])
     Ry = exp_so3([0.0, pitch, 0.0])

@@ -1,4 +1,4 @@
-"""The array types that signatures name; shapes and units are said where an array is documented."""
+"""Array types of signatures; shape and unit stand in the documentation of each array."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 """Real numbers in double precision."""
+
 Flags: TypeAlias = NDArray[np.bool_]
-"""One truth value each."""
+"""Truth values."""
+
 Indices: TypeAlias = NDArray[np.int64]
-"""Whole numbers: indices, counts or status codes."""
+"""Integers: indices, counts or status codes."""

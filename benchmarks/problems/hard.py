@@ -166,7 +166,7 @@ def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, 
         if on_limits:
             q = put_on_limits(robot, rng, q, but=joint)
         q = _by_one_joint(robot, rng, q, joint) if robot.n == 6 else _by_all_joints(robot, rng, q)
-        good = robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < 1e-9)
+        good = robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < RANK_LOST)
         found.append(robot.limits.clip(q[good]))
         if sum(map(len, found)) >= count:
             return np.concatenate(found)[:count]

@@ -1,1 +1,1 @@
-"""An arm: its joints and limits, from tables, files and data, and what can be said of it as a whole."""
+"""An arm: its joints and limits, from tables, files and data, its reach, and its comparison with another."""

@@ -1,8 +1,8 @@
-"""Whether two models of an arm agree, and if not, which base, tool, joint zeros and directions explain it.
+"""Comparison of two models of an arm: whether they agree, or which base, tool, joint zeros and directions explain it.
 
 With other(q) = base · first(signs ∘ q + offsets) · tool, the directions of the joint axes of both models at q = 0 give
-the rotation of the base and the offsets of turning joints, one joint after the other; all lengths then follow from one
-linear least-squares problem. Whatever comes out is applied and judged by the poses; only what is verified is claimed.
+the rotation of the base and the offsets of revolute joints, one joint after the other; all lengths then follow from one
+linear least-squares problem. Every explanation is verified by the tool poses before it is reported.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ from optik.arm.limits import JointLimits
 from optik.check import check_number
 from optik.types import Array, Flags
 
-COUNT = 40
-"""Configurations that are compared: far more numbers than the unknowns of any explanation."""
+COMPARED = 40
+"""Number of configurations that are compared: 240 numbers, far more than the unknowns of any explanation."""
 
 SIGNS_TRIED = 512
-"""Combinations of joint directions that are tried, fewest flips first: all of them up to nine joints."""
+"""Largest number of combinations of joint directions that are tried, fewest reversed joints first: all of nine joints."""
 
-ALONG_THE_AXES = (
+UNEXPLAINED = (
     "neighbouring axes are at the same angles and distances; lengths along the axes may differ, or all by little"
 )
+"""Reason of a difference that neither the axes nor an explanation accounts for."""
 
 PARALLEL = 1e-3
-"""Axes closer than this [rad] count as parallel where one is turned onto another: their angle is then mostly noise."""
+"""Angle [rad] below which two axes count as parallel: the direction of their common normal is then mostly noise."""
 
 
 class Arm(Protocol):
-    """What a comparison needs to know of an arm; `optik.Robot` has it."""
+    """The part of `optik.Robot` that a comparison uses."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -62,7 +63,7 @@ class Arm(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Whether two models of an arm agree, and what explains it if they do not. True where they agree as they are.
+    """Result of a comparison of two models of an arm; true if they agree without an explanation.
 
     Attributes
     ----------
@@ -71,15 +72,17 @@ class Comparison:
     explained : bool
         Whether they do after other(q) = base · first(signs ∘ q + offsets) · tool.
     position, rotation : float
-        Largest difference of the tool's position [m] and orientation [rad]; infinite where the joints do not match.
+        Largest difference of the tool's position [m] and rotation [rad]; infinite if the joints do not match.
     position_left, rotation_left : float
-        The same after the explanation; as before where there is none.
+        Largest differences [m], [rad] after the explanation; as before if there is none.
     base, tool : (4, 4) array
-        Transforms of the explanation, identity where none is needed.
-    signs, offsets : (n,) array
-        +1 or −1, and [rad or m], of the explanation.
+        Transforms of the explanation [1, m]; the identity if none is needed.
+    signs : (n,) array
+        Directions of the joints, +1 or −1 [1].
+    offsets : (n,) array
+        Offsets of the joint zeros [rad, m].
     reasons : tuple of str
-        The explanation in words; without one, what speaks against any.
+        The explanation in words; if there is none, the differences that no explanation can remove.
     names : tuple of two str
         Names of the robots.
     """
@@ -116,8 +119,8 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """One explanation: its numbers, what it leaves, and of how many parts it is."""
+class _Candidate:
+    """One explanation: its numbers, the remaining differences, and the number of its parts."""
 
     base: Array
     tool: Array
@@ -128,8 +131,8 @@ class Candidate:
     parts: int
 
 
-class Pair:
-    """Two robots, the poses to be matched, and the axes of both at q = 0."""
+class _Pair:
+    """Two arms, the poses to be matched, and the axes of both at q = 0."""
 
     def __init__(self, first: Arm, other: Arm, position: float, rotation: float) -> None:
         self.first, self.other, self.n = first, other, first.n
@@ -146,7 +149,7 @@ class Pair:
         return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
 
     def within(self, position: float, rotation: float) -> bool:
-        """Whether such differences are within the tolerances."""
+        """Whether differences are within the tolerances."""
         return position <= self.position and rotation <= self.rotation
 
 
@@ -179,14 +182,14 @@ def compare_arms(first: Arm, other: Arm, *, position: float = 1e-6, rotation: fl
     mismatch = _joints_that_differ(first, other)
     if mismatch:
         return _result(first, other, (np.inf, np.inf), None, mismatch)
-    pair = Pair(first, other, position, rotation)
+    pair = _Pair(first, other, position, rotation)
     plain = pair.left(first.fk(pair.q))
     if pair.within(*plain):
         return _result(first, other, plain, None, (), agree=True)
     against = tuple(_axes_that_differ(pair))
     best = None if against else _simplest(pair)
     if best is None:
-        return _result(first, other, plain, None, against or (ALONG_THE_AXES,))
+        return _result(first, other, plain, None, against or (UNEXPLAINED,))
     return _result(first, other, plain, best, tuple(_reasons(pair, best)))
 
 
@@ -194,12 +197,12 @@ def _result(
     first: Arm,
     other: Arm,
     plain: tuple[float, float],
-    best: Candidate | None,
+    best: _Candidate | None,
     reasons: tuple[str, ...],
     *,
     agree: bool = False,
 ) -> Comparison:
-    left = best or Candidate(np.eye(4), np.eye(4), np.ones(first.n), np.zeros(first.n), *plain, 0)
+    left = best or _Candidate(np.eye(4), np.eye(4), np.ones(first.n), np.zeros(first.n), *plain, 0)
     numbers = (left.base, left.tool, left.signs, left.offsets)
     explained = agree or best is not None
     return Comparison(
@@ -218,20 +221,20 @@ def _joints_that_differ(first: Arm, other: Arm) -> tuple[str, ...]:
 
 
 def _configurations(first: Arm, other: Arm) -> Array:
-    """Configurations (COUNT, n) inside the limits of both where they meet, else inside the first's; always the same."""
+    """Configurations (COMPARED, n) inside the limits of both arms, or of the first if a joint's ranges are disjoint."""
     lower = np.maximum(first.limits.lower, other.limits.lower)
     upper = np.minimum(first.limits.upper, other.limits.upper)
     apart = lower > upper
     lower, upper = np.where(apart, first.limits.lower, lower), np.where(apart, first.limits.upper, upper)
     half = np.where(first.prismatic, 1.0, pi)
-    return JointLimits(lower, upper).draw(np.random.default_rng(0), COUNT, half_if_infinite=half)
+    return JointLimits(lower, upper).draw(np.random.default_rng(0), COMPARED, half_if_infinite=half)
 
 
-# ---------------------------------------------------------------- what no explanation changes
+# ---------------------------------------------------------------- invariants of all explanations
 
 
-def _axes_that_differ(pair: Pair) -> Iterator[str]:
-    """Angles and distances between neighbouring axes that differ: nothing about base, tool, zeros or signs changes them."""
+def _axes_that_differ(pair: _Pair) -> Iterator[str]:
+    """Angles and distances between neighbouring axes that differ: no base, tool, joint zero or direction changes them."""
     for i in range(pair.n - 1):
         (angle, distance), (angle_other, distance_other) = (
             _angle_and_distance(axes[i : i + 2], points[i : i + 2])
@@ -258,9 +261,9 @@ def _angle_and_distance(axes: Array, points: Array) -> tuple[float, float]:
 # ---------------------------------------------------------------- the search
 
 
-def _simplest(pair: Pair) -> Candidate | None:
-    """The verified explanation of fewest parts: a flip, an offset, the base and the tool are one part each."""
-    best: Candidate | None = None
+def _simplest(pair: _Pair) -> _Candidate | None:
+    """The verified explanation of fewest parts; a reversed joint, an offset, the base and the tool are one part each."""
+    best: _Candidate | None = None
     for signs in _sign_vectors(pair):
         flips = int((signs < 0.0).sum())
         for offsets, base, tool in product((False, True), repeat=3):
@@ -272,8 +275,8 @@ def _simplest(pair: Pair) -> Candidate | None:
     return best
 
 
-def _sign_vectors(pair: Pair) -> list[Array]:
-    """Directions of the joints that the angles and moments of neighbouring axes allow, fewest flips first."""
+def _sign_vectors(pair: _Pair) -> list[Array]:
+    """Directions of the joints that the angles and moments of neighbouring axes allow, fewest reversed joints first."""
     allowed = []
     for i in range(pair.n - 1):
         cosines = [float(axes[i] @ axes[i + 1]) for axes in (pair.axes, pair.axes_other)]
@@ -292,8 +295,8 @@ def _sign_vectors(pair: Pair) -> list[Array]:
     return sorted(found, key=lambda s: int((s < 0.0).sum()))[:SIGNS_TRIED]
 
 
-def _fit(pair: Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) -> Candidate:
-    """Best explanation with these signs, of the parts that are allowed: rotations first, then all lengths at once."""
+def _fit(pair: _Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) -> _Candidate:
+    """Best explanation with these signs and the parts that are allowed: rotations first, then all lengths together."""
     n = pair.n
     X, Y, o = np.eye(3), np.eye(3), np.zeros(n)
     if base and (offsets or tool):
@@ -309,15 +312,15 @@ def _fit(pair: Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) -> 
     x, y = _lengths(pair, signs, X, o, slides, base=base, tool=tool)
     T_base, T_tool = se3.pose(X, x), se3.pose(Y, y)
     left = pair.left(T_base @ pair.first.fk(signs * pair.q + o) @ T_tool)
-    return Candidate(T_base, T_tool, signs, o, *left, _parts(pair, T_base, T_tool, signs, o))
+    return _Candidate(T_base, T_tool, signs, o, *left, _parts(pair, T_base, T_tool, signs, o))
 
 
-def _parts(pair: Pair, base: Array, tool: Array, signs: Array, offsets: Array) -> int:
+def _parts(pair: _Pair, base: Array, tool: Array, signs: Array, offsets: Array) -> int:
     matter = np.abs(offsets) > np.where(pair.first.prismatic, pair.position, pair.rotation)
     return int((signs < 0.0).sum() + matter.sum()) + _matters(pair, base) + _matters(pair, tool)
 
 
-def _matters(pair: Pair, T: Array) -> bool:
+def _matters(pair: _Pair, T: Array) -> bool:
     e = se3.error(np.eye(4), T)
     return not pair.within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
 
@@ -328,8 +331,8 @@ def _mean_rotation(R: Array) -> Array:
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
-def _base_rotation(pair: Pair, signs: Array) -> Array:
-    """Rotation of the base that takes the first axis and the next one that is not parallel to the other's."""
+def _base_rotation(pair: _Pair, signs: Array) -> Array:
+    """Rotation of the base that aligns the first axis, and the next one that is not parallel to it, with the other's."""
     a, b = signs[0] * pair.axes[0], pair.axes_other[0]
     w, sine, cosine = np.cross(a, b), float(np.linalg.norm(np.cross(a, b))), float(a @ b)
     if sine < 1e-12:  # the same direction or the opposite one: any axis at a right angle will do
@@ -339,25 +342,24 @@ def _base_rotation(pair: Pair, signs: Array) -> Array:
     return np.asarray(se3.exp_so3(angle * b) @ X)
 
 
-def _offsets(pair: Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: bool) -> Array:
-    """Offsets (n,) of the joints that turn, each from where the next axes must come to stand; 0 for those that slide."""
+def _offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: bool) -> Array:
+    """Offsets (n,) of the revolute joints, each from the directions that the next axes must have; 0 for prismatic ones."""
     offsets, R = np.zeros(pair.n), X
     for i in range(pair.n):
         if pair.first.prismatic[i]:
             continue
         if i > 0 or not skip_first:
-            # the other's axis is the first's times the sign, and so is the angle about it
+            # the other's axis is the first's times the sign, and the angle about it has the same sign
             offsets[i] = signs[i] * _angle_about(pair, signs, R, i, to_tool=to_tool)
             R = R @ se3.exp_so3(offsets[i] * pair.axes[i])
     return offsets
 
 
-def _angle_about(pair: Pair, signs: Array, R: Array, i: int, *, to_tool: bool) -> float:
-    """Angle about joint i's axis of the other (signed) that takes the next axis of the first to the other's.
-
-    R (3, 3) turns the first's axes at q = 0 as all joints before i have turned them. The direction of the next axis
-    says it, or its place where it is parallel; a parallel sliding joint says nothing. After the last, the tool says it.
-    """
+def _angle_about(pair: _Pair, signs: Array, R: Array, i: int, *, to_tool: bool) -> float:
+    """Signed angle about joint i's axis of the other arm that takes the next axis of the first arm to the other's."""
+    # R (3, 3) is the rotation that all joints before i apply to the first arm's axes at q = 0. The angle follows from the
+    # direction of the next axis, or from its position if it is parallel; a parallel prismatic joint does not determine
+    # it. After the last joint it follows from the tool.
     axis = pair.axes_other[i]
     for k in range(i + 1, pair.n):
         v, target = signs[k] * (R @ pair.axes[k]), pair.axes_other[k]
@@ -375,23 +377,22 @@ def _angle_about(pair: Pair, signs: Array, R: Array, i: int, *, to_tool: bool) -
 
 
 def _turn(axis: Array, v: Array, target: Array) -> float:
-    """Angle about an axis from one vector to another, both seen along the axis."""
+    """Angle about an axis from one vector to another, both projected along the axis."""
     a, b = v - (v @ axis) * axis, target - (target @ axis) * axis
     return atan2(float(axis @ np.cross(a, b)), float(a @ b))
 
 
 def _lengths(
-    pair: Pair, signs: Array, X: Array, offsets: Array, slides: NDArray[np.intp], *, base: bool, tool: bool
+    pair: _Pair, signs: Array, X: Array, offsets: Array, slides: NDArray[np.intp], *, base: bool, tool: bool
 ) -> tuple[Array, Array]:
-    """Translations of base and tool (3,), (3,); offsets of sliding joints are written into `offsets`.
-
-    They are linear in the positions: p_other = X p + x + X R y + X Σ d_i o_i. Where the chain leaves a choice, the smallest.
-    """
+    """Translations of base and tool (3,), (3,); offsets of prismatic joints are written into `offsets`."""
+    # The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. If the solution is not unique, it is the
+    # one of least norm.
     T = pair.first.fk(signs * pair.q + offsets)
     rest = (pair.target[:, :3, 3] - T[:, :3, 3] @ X.T).reshape(-1)
     columns = []
     if base:
-        columns.append(np.tile(np.eye(3), (COUNT, 1)))
+        columns.append(np.tile(np.eye(3), (COMPARED, 1)))
     if tool:
         columns.append((X @ T[:, :3, :3]).reshape(-1, 3))
     if slides.size:
@@ -404,10 +405,10 @@ def _lengths(
     return (found[:3] if base else np.zeros(3)), (found[3 * base : 3 * base + 3] if tool else np.zeros(3))
 
 
-# ---------------------------------------------------------------- in words
+# ---------------------------------------------------------------- reasons in words
 
 
-def _reasons(pair: Pair, found: Candidate) -> Iterator[str]:
+def _reasons(pair: _Pair, found: _Candidate) -> Iterator[str]:
     for which, T in (("base", found.base), ("tool", found.tool)):
         if _matters(pair, T):
             yield f"the {which}s differ {_transform_in_words(pair, T, which)}"
@@ -420,7 +421,7 @@ def _reasons(pair: Pair, found: Candidate) -> Iterator[str]:
             yield f"joint {i + 1} has its zero {shift} elsewhere"
 
 
-def _transform_in_words(pair: Pair, T: Array, which: str) -> str:
+def _transform_in_words(pair: _Pair, T: Array, which: str) -> str:
     words, e = [], se3.error(np.eye(4), T)
     move, turn = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
     if move > pair.position:
@@ -433,7 +434,7 @@ def _transform_in_words(pair: Pair, T: Array, which: str) -> str:
 
 
 def _along(v: Array, least: float, unit: str, scale: float, word: str = "along") -> str:
-    """A vector in words: its length along one axis where it has one, else its direction."""
+    """A vector in words: its length and the axis that it is parallel to, or else its direction."""
     space = " " if unit == "m" else ""
     large = np.flatnonzero(np.abs(v) > least)
     if large.size == 1:

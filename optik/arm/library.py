@@ -39,6 +39,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.limits import JointLimits
+from optik.arm.plain import record, word
 from optik.arm.robot import Robot
 from optik.arm.tables import DHRow
 from optik.check import check_number, check_words
@@ -64,10 +65,11 @@ MOST_TOML_BYTES = 2**20
 CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
 """How the rows are read: modified (Craig) or standard (distal)."""
 
-KEYS = {"convention": True, "joints": True} | dict.fromkeys(
-    ("source", "joint_names", "gravity", "base", "tool", "dynamic_limits"), False
-)
-"""Keys of a file, and whether each is required."""
+REQUIRED_KEYS = ("convention", "joints")
+"""Keys that every file has."""
+
+OPTIONAL_KEYS = ("source", "joint_names", "gravity", "base", "tool", "dynamic_limits")
+"""Keys that a file may have."""
 
 RANGES = {"range_deg": RADIANS_PER_DEGREE, "range_rad": 1.0, "range_mm": 1e-3}
 """Keys of a joint's position limits, and the factor to radians or metres."""
@@ -193,16 +195,13 @@ def _parsed(file: Path) -> dict[str, Any]:
 
 
 def _robot(data: dict[str, Any], file: Path) -> Robot:
-    _table(data, "the file", KEYS)
-    convention = _word(data["convention"], "convention", tuple(CONVENTIONS))
+    record(data, REQUIRED_KEYS, "the file", optional=OPTIONAL_KEYS)
+    convention = _one_of(data["convention"], "convention", tuple(CONVENTIONS))
     joints = data["joints"]
     if not isinstance(joints, list) or not joints:
         raise InvalidInput("joints", repr(joints)[:60], "a list of rows, one for each joint")
     for i, joint in enumerate(joints):
-        _table(joint, f"joints[{i}]", dict.fromkeys(JOINT_KEYS, False))
-    source = data.get("source", file.name)
-    if not isinstance(source, str):
-        raise InvalidInput("source", repr(source)[:60], "a text")
+        record(joint, (), f"joints[{i}]", optional=JOINT_KEYS)
     return CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
         _limits(joints, data.get("dynamic_limits", {})),
@@ -211,12 +210,12 @@ def _robot(data: dict[str, Any], file: Path) -> Robot:
         tool=_placed(data.get("tool", {}), "tool"),
         joint_names=check_words(data.get("joint_names", ()), "joint_names"),
         gravity=_numbers(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
-        source=source,
+        source=word(data.get("source", file.name), "source"),
     )
 
 
 def _row(joint: Mapping[str, Any], where: str) -> DHRow:
-    kind = _word(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
+    kind = _one_of(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
 
     def number(key: str) -> float:
         return check_number(joint.get(key, 0.0), f"{where}.{key}", "a finite number")
@@ -232,7 +231,7 @@ def _row(joint: Mapping[str, Any], where: str) -> DHRow:
 
 def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     """Position limits and speeds of the rows, and the other limits of the table ``dynamic_limits``."""
-    _table(dynamic, "dynamic_limits", dict.fromkeys(("velocity", "acceleration", "jerk"), False))
+    record(dynamic, (), "dynamic_limits", optional=("velocity", "acceleration", "jerk"))
     n = len(joints)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     limits: dict[str, Any] = {key: _positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
@@ -278,7 +277,7 @@ def _only_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -
 
 def _placed(pose: Any, where: str) -> Array:
     """Pose (4, 4) of a table with xyz_mm and rpy_deg."""
-    _table(pose, where, {"xyz_mm": False, "rpy_deg": False})
+    record(pose, (), where, optional=("xyz_mm", "rpy_deg"))
     xyz, rpy = (_numbers(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}", 3) for key in ("xyz_mm", "rpy_deg"))
     return se3.from_xyz_rpy(xyz / 1000.0, rpy)
 
@@ -286,20 +285,9 @@ def _placed(pose: Any, where: str) -> Array:
 # ---------------------------------------------------------------- checks of plain data
 
 
-def _table(data: Any, where: str, keys: Mapping[str, bool]) -> None:
-    """Raise InvalidInput unless data is a table with all required keys and no unknown ones."""
-    if not isinstance(data, dict):
-        raise InvalidInput(where, repr(data)[:60], f"a table with {', '.join(keys)}")
-    missing = [key for key, required in keys.items() if required and key not in data]
-    unknown = [key for key in data if key not in keys]
-    if missing or unknown:
-        wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "unknown")) if part]
-        raise InvalidInput(where, "; ".join(wrong)[:200], f"a table with {', '.join(keys)}")
-
-
-def _word(value: Any, where: str, known: tuple[str, ...]) -> str:
+def _one_of(value: Any, where: str, known: tuple[str, ...]) -> str:
     if not isinstance(value, str) or value not in known:
-        raise InvalidInput(where, repr(value)[:60], " or ".join(f'"{word}"' for word in known))
+        raise InvalidInput(where, repr(value)[:60], " or ".join(f'"{name}"' for name in known))
     return value
 
 

@@ -23,15 +23,15 @@ def frozen(value: ArrayLike, argument: str) -> Array:
 
     Parameters
     ----------
-    value : array
-        Numbers of any shape and unit.
+    value : array of any shape
+        Numbers [rad, m or 1].
     argument : str
         What an error calls them.
 
     Returns
     -------
-    array
-        The copy, in the shape and unit that were given.
+    array of the same shape
+        The copy [as value].
 
     Raises
     ------
@@ -105,6 +105,13 @@ class JointLimits:
         """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a side is infinite."""
         return frozen(0.5 * self.upper - 0.5 * self.lower, "half")
 
+    @cached_property
+    def ranged(self) -> Flags:
+        """Which joints (n,) move between two finite limits: neither locked nor free on a side."""
+        flags = np.isfinite(self.half) & (self.half > 0.0)
+        flags.setflags(write=False)
+        return flags
+
     def contains(self, q: ArrayLike) -> Flags:
         """Whether configurations satisfy the position limits, within 1e-9.
 
@@ -115,7 +122,7 @@ class JointLimits:
 
         Returns
         -------
-        () or (...) array of bool
+        scalar or (...,) array of bool
             False for NaN.
         """
         q = np.asarray(q, dtype=np.float64)
@@ -150,9 +157,8 @@ class JointLimits:
         (n,) or (..., n) array
             Positions [1]; 0 for a joint that is locked or has an infinite limit.
         """
-        ranged = np.isfinite(self.half) & (self.half > 0.0)
         offset = np.asarray(q, dtype=np.float64) - self.middle
-        return np.asarray(np.where(ranged, offset, 0.0) / np.where(ranged, self.half, 1.0))
+        return np.asarray(np.where(self.ranged, offset, 0.0) / np.where(self.ranged, self.half, 1.0))
 
     def draw(
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = pi
@@ -229,7 +235,7 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
     Parameters
     ----------
     value : scalar or (n,) array
-        The limit, in its own unit.
+        A limit of the velocity [rad/s, m/s], acceleration [rad/s², m/s²] or jerk [rad/s³, m/s³].
     n : int
         Number of joints.
     argument : str
@@ -238,7 +244,7 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
     Returns
     -------
     (n,) array
-        The limit of every joint, in its own unit.
+        The limit of every joint [as value].
 
     Raises
     ------

@@ -1,12 +1,12 @@
-"""An arm as data: its joints, limits, base, tool and gravity, checked once and equal by content."""
+"""An arm as data: its joints, limits, base, tool and gravity, checked; equal by content; copied with one part exchanged."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -131,6 +131,89 @@ class ArmModel:
         if not np.isfinite(array).all():
             raise InvalidInput(argument, "NaN or infinity in it", "finite joint values")
         return array
+
+    # ------------------------------------------------------------ copies
+
+    def with_base(self, base: ArrayLike) -> Self:
+        """Return the arm mounted at a pose of a new base frame: new.fk(q) = base @ self.fk(q).
+
+        The transform multiplies the present base, it does not replace it; the identity changes nothing. Gravity keeps
+        its physical direction and is expressed in the new base frame.
+
+        Parameters
+        ----------
+        base : (4, 4) array
+            Pose of the present base frame in the new one [1, m].
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with the same tool, limits and names.
+
+        Raises
+        ------
+        InvalidInput
+            Not a pose.
+        """
+        T = se3.check_pose(base, "base")
+        fixed = np.array(self.fixed)
+        fixed[0] = T @ fixed[0]
+        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity)
+
+    def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:
+        """Return the arm with another tool.
+
+        Parameters
+        ----------
+        tool : (4, 4) array
+            By default the whole transform from the last joint's frame to the tool: it replaces the present one, which
+            contains what the last row of a standard table, or the fixed joints of a URDF, put behind the last joint.
+            With ``add``, the pose of the new tool in the frame of the present one [1, m].
+        add : bool
+            Append the transform to the present tool, new.fk(q) = self.fk(q) @ tool, as the option ``tool`` of
+            `Robot.from_dh` and `Robot.from_mdh` does.
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with the same base, limits and names.
+
+        Raises
+        ------
+        InvalidInput
+            Not a pose, or an ``add`` that is neither True nor False.
+        """
+        T = se3.check_pose(tool, "tool")
+        return replace(self, tool=self.tool @ T if check_flag(add, "add") else T)
+
+    def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:
+        """Return the arm with other limits.
+
+        Parameters
+        ----------
+        limits : JointLimits, optional
+            Limits of all joints; by default the present ones.
+        **fields
+            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk,
+            scalars or (n,) arrays [rad/s, rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not
+            named stay as they are.
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with the same kinematics and names.
+
+        Raises
+        ------
+        InvalidInput
+            A limit that does not exist, or values that `JointLimits` refuses.
+        RobotModelError
+            Limits for another number of joints.
+        """
+        new = self.limits if limits is None else limits
+        if not isinstance(new, JointLimits):
+            raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
+        return replace(self, limits=new.replaced(**fields) if fields else new)
 
 
 # ---------------------------------------------------------------- checks

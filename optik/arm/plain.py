@@ -13,14 +13,28 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 INFINITE = {"inf": np.inf, "-inf": -np.inf}
-"""JSON has no number for infinity: these words stand for it."""
+"""Words for infinite numbers, which JSON does not have."""
 
-LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
-KEYS = ("name", "joint_names", "prismatic", "fixed", "tool", "gravity", "limits", "source")
+LIMIT_KEYS = ("lower", "upper", "velocity", "acceleration", "jerk")
+"""Keys of an arm's limits: the fields of `JointLimits`."""
+
+ARM_KEYS = ("name", "joint_names", "prismatic", "fixed", "tool", "gravity", "limits", "source")
+"""Keys of an arm: the fields of `ArmModel`."""
 
 
 def plain_numbers(values: ArrayLike) -> Any:
-    """Nested lists of floats, or one float for a scalar; infinite ones as the words "inf" and "-inf"."""
+    """Return numbers as nested lists of floats, infinite ones as the words "inf" and "-inf".
+
+    Parameters
+    ----------
+    values : array of any shape
+        Real numbers [rad, m or 1].
+
+    Returns
+    -------
+    list or float or str
+        The numbers as JSON can hold them; one number for a scalar.
+    """
 
     def plain(x: Any) -> Any:
         if isinstance(x, list):
@@ -31,12 +45,26 @@ def plain_numbers(values: ArrayLike) -> Any:
 
 
 def numbers(data: Any, shape: tuple[int, ...], argument: str) -> Array:
-    """Array of a known shape that `plain_numbers` wrote.
+    """Read an array of a known shape that `plain_numbers` wrote.
+
+    Parameters
+    ----------
+    data : list
+        Nested lists of numbers.
+    shape : tuple of int
+        Shape of the array.
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    array of that shape
+        The numbers [as data].
 
     Raises
     ------
     InvalidInput
-        Another shape, or something that is no number.
+        Another shape, or an item that is no number.
     """
     flat: list[float] = []
 
@@ -65,30 +93,60 @@ def _number(value: Any, argument: str) -> float:
     raise InvalidInput(argument, repr(value)[:60], "numbers")
 
 
-def record(data: Any, keys: tuple[str, ...], argument: str) -> dict[str, Any]:
-    """Return a mapping that has exactly these keys.
+def record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return a mapping that has all required keys and no unknown ones.
+
+    Parameters
+    ----------
+    data : dict
+        Plain data.
+    keys : tuple of str
+        Required keys.
+    argument : str
+        What an error calls it.
+    optional : tuple of str
+        Keys that may be left out.
+
+    Returns
+    -------
+    dict
+        The data itself.
 
     Raises
     ------
     InvalidInput
-        Anything else; keys that are missing, or not known, are named.
+        Not a mapping; missing and unknown keys are named.
     """
+    expected = f"a mapping with {', '.join((*keys, *optional))}"
     if not isinstance(data, dict):
-        raise InvalidInput(argument, repr(data)[:60], f"a mapping with {', '.join(keys)}")
-    missing, unknown = [k for k in keys if k not in data], [str(k) for k in data if k not in keys]
+        raise InvalidInput(argument, repr(data)[:60], expected)
+    missing = [key for key in keys if key not in data]
+    unknown = [str(key) for key in data if key not in keys and key not in optional]
     if missing or unknown:
-        wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "not known")) if part]
-        raise InvalidInput(argument, "; ".join(wrong)[:200], f"a mapping with {', '.join(keys)}")
+        wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "unknown")) if part]
+        raise InvalidInput(argument, "; ".join(wrong)[:200], expected)
     return data
 
 
 def word(value: Any, argument: str) -> str:
-    """Return a string.
+    """Return a string, checked.
+
+    Parameters
+    ----------
+    value : str
+        Plain data.
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    str
+        The string itself.
 
     Raises
     ------
     InvalidInput
-        Anything else.
+        Not a string.
     """
     if not isinstance(value, str):
         raise InvalidInput(argument, repr(value)[:60], "a word")
@@ -96,12 +154,24 @@ def word(value: Any, argument: str) -> str:
 
 
 def words(value: Any, argument: str) -> tuple[str, ...]:
-    """Return a list of strings as a tuple.
+    """Return a list of strings as a tuple, checked.
+
+    Parameters
+    ----------
+    value : list of str
+        Plain data.
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    tuple of str
+        The strings.
 
     Raises
     ------
     InvalidInput
-        Anything else.
+        Not a list, or an item that is not a string.
     """
     if not isinstance(value, list):
         raise InvalidInput(argument, repr(value)[:60], "a list of words")
@@ -109,8 +179,19 @@ def words(value: Any, argument: str) -> tuple[str, ...]:
 
 
 def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
-    """Plain data of a robot; see `Robot.to_dict`."""
-    limits = {k: None if (v := getattr(arm.limits, k)) is None else plain_numbers(v) for k in LIMITS}
+    """Return an arm as plain data; see `Robot.to_dict`.
+
+    Parameters
+    ----------
+    arm : ArmModel
+        The arm.
+
+    Returns
+    -------
+    dict
+        Data that JSON can hold, with the keys `ARM_KEYS`.
+    """
+    limits = {k: None if (v := getattr(arm.limits, k)) is None else plain_numbers(v) for k in LIMIT_KEYS}
     return {
         "name": arm.name,
         "joint_names": list(arm.joint_names),
@@ -124,15 +205,33 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
 
 
 def arm_from_dict(data: Any) -> ArmModel:
-    """Robot of plain data; see `Robot.from_dict`."""
-    data = record(data, KEYS, "robot")
+    """Read an arm from plain data; see `Robot.from_dict`.
+
+    Parameters
+    ----------
+    data : dict
+        What `arm_to_dict` returned.
+
+    Returns
+    -------
+    ArmModel
+        The arm, equal to the one that was written.
+
+    Raises
+    ------
+    InvalidInput
+        Missing or unknown keys, wrong lengths, or a value that is no number.
+    RobotModelError
+        Not a serial arm.
+    """
+    data = record(data, ARM_KEYS, "robot")
     joint_names = words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
         raise InvalidInput("robot.prismatic", repr(prismatic)[:60], f"{n} times true or false")
     limits = {
         k: None if v is None and k not in ("lower", "upper") else numbers(v, (n,), f"robot.limits.{k}")
-        for k, v in record(data["limits"], LIMITS, "robot.limits").items()
+        for k, v in record(data["limits"], LIMIT_KEYS, "robot.limits").items()
     }
     return ArmModel(
         name=word(data["name"], "robot.name"),

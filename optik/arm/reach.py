@@ -1,4 +1,4 @@
-"""How far an arm reaches: a bound that no configuration inside the limits can break, so a target beyond it is proved out."""
+"""Reach of an arm: bounds that hold for every configuration inside the limits, so a target beyond is unreachable."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ from optik.compiled import compiled
 from optik.task import Task
 from optik.types import Array
 
+REACH_ROUNDING = 1e-9
+"""Slack for rounding in the bound and the distance [m]: far above the rounding of metres, far below a tolerance."""
+
 
 def reach_bound(robot: Robot, task: Task) -> Array:
-    """Return (8,) numbers: a point of the base, a point of the tool, and the least and largest distance between them.
+    """Return a point of the base, a point of the tool, and the least and largest distance between them.
 
     One point is taken on every joint axis; the distance from one to the next does not change with the joints (along a
-    prismatic joint it has a range). So the distance from the first to the last is at most the sum of them all, and at
-    least the longest less all others: the polygon inequality. The points slide along their axes to where the sum is
-    smallest. For the full pose the last point is on the last axis, where the target fixes it; where only the position
-    counts, it is the tool's own. A task that leaves a position component free has no bound: (…, 0, ∞).
+    prismatic joint it has a range). So the distance from the first to the last is at most the sum of all of them, and at
+    least the longest less all others: the polygon inequality. The points are placed on their axes so that the sum is
+    smallest. For a task of the full pose the last point is on the last axis, where the target fixes it; for a task of
+    the position only, it is the tool point. A task that leaves a position component free has no bound: (…, 0, ∞).
 
     Parameters
     ----------
     robot : Robot
         The arm.
     task : Task
-        What must be met.
+        Which components of the pose are required, and their tolerances.
 
     Returns
     -------
     (8,) array
-        A (3,) in the base frame, c (3,) in the tool frame, least and largest |T c − A| [m].
+        The point A (3,) in the base frame, the point c (3,) in the tool frame, least and largest |T c − A| [m].
     """
     if not all(task.mask[:3]):
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf])
@@ -41,7 +44,7 @@ def reach_bound(robot: Robot, task: Task) -> Array:
     z[:, 2], z[:, 3] = t, 1.0
     low, high = np.zeros(robot.n + 1), np.zeros(robot.n + 1)
     for i in range(robot.n):
-        # in the frame before joint i: from the last joint's point (in the base: the joint's own at q = 0) to this one
+        # in the frame before joint i: from the point of joint i − 1 (for the first joint, its own at q = 0) to that of i
         before = z[i - 1] if i else robot.fixed[0] @ z[0]
         low[i], high[i] = _distances(robot, i, robot.fixed[i] @ z[i] - before)
     if not whole:
@@ -50,7 +53,7 @@ def reach_bound(robot: Robot, task: Task) -> Array:
     least = max(0.0, float(np.max(low - (largest - high)))) if np.isfinite(largest) else 0.0
     A = robot.fixed[0] @ z[0]
     c = np.linalg.solve(robot.tool, z[-1]) if whole else np.array([0.0, 0.0, 0.0, 1.0])
-    # a tool inside the task's box has its point this near to the target's
+    # of a tool inside the task's tolerance box, the point is at most this far from the target's point
     room = float(np.linalg.norm(task.box[:3]) + np.linalg.norm(task.box[3:]) * np.linalg.norm(c[:3]))
     least, largest = least - room, largest + room
     return np.array([*A[:3], *c[:3], least, largest])
@@ -69,11 +72,9 @@ def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
 
 
 def _shortest(robot: Robot, whole: bool) -> Array:
-    """Where on its axis each joint's point stands (n,), so that the links between them are shortest in all.
-
-    A sum of distances is minimised by least squares with weights 1 / distance (Weiszfeld 1937); any result is a valid
-    bound, a better one is sharper.
-    """
+    """Place (n,) of each joint's point on its axis [m] that makes the sum of the distances between them smallest."""
+    # The sum is minimised by least squares with weights 1 / distance (Weiszfeld 1937). Any places give a valid bound;
+    # the smaller the sum, the tighter it is.
     n, middle = robot.n, robot.limits.middle
     rows = n - 1 + (not whole)
     A, b = np.zeros((3 * rows, n)), np.zeros(3 * rows)
@@ -95,7 +96,24 @@ def _shortest(robot: Robot, whole: bool) -> Array:
 
 @compiled
 def outside_reach(reach: Array, target: Array, tolerance_p: float, tolerance_r: float) -> float:
-    """Distance [m] of the tool's point from the base's, where it breaks the bound whatever the tolerance; else −1."""
+    """Distance of the tool's point from the base's if it violates the bound for every pose within the tolerance.
+
+    Parameters
+    ----------
+    reach : (8,) array
+        What `reach_bound` returned [m].
+    target : (4, 4) array
+        Pose of the tool [1, m].
+    tolerance_p : float
+        Tolerance of the position [m].
+    tolerance_r : float
+        Tolerance of the rotation [rad].
+
+    Returns
+    -------
+    float
+        The distance [m] if the target is unreachable, else −1.
+    """
     square, lever = 0.0, 0.0
     for i in range(3):
         v = target[i, 3] - reach[i]
@@ -104,6 +122,6 @@ def outside_reach(reach: Array, target: Array, tolerance_p: float, tolerance_r: 
         square += v * v
         lever += reach[3 + i] * reach[3 + i]
     d = sqrt(square)
-    # a tool within the tolerance of the target has its point this near to the target's; the rest is rounding
-    slack = tolerance_p + min(tolerance_r, 2.0) * sqrt(lever) + 1e-9
+    # of a tool within the tolerances, the point is at most this far from the target's point
+    slack = tolerance_p + min(tolerance_r, 2.0) * sqrt(lever) + REACH_ROUNDING
     return d if d > reach[7] + slack or d < reach[6] - slack else -1.0

@@ -1,10 +1,10 @@
-"""A serial arm, built from any convention: tool pose, Jacobian, singular values, and copies with another base or tool."""
+"""A serial arm, built from any convention: its tool pose, Jacobian and singular values, and its comparison with another."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
-from optik.check import check_flag, real_array
+from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -191,7 +191,7 @@ class Robot(ArmModel):
         OutputError
             The file cannot be written.
         """
-        from optik.arm.urdf import write_urdf
+        from optik.arm.urdf_writer import write_urdf
 
         return write_urdf(self, path)
 
@@ -287,7 +287,8 @@ class Robot(ArmModel):
         Returns
         -------
         (6, n) or (..., 6, n) array
-            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections) [m/rad, 1 for prismatic joints; ω 1].
+            J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections): rows of v [m/rad] for revolute and [1]
+            for prismatic joints, rows of ω [1] for revolute joints and 0 for prismatic ones.
 
         Raises
         ------
@@ -314,7 +315,7 @@ class Robot(ArmModel):
         Returns
         -------
         (min(6, n),) or (..., min(6, n)) array
-            In descending order [metres and radians of the tool per radian or metre of the joints].
+            In descending order, of mixed unit [m/rad or 1].
 
         Raises
         ------
@@ -353,89 +354,6 @@ class Robot(ArmModel):
         out = np.empty((*q.shape[:-1], 6))
         kinematics.errors_batch(self.chain, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
         return out
-
-    # ------------------------------------------------------------ copies
-
-    def with_base(self, base: ArrayLike) -> Robot:
-        """Return the arm mounted at a pose of a new base frame: new.fk(q) = base @ self.fk(q).
-
-        The transform multiplies the present base, it does not replace it; the identity changes nothing. Gravity keeps
-        its physical direction and is expressed in the new base frame.
-
-        Parameters
-        ----------
-        base : (4, 4) array
-            Pose of the present base frame in the new one [1, m].
-
-        Returns
-        -------
-        Robot
-            The arm with the same tool, limits and names.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose.
-        """
-        T = se3.check_pose(base, "base")
-        fixed = np.array(self.fixed)
-        fixed[0] = T @ fixed[0]
-        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity)
-
-    def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Robot:
-        """Return the arm with another tool.
-
-        Parameters
-        ----------
-        tool : (4, 4) array
-            By default the whole transform from the last joint's frame to the tool: it replaces the present one, which
-            contains what the last row of a standard table, or the fixed joints of a URDF, put behind the last joint.
-            With ``add``, the pose of the new tool in the frame of the present one [1, m].
-        add : bool
-            Append the transform to the present tool, new.fk(q) = self.fk(q) @ tool, as the option ``tool`` of
-            `from_dh` and `from_mdh` does.
-
-        Returns
-        -------
-        Robot
-            The arm with the same base, limits and names.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose, or an ``add`` that is neither True nor False.
-        """
-        T = se3.check_pose(tool, "tool")
-        return replace(self, tool=self.tool @ T if check_flag(add, "add") else T)
-
-    def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Robot:
-        """Return the arm with other limits.
-
-        Parameters
-        ----------
-        limits : JointLimits, optional
-            Limits of all joints; by default the present ones.
-        **fields
-            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk,
-            scalars or (n,) arrays [rad/s, rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not
-            named stay as they are.
-
-        Returns
-        -------
-        Robot
-            The arm with the same kinematics and names.
-
-        Raises
-        ------
-        InvalidInput
-            A limit that does not exist, or values that `JointLimits` refuses.
-        RobotModelError
-            Limits for another number of joints.
-        """
-        new = self.limits if limits is None else limits
-        if not isinstance(new, JointLimits):
-            raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
-        return replace(self, limits=new.replaced(**fields) if fields else new)
 
     def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
         """Compare with another model of the same arm, and explain the difference.

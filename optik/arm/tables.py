@@ -1,4 +1,4 @@
-"""Denavit–Hartenberg tables, modified and standard, and the transforms that their rows stand for."""
+"""Denavit–Hartenberg tables, modified and standard, and the transforms that their rows describe."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optik.types import Array
 
 
 class DHRow(NamedTuple):
-    """One row of a Denavit–Hartenberg table, by name, so that no column can be taken for another.
+    """One row of a Denavit–Hartenberg table, by name, so that columns cannot be confused.
 
     Lengths in metres, angles in radians. ``theta`` (revolute) or ``d`` (prismatic) is the joint's offset at q = 0.
     """
@@ -39,6 +39,7 @@ def screw_x(angle: float, length: float) -> Array:
     Returns
     -------
     (4, 4) array
+        The transform [1, m].
     """
     return se3.pose(se3.exp_so3([angle, 0.0, 0.0]), (length, 0.0, 0.0))
 
@@ -56,6 +57,7 @@ def screw_z(angle: float, length: float) -> Array:
     Returns
     -------
     (4, 4) array
+        The transform [1, m].
     """
     return se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, length))
 
@@ -66,16 +68,17 @@ def rows_of(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
     Parameters
     ----------
     rows : iterable of DHRow or mapping
-        One a joint; lengths [m], angles [rad].
+        One for each joint; lengths [m], angles [rad].
 
     Returns
     -------
     list of DHRow
+        The rows.
 
     Raises
     ------
     InvalidInput
-        No list of rows, or a row with other keys.
+        Not a list of rows, or a row with other keys.
     RobotModelError
         A value that is not a finite number.
     """

@@ -1,4 +1,4 @@
-"""Units in which people read and type joints: degrees, and millimetres where a joint slides."""
+"""Units in which joint values are shown and typed: degrees, and millimetres for prismatic joints."""
 
 from __future__ import annotations
 
@@ -9,10 +9,32 @@ from optik.types import Array
 
 
 def per(arm: Robot) -> Array:
-    """How many degrees are a radian, or millimetres a metre, joint by joint (n,)."""
+    """Factors from the joints' units, rad and m, to the units that are shown.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+
+    Returns
+    -------
+    (n,) array
+        Degrees in a radian, or millimetres in a metre [°/rad, mm/m].
+    """
     return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
 
 
 def units(arm: Robot) -> list[str]:
-    """Unit in which each joint is shown."""
+    """Units in which the joints are shown.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+
+    Returns
+    -------
+    list of str
+        ``"°"`` or ``" mm"`` for each joint, to stand behind a number.
+    """
     return [" mm" if slides else "°" for slides in arm.prismatic]

@@ -133,7 +133,7 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
 def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
     """Windings of joint i that start inside its limits: where it leaves them, two costs, and the number of turns."""
     # It leaves them at infinity where it stays inside. The first cost includes the distance from a given start.
-    low, high, half = robot.limits.lower[i], robot.limits.upper[i], robot.limits.half[i]
+    low, high = robot.limits.lower[i], robot.limits.upper[i]
     q, turn = way.q[0, i], 2.0 * np.pi
     if robot.prismatic[i] or low == high:
         first = last = 0
@@ -151,7 +151,7 @@ def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tupl
         shift[i] = k * turn
         lower, upper = robot.limits.lower - shift - LIMIT_TOLERANCE, robot.limits.upper - shift + LIMIT_TOLERANCE
         leaves = march.leaves(way.s, way.q, way.dq, lower, upper, i)
-        x = (way.q[:, i] + k * turn - robot.limits.middle[i]) / half if 0.0 < half < np.inf else np.zeros(len(way.s))
+        x = robot.limits.normalised(way.q + shift)[:, i]
         cost = LIMITS_WEIGHT * float(x**2 @ steps)
         away = START_WEIGHT * abs(q + k * turn - near[i]) if near is not None else 0.0
         out.append((leaves, cost + away, cost, k))

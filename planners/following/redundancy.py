@@ -82,7 +82,7 @@ class FreeMotion:
         self.robot, self.path, self.held = robot, path, held
         self.chain = robot.chain
         self.middle = robot.limits.middle
-        self.half = np.where(robot.limits.half > 0.0, robot.limits.half, np.inf)  # a locked joint has no room to keep
+        self.half = np.where(robot.limits.ranged, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, ROOM_WEIGHT
         self._carry(s[len(way) :])
@@ -239,7 +239,8 @@ def _solver(robot: Robot) -> IKSolver:
 
 def _standing(robot: Robot, q: Array) -> Array:
     """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
-    sigma = robot.singular_values(q)[:, -1]
+    sigma = np.empty(len(q))
+    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), sigma)
     x = np.minimum(np.abs(robot.limits.normalised(q)), LOG_EDGE)
     return np.asarray(-ROOM_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9)))
 

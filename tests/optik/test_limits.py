@@ -139,7 +139,8 @@ def test_the_middle_of_the_largest_range_is_a_number():
 def test_positions_relative_to_the_range_are_within_one_and_lead_back(limits, seed):
     q = limits.draw(np.random.default_rng(seed), 5)
     x = limits.normalised(q)
-    ranged = np.isfinite(limits.half) & (limits.half > 1e-9)
+    ranged = limits.ranged & (limits.half > 1e-9)
+    assert limits.ranged.tolist() == [-np.inf < a < b < np.inf for a, b in zip(limits.lower, limits.upper, strict=True)]
     assert np.abs(x).max() <= 1.0 + 1e-6
     assert np.abs(x * np.where(ranged, limits.half, 0.0) + limits.middle - q)[:, ranged].max(initial=0.0) < 1e-9
     assert (x[:, np.isinf(limits.half) | (limits.half == 0.0)] == 0.0).all()

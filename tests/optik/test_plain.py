@@ -69,7 +69,7 @@ def test_numbers_come_back_to_the_last_bit(values: list[float]) -> None:
 WRONG = {
     "no mapping": (lambda d: None, "robot"),
     "a key too few": (lambda d: {k: v for k, v in d.items() if k != "tool"}, "tool missing"),
-    "a key too many": (lambda d: d | {"colour": "red"}, "colour not known"),
+    "a key too many": (lambda d: d | {"colour": "red"}, "colour unknown"),
     "a limit too few": (lambda d: d | {"limits": {"lower": [0.0]}}, "upper, velocity"),
     "no lower limits": (lambda d: d | {"limits": d["limits"] | {"lower": None}}, "robot.limits.lower"),
     "a short limit": (lambda d: d | {"limits": d["limits"] | {"jerk": [1.0]}}, "robot.limits.jerk"),

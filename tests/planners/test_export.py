@@ -103,7 +103,7 @@ NAN, INF = float("nan"), float("inf")
 KEYS = ("format", "robot", "path", "limits", "law", "keeps", "knots", "coefficients")
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     **{f"no {key}": (lambda d, key=key: d.pop(key), key) for key in KEYS},
-    "a key too many": (set_to("colour", value=1), "colour not known"),
+    "a key too many": (set_to("colour", value=1), "colour unknown"),
     "another format": (set_to("format", value="optik-plan/1"), "expected 'optik-motion/1'; got 'optik-plan/1'"),
     "a later format": (set_to("format", value="optik-motion/2"), "optik-motion/2"),
     "no robot": (set_to("robot", value=None), "robot"),
@@ -116,7 +116,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "a path without its goal": (lambda d: d["path"].pop("goal"), "goal"),
     "a path from no pose": (set_to("path", "start", value=[[1.0]]), "start"),
     "no path": (set_to("path", value=[]), "path"),
-    "limits of another name": (set_to("limits", "force", value=1.0), "force not known"),
+    "limits of another name": (set_to("limits", "force", value=1.0), "force unknown"),
     "a limit below 0": (set_to("limits", "velocity", value=-1.0), "velocity"),
     "a limit in words": (set_to("limits", "velocity", value="fast"), "limits.velocity"),
     "limits of two joints": (set_to("limits", "jerk", value=[1.0, 1.0]), "limits.jerk"),

@@ -362,6 +362,6 @@ def _inside(robot: Robot, distance: float) -> JointLimits:
     tight_lower, tight_upper = lower + distance * moves, upper - distance * moves
     if (tight_lower > tight_upper).any():
         i = int(np.argmax(tight_lower - tight_upper))
-        room = f"at most {0.5 * (upper[i] - lower[i]):.6g}, half the range of {robot.joint_names[i]}"
+        room = f"at most {robot.limits.half[i]:.6g}, half the range of {robot.joint_names[i]}"
         raise InvalidInput("limit_distance", f"{distance:.6g}", room)
     return JointLimits(tight_lower, tight_upper)

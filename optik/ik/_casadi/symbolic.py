@@ -154,10 +154,9 @@ def preference(m: Model, task: Task, robot: Robot, weights: Mapping[str, float],
         if name == "posture":
             total += 0.5 * weight * ca.sumsqr(m.q - posture)
         elif name == "limits":
-            lower, upper = robot.limits.lower, robot.limits.upper
-            for i in np.flatnonzero(np.isfinite(lower) & np.isfinite(upper) & (lower < upper)):
-                half = 0.5 * (upper[i] - lower[i])
-                total += 0.5 * weight * ((m.q[int(i)] - 0.5 * (lower[i] + upper[i])) / half) ** 2
+            middle, half = robot.limits.middle, robot.limits.half
+            for i in np.flatnonzero(robot.limits.ranged):
+                total += 0.5 * weight * ((m.q[int(i)] - middle[i]) / half[i]) ** 2
         else:
             rows = along(m, task)
             total -= weight * _log_root_det(rows @ rows.T + _SINGULAR * ca.SX.eye(rows.size1()))

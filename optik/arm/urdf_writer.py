@@ -1,0 +1,103 @@
+"""Writer of URDF: an arm's data as text, from link ``base`` to link ``tool``."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from math import cos, sin
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from optik.arm.model import ArmModel
+from optik.errors import RobotModelError
+from optik.files import write_whole
+from optik.types import Array
+
+
+def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str:
+    """Return an arm as URDF text and write it to a file if one is named; see `Robot.to_urdf`.
+
+    Parameters
+    ----------
+    arm : ArmModel
+        The arm.
+    path : str or path, optional
+        File to be written.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    RobotModelError
+        A prismatic joint without limits, a limit on one side only, or a name that XML cannot hold.
+    OutputError
+        The file cannot be written.
+    """
+    for name in (arm.name, *arm.joint_names):
+        if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
+            raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
+    before = "base"
+    for i, name in enumerate(arm.joint_names):
+        kind, limit = _kind_and_limit(arm, i)
+        lines += [f'  <link name="link{i + 1}"/>', f'  <joint name={quoteattr(name)} type="{kind}">']
+        lines += _placement(before, f"link{i + 1}", arm.fixed[i])
+        lines += ['    <axis xyz="0 0 1"/>', *limit, "  </joint>"]
+        before = f"link{i + 1}"
+    flange = "flange"
+    while flange in arm.joint_names:
+        flange += "_"
+    lines += ['  <link name="tool"/>', f'  <joint name="{flange}" type="fixed">']
+    lines += [*_placement(before, "tool", arm.tool), "  </joint>", "</robot>", ""]
+    text = "\n".join(lines)
+    if path is not None:
+        write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    return text
+
+
+def _placement(parent: str, child: str, T: Array) -> list[str]:
+    xyz = " ".join(repr(float(x)) for x in T[:3, 3])
+    rpy = " ".join(repr(x) for x in roll_pitch_yaw(T[:3, :3]))
+    return [f'    <parent link="{parent}"/>', f'    <child link="{child}"/>', f'    <origin xyz="{xyz}" rpy="{rpy}"/>']
+
+
+def _kind_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
+    """Type and <limit> of a joint; 0 stands for an unknown velocity, and for every effort."""
+    lower, upper = float(arm.limits.lower[i]), float(arm.limits.upper[i])
+    speed = np.inf if arm.limits.velocity is None else float(arm.limits.velocity[i])
+    known = f'effort="0" velocity="{repr(speed) if np.isfinite(speed) else 0}"'
+    if np.isfinite([lower, upper]).all():
+        kind = "prismatic" if arm.prismatic[i] else "revolute"
+        return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>']
+    if arm.prismatic[i] or np.isfinite([lower, upper]).any():
+        problem = f"limits {lower:.6g} to {upper:.6g}; URDF has finite ones, or none for a revolute joint"
+        raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
+    return "continuous", [f"    <limit {known}/>"] if np.isfinite(speed) else []
+
+
+def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """Return the angles with R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding for every rotation.
+
+    Near pitch = ±90° the yaw is determined by rounding errors only; every yaw is correct there, because roll is computed
+    from Rz(−yaw) R.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        Rotation matrix [1].
+
+    Returns
+    -------
+    tuple of three floats
+        Roll, pitch and yaw [rad].
+    """
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    c, s = cos(yaw), sin(yaw)
+    pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return roll, pitch, yaw
