@@ -10,9 +10,15 @@ import typer
 from rich.table import Table
 
 from benchmarks.cli.shared import AsJson, command, err_console, out_console, print_json
+from optik.plugins.files import is_path
+from optik.plugins.used import Used, check_allowed, reading, record
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 
+AllowPlugins = Annotated[
+    bool,
+    typer.Option("--allow-plugins", help="Run the code in files that the suite names; `optik bench check` lists them."),
+]
 Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
 
 
@@ -49,6 +55,7 @@ def bench_run(
     suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
     out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
     workers: Workers = 1,
+    allow_plugins: AllowPlugins = False,
     as_json: AsJson = False,
 ) -> None:
     """Run a suite into a folder; a run that was stopped is continued.
@@ -57,7 +64,7 @@ def bench_run(
 
     Parameters
     ----------
-    suite, out, workers, as_json
+    suite, out, workers, allow_plugins, as_json
         As ``--help`` says.
 
     Raises
@@ -65,13 +72,68 @@ def bench_run(
     UnknownName, InvalidInput, OutputError
         As `load_suite` and `run_suite`.
     """
-    folder = run_with_progress(suite, out, workers)
+    folder = run_with_progress(suite, out, workers, allow_plugins)
     if as_json:
         print_json(folder.manifest())
     else:
         out_console.print(
             f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
         )
+
+
+@command(bench_app, "check")
+def bench_check(
+    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Check the settings of a suite and list the plug-ins that running it would use; nothing of theirs is run.
+
+    Parameters
+    ----------
+    suite, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        As `load_suite`.
+    """
+    asked, plugins = suite_and_plugins(suite)
+    rows = record(plugins)
+    if as_json:
+        print_json({"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows})
+        return
+    out_console.print(f"the settings of {asked.name} are right", highlight=False, markup=False)
+    for row in rows:
+        what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
+        out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
+
+
+def suite_and_plugins(suite: str) -> tuple[Any, list[Used]]:
+    """Read a suite, and note the plug-ins that it names, without running them.
+
+    Parameters
+    ----------
+    suite : str
+        A name or a file.
+
+    Returns
+    -------
+    asked : Suite
+        The suite, checked.
+    plugins : list of Used
+        Files and entry points.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        As `load_suite`.
+    """
+    from benchmarks.suite import load_suite
+
+    with reading(Path(suite).resolve().parent if is_path(suite) else Path.cwd()) as plugins:
+        asked = load_suite(suite)
+    return asked, plugins
 
 
 @command(bench_app, "report")
@@ -136,7 +198,7 @@ def demo(
     out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
 
 
-def run_with_progress(suite: str, out: Path, workers: int) -> Any:
+def run_with_progress(suite: str, out: Path, workers: int, allow_plugins: bool = False) -> Any:
     """Run a suite with a progress bar on the error stream.
 
     Parameters
@@ -147,6 +209,8 @@ def run_with_progress(suite: str, out: Path, workers: int) -> Any:
         Folder of the run.
     workers : int
         Processes.
+    allow_plugins : bool
+        Whether files that the suite names may be run.
 
     Returns
     -------
@@ -161,10 +225,11 @@ def run_with_progress(suite: str, out: Path, workers: int) -> Any:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from benchmarks.run import run_suite
-    from benchmarks.suite import load_suite
 
-    asked = load_suite(suite)
+    asked, plugins = suite_and_plugins(suite)
+    check_allowed(plugins, allow_plugins)
     command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
+    command += " --allow-plugins" if allow_plugins else ""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err_console, transient=True) as bar:
         task = bar.add_task("compiling", total=None)
