@@ -1,4 +1,4 @@
-"""Redundancy resolution for arms of more than six joints: the null-space motion is chosen along the path, then kept exactly."""
+"""Redundancy resolution for arms of more than six joints: null-space motion chosen along the path, then kept exactly."""
 
 from __future__ import annotations
 
