@@ -313,6 +313,7 @@ def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
     q = arm.limits.lower + 0.3 * (arm.limits.upper - arm.limits.lower)
     assert arm.name == "arm"
     assert optik.load(saved) == optik.load(str(code)) == arm
+    assert "ur5e" in optik.robots()
     for name in (EXAMPLES / "arm.urdf", f"{EXAMPLES}/arm.urdf#tip=tool&base=base"):
         np.testing.assert_allclose(optik.load(name).fk(q), arm.fk(q), atol=1e-12)
     inner = optik.load(EXAMPLES / "arm.urdf", tip="link3")

@@ -10,6 +10,9 @@ from typing import Any
 
 from optik.errors import InvalidInput, MissingDependency
 
+_DATA = ("optik.robots", "benchmarks.suites")
+"""Groups of data: folders that are not imported, which would put the module in the place of `optik.robots()`."""
+
 _OURS = ("optik", "planners", "benchmarks")
 """Our packages: a module of theirs that is missing is a bug of ours, not a missing dependency."""
 
@@ -27,6 +30,8 @@ def base_of(group: str) -> Any:
     type or None
         None for groups of functions and of data.
     """
+    if group in _DATA:
+        return None
     try:
         return getattr(importlib.import_module(f"{group}.base"), "METHOD_BASE", None)
     except ModuleNotFoundError as error:
