@@ -163,7 +163,7 @@ class Plan:
             self.speed,
         )  # fmt: skip
 
-    def save(self, file: str | os.PathLike[str], *, format: str | None = None) -> None:
+    def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
         Parameters
@@ -192,8 +192,8 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    ik: str | IKSolver = "lm",
-    timing: str | TimeLaw = "optimal",
+    ik: str | os.PathLike[str] | IKSolver = "lm",
+    timing: str | os.PathLike[str] | TimeLaw = "optimal",
     limits: MotionLimits | None = None,
     samples: int = 151,
     branch: str | None = None,
@@ -213,9 +213,9 @@ def plan(
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     ik : str or IKSolver
-        Method, by name or built.
+        Method, by name, by the path of a file (``"./jt.py"``), or built.
     timing : str or TimeLaw
-        Law, by name or built.
+        Law, by name, by the path of a file (``"./law.py"``), or built.
     limits : MotionLimits, optional
         The robot's own by default.
     samples : int
@@ -249,12 +249,12 @@ def plan(
 
 
 def _asked(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | IKSolver, timing: str | TimeLaw,
-    limits: MotionLimits | None, judged: tuple[tuple[float, float], float],
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
+    timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None, judged: tuple[tuple[float, float], float],
 ) -> tuple[IKSolver, Asked]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
-    solver = solver_for(robot, ik) if isinstance(ik, str) else ik
-    law = make_law(timing) if isinstance(timing, str) else timing
+    solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
+    law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
     limits = MotionLimits.of(robot) if limits is None else limits
     for argument, value, kind in (("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):

@@ -238,11 +238,26 @@ def test_an_unknown_name_lists_the_nearest(folder):
         assert str(caught.value) == "unknown method 'newtown'; did you mean newton? there are: levenberg, newton"
 
 
-@pytest.mark.parametrize("name", ["__init__", "base", "../registry", "ik.dls", "", "newton.py", "Newton"])
+@pytest.mark.parametrize("name", ["__init__", "base", "ik.dls", "", "Newton"])
 def test_what_is_no_name_is_not_loaded(folder, name):
     (folder / "newton.py").write_text("METHOD = 1\n")
     with pytest.raises(UnknownName):
         registry.load_method(folder.name, name)
+
+
+@pytest.mark.parametrize("name", ["../registry", "newton.py", "./newton"])
+def test_a_path_without_a_file_is_said_to_be_a_path(folder, name):
+    (folder / "newton.py").write_text("METHOD = 1\n")
+    with pytest.raises(InvalidInput, match=r"expected a file, because .* is a path; got '.*', which is no file"):
+        registry.load_method(folder.name, name)
+
+
+def test_a_folder_with_an_init_is_a_name_and_another_is_none(folder):
+    for name in ("newton", "notes"):
+        (folder / name).mkdir()
+    (folder / "newton" / "__init__.py").write_text("METHOD = 7\n")
+    assert registry.names(folder.name) == ("newton",)
+    assert registry.load_method(folder.name, "newton") == 7
 
 
 # ---------------------------------------------------------------- errors

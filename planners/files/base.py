@@ -268,3 +268,7 @@ def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:
         power, piece, joint = np.argwhere(~np.isfinite(coefficients))[0]
         raise InvalidInput("coefficients", f"{coefficients[power, piece, joint]} in piece {piece}", "finite numbers")
     return Trajectory(PPoly(coefficients, knots))
+
+
+METHOD_BASE = Format
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

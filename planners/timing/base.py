@@ -259,3 +259,7 @@ def _exact(joint_path: JointPath, law: PPoly, t: Array, x: Array) -> tuple[Array
     at = np.clip(s[:, 0], 0.0, joint_path.end)
     q, *derivatives = (joint_path(at, order) for order in (0, 1, 2, 3))
     return q, composed(derivatives, (v, a, j))[2]
+
+
+METHOD_BASE = TimeLaw
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

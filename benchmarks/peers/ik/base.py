@@ -246,3 +246,7 @@ def none(robot: Robot) -> Array:
         No configurations [rad, m].
     """
     return np.empty((0, robot.n))
+
+
+METHOD_BASE = Peer
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

@@ -107,3 +107,7 @@ def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absen
     """
     peer: TimingPeer | Absent = built_or_absent(load_method(TIMING_PEERS, name, "peer of timing"), limits)
     return peer
+
+
+METHOD_BASE = TimingPeer
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
