@@ -12,11 +12,16 @@ import polars as pl
 
 from optik.errors import InvalidInput, OutputError
 from optik.files import write_whole
+from optik.plugins.used import compare
 
 FORMAT = "optik-run/1"
 """Name and version of the format of run folders, in ``run.json``."""
 MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
 """Keys that ``run.json`` must have."""
+
+
+ARMS = "robots.json"
+"""Arms of a run that do not come with optik, as plain data by what reports call them; not there where there are none."""
 
 
 class RunFolder:
@@ -85,6 +90,8 @@ class RunFolder:
         ------
         OutputError
             The path is a file, or a folder with a run with other settings or with files that are not of a run.
+        InvalidInput
+            The run was begun with another version of a plug-in.
         """
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(self.path, "is a file; name a folder for the run")
@@ -100,6 +107,7 @@ class RunFolder:
             raise OutputError(
                 self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
             )
+        compare(old.get("plugins", []), manifest.get("plugins", []))
         later = [] if old["complete"] else [manifest["provenance"]]
         return old | {"continued": [*old["continued"], *later]}
 

@@ -6,16 +6,17 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 from benchmarks.kinds.base import KINDS, Block, Kind, load_kind
 from benchmarks.records import slug
-from benchmarks.settings import check_different
+from benchmarks.settings import check_different, check_known
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
-from optik.registry import data_file, names
+from optik.plugins.files import is_path
+from optik.plugins.used import Used, reading
+from optik.registry import data_file, names, short_name
 
 SUITES = "benchmarks.suites"
 """The package in which a suite is found by its name."""
@@ -45,6 +46,10 @@ class Suite:
         What each kind was found by, by its name: that name, or the path of a file.
     settings : dict
         All settings as they were read.
+    plugins : tuple of Used
+        Files and entry points that the settings name.
+    allow_plugins : bool
+        Whether the code in those files may be run.
     """
 
     name: str
@@ -54,6 +59,8 @@ class Suite:
     asked: dict[str, tuple[Any, ...]]
     sources: dict[str, str]
     settings: dict[str, Any]
+    plugins: tuple[Used, ...] = ()
+    allow_plugins: bool = False
 
     def of(self, kind: str) -> tuple[Any, ...]:
         """All blocks of a kind.
@@ -87,13 +94,16 @@ class Suite:
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def load_suite(name: str) -> Suite:
+def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
     """Read a suite by name, or from a TOML file.
 
     Parameters
     ----------
     name : str
         Of a suite, or the path of a file that ends in ``.toml``.
+    allow_plugins : bool
+        Whether the code in files that the suite names may be run. Where it may not, the suite can be looked at, not run:
+        the settings of a kind that comes from a file are not checked.
 
     Returns
     -------
@@ -107,12 +117,42 @@ def load_suite(name: str) -> Suite:
     InvalidInput
         A file that is no suite: the key is named.
     """
-    file = Path(name) if name.endswith(".toml") and Path(name).is_file() else data_file(SUITES, name, "suite")
+    file = data_file(SUITES, name, "suite")
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"suite {file.name}", str(error), "a TOML file") from None
-    return suite_of(file.stem, data)
+    with reading(file.parent) as used:
+        suite = suite_of(file.stem, data, find=_kind if allow_plugins else _kind_without_code)
+    return replace(suite, plugins=tuple(used), allow_plugins=allow_plugins)
+
+
+class _Unread(Kind):
+    """A kind that comes from a file whose code may not be run: it has blocks, and nothing is known of them."""
+
+    def __init__(self, file: str) -> None:
+        self.name = short_name(file)  # type: ignore[misc]
+        self.title = self.name  # type: ignore[misc]
+
+    def settings(self, data: Any) -> Block:
+        found = data if isinstance(data, dict) else {}
+        name = str(found.get("id", self.name))
+        return Block(id=name, title=str(found.get("title", name)))
+
+
+def _source(name: str) -> str:
+    """What any process finds a kind by: its name, or the absolute path of its file."""
+    return check_known(name, KINDS, "kind of block") if is_path(name) else name
+
+
+def _kind(name: str) -> Kind:
+    """Find a kind, and note it where it is a plug-in."""
+    return load_kind(check_known(name, KINDS, "kind of block"))
+
+
+def _kind_without_code(name: str) -> Kind:
+    """Find a kind, without running a file."""
+    return _Unread(_source(name)) if is_path(name) else _kind(name)
 
 
 def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = load_kind) -> Suite:
@@ -148,7 +188,7 @@ def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = l
     check_different(ids, "blocks", "id")
     _check_files(ids)
     check_count(data.get("seed", 0), "seed", 0)
-    sources = {kind.name: ALIASES.get(key, key) for kind, key in keys.items()}
+    sources = {kind.name: _source(ALIASES.get(key, key)) for kind, key in keys.items()}
     return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, sources, data)
 
 

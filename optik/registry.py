@@ -130,7 +130,7 @@ def check_name(group: str, name: Any, kind: str) -> str:
     return str(name)
 
 
-def label(name: str | os.PathLike[str]) -> str:
+def short_name(name: str | os.PathLike[str]) -> str:
     """Return what reports call a method: its name, or the stem of its file.
 
     Parameters
@@ -281,7 +281,7 @@ def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments
         if wrong is None:
             raise
         given = ", ".join(options) or "none"
-        expected = f"options of the {kind} {label(name)!r}"
+        expected = f"options of the {kind} {short_name(name)!r}"
         raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
 
 

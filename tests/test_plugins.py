@@ -103,7 +103,7 @@ def test_a_file_is_a_method_that_reports_call_by_its_stem(tmp_path: Path, monkey
     file = write(tmp_path / "stay_1.py", said="here")
     monkeypatch.chdir(tmp_path)
     solver = optik.ik.make_solver(paper6r(), "./stay_1.py")
-    assert (solver.name, registry.label("./stay_1.py")) == ("stay_1", "stay_1")
+    assert (solver.name, registry.short_name("./stay_1.py")) == ("stay_1", "stay_1")
     assert type(optik.ik.make_solver(paper6r(), file)) is type(solver)
     assert optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), "stay_1.py").message == "here"
     kept = optik.ik.solver_for(paper6r(), "./stay_1.py")

@@ -28,7 +28,7 @@ from benchmarks.cli.shared import (
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
 from optik.plugins.installed import distribution_of
-from optik.registry import GROUPS, installed, label, refused
+from optik.registry import GROUPS, installed, refused, short_name
 
 app = typer.Typer(
     help="Trajectories for serial arms: inverse kinematics, paths, time laws with a certificate, and a fair comparison.",
@@ -163,7 +163,7 @@ def ik(
     if as_json:
         print_json(
             {
-                "robot": arm.name, "solver": label(solver), "status": str(result.status), "solved": bool(result),
+                "robot": arm.name, "solver": short_name(solver), "status": str(result.status), "solved": bool(result),
                 "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
                 "q": result.q.tolist(), "iterations": result.iterations,
                 "restarts": result.restarts, "position_error": result.position_error,

@@ -10,8 +10,7 @@ import typer
 from rich.table import Table
 
 from benchmarks.cli.shared import AsJson, command, err_console, out_console, print_json
-from optik.plugins.files import is_path
-from optik.plugins.used import Used, check_allowed, reading, record
+from optik.plugins.used import record
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 
@@ -97,8 +96,10 @@ def bench_check(
     UnknownName, InvalidInput
         As `load_suite`.
     """
-    asked, plugins = suite_and_plugins(suite)
-    rows = record(plugins)
+    from benchmarks.suite import load_suite
+
+    asked = load_suite(suite)
+    rows = record(asked.plugins)
     if as_json:
         print_json({"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows})
         return
@@ -106,33 +107,6 @@ def bench_check(
     for row in rows:
         what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
         out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
-
-
-def suite_and_plugins(suite: str) -> tuple[Any, list[Used]]:
-    """Read a suite, and note the plug-ins that it names, without running them.
-
-    Parameters
-    ----------
-    suite : str
-        A name or a file.
-
-    Returns
-    -------
-    asked : Suite
-        The suite, checked.
-    plugins : list of Used
-        Files and entry points.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        As `load_suite`.
-    """
-    from benchmarks.suite import load_suite
-
-    with reading(Path(suite).resolve().parent if is_path(suite) else Path.cwd()) as plugins:
-        asked = load_suite(suite)
-    return asked, plugins
 
 
 @command(bench_app, "report")
@@ -224,9 +198,9 @@ def run_with_progress(suite: str, out: Path, workers: int, allow_plugins: bool =
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from benchmarks.run import run_suite
+    from benchmarks.suite import load_suite
 
-    asked, plugins = suite_and_plugins(suite)
-    check_allowed(plugins, allow_plugins)
+    asked = load_suite(suite, allow_plugins=allow_plugins)
     command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
     command += " --allow-plugins" if allow_plugins else ""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

@@ -14,7 +14,7 @@ import optik
 from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, configuration, out_console, print_json, words_of
 from optik.errors import InvalidInput
-from optik.registry import label, load_method, names
+from optik.registry import load_method, names, short_name
 
 plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 
@@ -228,5 +228,5 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
     for field in joints:
         if field in law.keeps and found[field] is None:
             nothing = f"nothing, and {arm.name} has no limit of its own"
-            raise InvalidInput(f"--{field}", nothing, f"a limit, for {label(wish.timing)}")
+            raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
     return planners.MotionLimits(**found, tool_speed=wish.tool_speed, rotation_speed=wish.rotation_speed)

@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmarks.kinds.base import Entry
 from benchmarks.settings import all_of, check_different, check_keys, check_known, optional_count
+from optik.registry import short_name
 
 
 def read_method(data: Any, where: str) -> Entry:
@@ -34,7 +35,7 @@ def read_method(data: Any, where: str) -> Entry:
     check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
     name = check_known(data["solver"], "optik.ik", "IK method")
     most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Entry(str(data.get("label", data["solver"])), name, dict(data.get("options", {})), most)
+    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), most)
 
 
 def read_law(data: Any, where: str, role: str = "law") -> Entry:
@@ -63,7 +64,7 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
     """
     check_keys(data, {"label", "law", "options"}, where, need={"law"})
     name = check_known(data["law"], "planners.timing", "time law")
-    return Entry(str(data.get("label", data["law"])), name, dict(data.get("options", {})), role=role)
+    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), role=role)
 
 
 def read_peers(
@@ -100,8 +101,8 @@ def read_peers(
     def read(peer: Any) -> Entry:
         check_keys(peer, {"label", "peer", most}, f"{where}: peers", need={"peer"})
         name = check_known(peer["peer"], folder, word)
-        label = str(peer.get("label", str(peer["peer"]).replace("_", " ")))
-        return Entry(label, name, {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
+        shown = str(peer.get("label", short_name(name).replace("_", " ")))
+        return Entry(shown, name, {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
 
     return all_of(data, f"{where}: peers", read)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,8 @@ import polars as pl
 from benchmarks.kinds.base import Block, Kind, Measure, Outcome, Target, load_kind
 from benchmarks.records import RunFolder, slug
 from optik.errors import UnknownName
+from optik.plugins.files import is_path
+from optik.registry import short_name
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -62,7 +63,7 @@ def table_of(kind: Kind, block: Any, folder: RunFolder) -> dict[str, Any]:
     return {
         "kind": kind.title,
         "title": block.title,
-        "robots": list(block.robots),
+        "robots": [short_name(robot) for robot in block.robots],
         "heads": [_head(m) for m in measures],
         "rows": [] if rows is None else [_row(label, part, measures) for label, part in _by_entry(block, rows)],
         "targets": [_outcome(o) for o in kind.outcomes(block, folder)],
@@ -95,11 +96,6 @@ def _outcome(o: Outcome) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------- where the kind is not available
-
-
-def _is_path(name: str) -> bool:
-    """Whether a name means a file: only a path has a separator or a suffix."""
-    return "/" in name or "\\" in name or "." in name
 
 
 def _nothing(rows: pl.DataFrame) -> float:
@@ -167,8 +163,8 @@ def kind_or_stored(name: str, folder: RunFolder) -> Kind:
     Kind
         The kind.
     """
-    if _is_path(name):
-        return _Stored(Path(name).stem, folder)
+    if is_path(name):
+        return _Stored(short_name(name), folder)
     try:
         return load_kind(name)
     except (UnknownName, ImportError):

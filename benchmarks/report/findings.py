@@ -6,6 +6,7 @@ from typing import Any
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
 from benchmarks.report.run import Run
+from optik.registry import short_name
 
 BADGES = {HOLDS: "good", FAILS: "bad", PARTLY: "partly"}
 """Look of each verdict."""
@@ -83,7 +84,7 @@ def limitations(run: Run) -> dict[str, Any]:
     """
     provenance = run.manifest["provenance"]
     workers, cores = provenance.get("workers"), provenance.get("cores")
-    robots = sorted(run.suite.robots)
+    robots = sorted(map(short_name, run.suite.robots))
     items = (
         [f"One arm only: {robots[0]}." if len(robots) == 1 else f"Only these arms: {', '.join(robots)}."]
         if robots

@@ -8,8 +8,8 @@ from typing import Any
 from benchmarks.experiments.base import PARTLY
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from optik.arm.library import load
 from optik.errors import UnknownName
+from optik.registry import short_name
 
 
 def overview(run: Run) -> dict[str, Any]:
@@ -32,16 +32,16 @@ def overview(run: Run) -> dict[str, Any]:
         "suite": run.suite.name,
         "complete": bool(run.manifest.get("complete")),
         "created": run.manifest["provenance"].get("created", ""),
-        "robots": [(name, _axes(name)) for name in run.suite.robots],
+        "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
         "subjects": _subjects(run),
         "missing": [block.title for _, block in run.suite.pairs() if block not in begun],
         "findings": [words for words in (*own, _verdicts(run), _targets(run)) if words],
     }
 
 
-def _axes(name: str) -> str:
+def _axes(run: Run, name: str) -> str:
     try:
-        return f"{load(name).n} joints"
+        return f"{run.robot(name).n} joints"
     except UnknownName:  # a robot that this version has no longer
         return "not in this version"
 

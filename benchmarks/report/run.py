@@ -9,10 +9,15 @@ from typing import Any
 from benchmarks.experiments.base import Finding
 from benchmarks.kinds._stored import kind_or_stored
 from benchmarks.kinds.base import BlockRows
-from benchmarks.records import RunFolder
+from benchmarks.records import ARMS, RunFolder
 from benchmarks.report.figures import colour
 from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import Outcome, outcomes
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.plugins.files import without_code
+from optik.plugins.used import reading
+from optik.registry import short_name
 
 
 @dataclass(frozen=True)
@@ -35,9 +40,36 @@ class Run:
     @cached_property
     def suite(self) -> Suite:
         """The suite that was run; a kind that is not available here stands as what the run has stored of it."""
-        return suite_of(
-            self.manifest["suite"], self.manifest["settings"], find=partial(kind_or_stored, folder=self.folder)
-        )
+        with reading(None), without_code():  # its files may be gone, and a report runs no code that a suite names
+            return suite_of(
+                self.manifest["suite"], self.manifest["settings"], find=partial(kind_or_stored, folder=self.folder)
+            )
+
+    @cached_property
+    def _arms(self) -> dict[str, Any]:
+        """Arms that did not come with optik, as plain data by what reports call them."""
+        return self.folder.read_json(ARMS) or {}
+
+    def robot(self, name: str) -> Robot:
+        """An arm of the suite: as the run has stored it, or one that comes with optik.
+
+        Parameters
+        ----------
+        name : str
+            As a block has it.
+
+        Returns
+        -------
+        Robot
+            The arm.
+
+        Raises
+        ------
+        UnknownName
+            This version has no such arm, and the run has not stored it.
+        """
+        stored = self._arms.get(short_name(name))
+        return load(name) if stored is None else Robot.from_dict(stored)
 
     @cached_property
     def _read(self) -> dict[str, list[Any]]:

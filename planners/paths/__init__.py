@@ -8,7 +8,7 @@ from typing import Any
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, UnknownName
-from optik.registry import label, load_method, loaded, names
+from optik.registry import load_method, loaded, names, short_name
 from planners.paths.base import Path
 
 __all__ = ["Path", "make_path", "path_of", "paths"]
@@ -50,12 +50,12 @@ def make_path(path: str | os.PathLike[str], robot: Robot | None = None, **data: 
         No such path; the nearest names are offered.
     """
     kind: type[Path] = load_method("planners.paths", path, "path")
-    built = kind.from_dict({"path": label(path)} | data, robot)
+    built = kind.from_dict({"path": short_name(path)} | data, robot)
     known = built.to_dict()
     for key in data:
         if key not in known:
             keys = ", ".join(k for k in known if k != "path")
-            raise InvalidInput(key, repr(data[key])[:60], f"keys of the path {label(path)!r}: {keys}")
+            raise InvalidInput(key, repr(data[key])[:60], f"keys of the path {short_name(path)!r}: {keys}")
     return built
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
 import tomllib
@@ -25,6 +24,7 @@ from tests.benchmarks.test_report import page_of
 from tests.oracles import REPOSITORY
 
 DOCS = (REPOSITORY / "docs" / "comparison.md").read_text(encoding="utf-8").partition("## A kind of suite block")[2]
+EXAMPLE = (REPOSITORY / "examples" / "fk_time.py").read_text(encoding="utf-8")
 RATIO = """        Measure("ratio", "", lambda rows, a, b: (
             rows.filter(pl.col("method") == a)["us"].median() / rows.filter(pl.col("method") == b)["us"].median()
         ), "median over that of", relative=True),
@@ -46,19 +46,12 @@ BLOCK = {
 def outside(tmp_path_factory: pytest.TempPathFactory) -> type[Kind]:
     file = tmp_path_factory.mktemp("outside") / "fk_time.py"
     file.write_text(OUTSIDE)
-    spec = importlib.util.spec_from_file_location("fk_time", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["fk_time"] = module
-    spec.loader.exec_module(module)
-    kind: type[Kind] = module.METHOD
+    kind: type[Kind] = load_method(KINDS, str(file))
     return kind
 
 
 def suite_with(kind: type[Kind], **changes: Any) -> Suite:
-    found = kind()
-    return suite_of("fk", {"./fk_time.py": [BLOCK | changes]}, find=lambda name: found)
+    return suite_of("fk", {str(sys.modules[kind.__module__].__file__): [BLOCK | changes]})
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +91,10 @@ def test_a_kind_has_the_key_of_its_name_and_perhaps_an_older_one() -> None:
 
 
 # ---------------------------------------------------------------- one from outside
+
+
+def test_the_example_is_the_one_of_the_docs() -> None:
+    assert DOCS.partition("```python\n")[2].partition("```")[0] == EXAMPLE
 
 
 def test_the_suite_of_the_docs_is_one(outside: type[Kind]) -> None:

@@ -13,7 +13,7 @@ from optik import IKResult, IKStatus, Tolerance
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik import IKSolver, make_solver
 from optik.plugins.files import is_path
-from optik.registry import label, load_method
+from optik.registry import load_method, short_name
 from tests import oracles
 from tests.outside import everything
 
@@ -28,7 +28,7 @@ class Method(NamedTuple):
     solver: IKSolver
 
 
-@pytest.fixture(scope="module", params=everything("optik.ik"), ids=label)
+@pytest.fixture(scope="module", params=everything("optik.ik"), ids=short_name)
 def method(request):
     """One method by its name, built for the paper's arm."""
 
@@ -36,7 +36,7 @@ def method(request):
         return make_solver(ROBOT, request.param, **options)
 
     try:
-        return Method(request.param, label(request.param), build, build())
+        return Method(request.param, short_name(request.param), build, build())
     except MissingDependency as error:
         pytest.skip(str(error))
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from optik.arm.library import load
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
-from optik.registry import label, load_method
+from optik.registry import load_method, short_name
 from optik.types import Array
 from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, path_of, plan
 from tests import oracles
@@ -101,7 +101,7 @@ def _plugin(file: str) -> dict[str, Path]:
 @cache
 def examples() -> dict[str, dict[str, Path]]:
     ours = {"arc": _arcs(), "joint_line": _joint_lines(), "line": _lines(), "polyline": _polylines()}
-    return ours | {label(file): _plugin(file) for file in outside("planners.paths")}
+    return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
 
 
 CASES = [(name, kind) for name, kinds in examples().items() for kind in kinds]
@@ -124,7 +124,7 @@ def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
 
 
 def test_every_file_has_examples_here_and_is_a_path() -> None:
-    assert set(examples()) == set(map(label, everything("planners.paths")))
+    assert set(examples()) == set(map(short_name, everything("planners.paths")))
     for name, kinds in examples().items():
         for path in kinds.values():
             assert isinstance(path, Path)
@@ -186,7 +186,7 @@ def test_plain_data_give_the_same_path_to_the_last_bit(name: str, kind: str) -> 
         np.testing.assert_array_equal(again(s, order), path(s, order))
 
 
-@pytest.mark.parametrize("name", map(label, everything("planners.paths")))
+@pytest.mark.parametrize("name", map(short_name, everything("planners.paths")))
 def test_data_that_describe_no_such_path_are_refused(name: str) -> None:
     path = next(iter(examples()[name].values()))
     good = path.to_dict()

@@ -13,6 +13,7 @@ from benchmarks.kinds.batch.measures import extra_memory, solved_rate
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import share
+from optik.registry import short_name
 
 
 def batches(run: Run) -> dict[str, Any] | None:
@@ -33,7 +34,8 @@ def batches(run: Run) -> dict[str, Any] | None:
         for (threads,), part in b.rows.group_by("threads", maintain_order=True):
             rows.append(
                 {
-                    "title": b.block.title, "robot": b.block.robot, "solver": b.block.solver, "threads": threads,
+                    "title": b.block.title, "robot": short_name(b.block.robot), "solver": short_name(b.block.solver),
+                    "threads": threads,
                     "count": part["count"][0], "solved": share(int(part["solved"].to_numpy().min()), part["count"][0]),
                     "seconds": number(float(np.median(part["seconds"].to_numpy()))), "repeats": len(part),
                     "rate": number(solved_rate(part)), "iterations": number(float(part["iterations"].to_numpy().mean())),

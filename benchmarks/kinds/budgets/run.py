@@ -18,6 +18,7 @@ from benchmarks.records import RunFolder, slug
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
+from optik.registry import short_name
 from optik.types import Array
 
 BUDGET_PART = 500
@@ -154,7 +155,7 @@ def solve_problems(work: Work) -> pl.DataFrame:
             for key, value in row.items():
                 columns.setdefault(key, []).append(value)
     return pl.DataFrame(columns).with_columns(
-        method=pl.lit(method.label), solver=pl.lit(method.name), method_index=pl.lit(work.method_index)
+        method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(work.method_index)
     )
 
 

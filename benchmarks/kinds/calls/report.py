@@ -17,6 +17,7 @@ from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import share
 from benchmarks.statistics import quantiles
+from optik.registry import short_name
 
 TAIL = (0.9, 0.99, 1.0)
 """Shares of calls whose times the table shows: p90, p99 and the longest."""
@@ -77,7 +78,8 @@ def _table(b: BlockRows, run: Run) -> dict[str, Any]:
             }
         )
     return {
-        "id": b.block.id, "title": b.block.title, "robot": b.block.robot, "set": b.block.set.replace("_", " "),
+        "id": b.block.id, "title": b.block.title, "robot": short_name(b.block.robot),
+        "set": short_name(b.block.set).replace("_", " "),
         "rounds": b.block.rounds, "count": b.facts["count"], "clock": number(b.facts["clock_ns"]), "rows": rows,
         "reference": b.block.reference, "done": b.rows["problem"].n_unique(),
     }  # fmt: skip

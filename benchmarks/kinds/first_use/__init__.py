@@ -14,6 +14,7 @@ from benchmarks.kinds.first_use.run import FILE, run_first_use
 from benchmarks.records import RunFolder
 from benchmarks.settings import all_of, check_keys, check_known
 from optik.check import check_count
+from optik.registry import short_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +58,7 @@ class _FirstUse(Kind):
         check_count(data.get("repeats", 3), f"{where}: repeats", 1)
         return FirstUse(
             id="first-use",
-            title=f"First use in a fresh process ({data['solver']}, {data['robot']})",
+            title=f"First use in a fresh process ({short_name(solver)}, {short_name(robot)})",
             targets=all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES)),
             robot=robot,
             solver=solver,

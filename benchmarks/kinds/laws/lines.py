@@ -12,6 +12,7 @@ from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
+from optik.registry import short_name
 from optik.types import Array
 from planners.paths.line import Line
 
@@ -66,6 +67,8 @@ class DrawnLine:
         Smallest singular value of the Jacobian along the track by which the line was chosen.
     draws : int
         How many lines were drawn until one could be followed and was of its kind.
+    arm : str
+        What reports call the arm.
     """
 
     robot: Robot
@@ -75,6 +78,7 @@ class DrawnLine:
     path: Line
     singular_value: float
     draws: int
+    arm: str
 
 
 def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
@@ -113,7 +117,7 @@ def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
     check_count(index, "index", 0)
     check_count(seed, "seed", 0)
     arm = load(robot)
-    rng = np.random.default_rng((seed, crc32(robot.encode()), crc32(kind.encode()), index))
+    rng = np.random.default_rng((seed, crc32(short_name(robot).encode()), crc32(kind.encode()), index))
     for draws in range(0, MOST_DRAWS, CANDIDATES):
         starts, goals = _candidates(arm, rng, turns=index % 2 == 1)
         low, high = LINE_KINDS[kind]
@@ -122,7 +126,9 @@ def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
         if good.size:
             i = int(good[0])
             path = Line(arm.fk(starts[i]), goals[i])
-            return DrawnLine(arm, kind, index, starts[i], path, float(singular_values[i]), draws + i + 1)
+            return DrawnLine(
+                arm, kind, index, starts[i], path, float(singular_values[i]), draws + i + 1, short_name(robot)
+            )
     raise InvalidInput("kind", f"{kind} on {robot}: no line in {MOST_DRAWS:,} draws", "an arm that has such lines")
 
 

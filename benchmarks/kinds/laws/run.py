@@ -230,7 +230,7 @@ def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
 
     ms, followed = _median_ms(follow_it, block.rounds)
     about = {
-        "robot": line.robot.name, "kind": line.kind, "index": line.index, "length": line.path.end,
+        "robot": line.arm, "kind": line.kind, "index": line.index, "length": line.path.end,
         "turn": float(np.linalg.norm(se3.error(line.path.start, line.path.goal)[3:])), "draws": line.draws,
         "start": line.q_start.tolist(), "ms_follow": ms,
     }  # fmt: skip

@@ -15,6 +15,7 @@ from benchmarks.settings import all_of, check_different, check_keys, check_known
 from benchmarks.targets import read_target
 from optik.check import check_count
 from optik.errors import InvalidInput
+from optik.registry import short_name
 from planners.limits import ALL_LIMITS, MotionLimits
 
 
@@ -151,7 +152,7 @@ def read_block(data: Any) -> LawBlock:
     }  # fmt: skip
     check_keys(data, keys, where, need={"id", "lines", "limits", "laws"})
     lines = all_of(data["lines"], f"{where}: lines", lambda part: _lines(part, where))
-    check_different([f"{part.kind} of {part.robot}" for part in lines], f"{where}: lines", "set")
+    check_different([f"{part.kind} of {short_name(part.robot)}" for part in lines], f"{where}: lines", "set")
     limits = all_of(data["limits"], f"{where}: limits", lambda part: _limits(part, where))
     check_different([part.label for part in limits], f"{where}: limits", "label")
     laws = all_of(data["laws"], f"{where}: laws", lambda law: read_law(law, f"{where}: laws"))
@@ -163,7 +164,7 @@ def read_block(data: Any) -> LawBlock:
     method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
     check_count(data.get("samples", 151), f"{where}: samples", 2)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    groups = [*dict.fromkeys([part.kind for part in lines] + [part.robot for part in lines])]
+    groups = [*dict.fromkeys([part.kind for part in lines] + [short_name(part.robot) for part in lines])]
 
     def target(one: Any) -> Any:
         return read_target(one, where, MEASURES, labels=labels, groups=groups, key="law", required=True)

@@ -12,6 +12,7 @@ from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons, met
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
+from optik.registry import short_name
 
 
 def terms(run: Run) -> dict[str, Any] | None:
@@ -52,10 +53,11 @@ def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
     methods = []
     for m in b.block.methods:
         part = "" if ran.get(m.label, 0) == total else f"; {ran.get(m.label, 0):,} of the problems"
-        what = f"{m.name}, {m.words or 'no options'}{part}"
+        what = f"{short_name(m.name)}, {m.words or 'no options'}{part}"
         methods.append({"label": m.label, "colour": method_colour(run, m.label), "what": what})
     return {
-        "id": b.block.id, "title": b.block.title, "set": b.block.set.replace("_", " "), "robot": b.block.robot,
+        "id": b.block.id, "title": b.block.title, "set": short_name(b.block.set).replace("_", " "),
+        "robot": short_name(b.block.robot),
         "total": total, "known": known, "methods": methods, "budgets": b.block.budgets,
     }  # fmt: skip
 

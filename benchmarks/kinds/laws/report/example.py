@@ -9,6 +9,7 @@ from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis
 from benchmarks.report.run import Run
+from optik.registry import short_name
 from planners.limits import ALL_LIMITS, DERIVATIVES
 
 ACTIVE = 0.99
@@ -40,7 +41,7 @@ def example_boards(b: LawRows, run: Run) -> list[Board]:
     if motions is None or binding is None or curve is None or curve.is_empty():
         return []
     chosen = b.block.example
-    words = f"{chosen.kind.replace('_', '-')} line {chosen.index} of {chosen.robot}, limits {chosen.limits}"
+    words = f"{chosen.kind.replace('_', '-')} line {chosen.index} of {short_name(chosen.robot)}, limits {chosen.limits}"
     return [_phase(b, run, motions, curve, words), _constraints(b, motions, binding, words)]
 
 

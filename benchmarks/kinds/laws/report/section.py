@@ -15,6 +15,7 @@ from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.numbers import number, percent, ratio
 from benchmarks.report.run import Run
 from benchmarks.report.tables import share, target_row
+from optik.registry import short_name
 from planners.limits import DERIVATIVES
 
 EVERY = "every line"
@@ -82,10 +83,10 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
     block = b.block
     groups = _groups(b)
     return {
-        "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds, "ik": block.ik,
+        "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds, "ik": short_name(block.ik),
         "limits": [part.label for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
-        "sets": [(part.robot, part.kind.replace("_", "-"), part.count) for part in block.lines],
+        "sets": [(short_name(part.robot), part.kind.replace("_", "-"), part.count) for part in block.lines],
         "targets": [target_row(o) for o in run.outcomes if o.block == block.id],
         "tables": [_table(b, run, title, rows, is_open) for title, rows, is_open in groups],
         "boards": [_durations(b, run), _against_singularity(b, run)],
@@ -222,7 +223,7 @@ def _durations(b: LawRows, run: Run) -> Board:
         "timing-profile", "The same, slowed until every limit is kept: excess over T*",
         {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
-    groups = [EVERY, *b.block.kinds] + (list(b.block.robots) if len(b.block.robots) > 1 else [])
+    groups = [EVERY, *b.block.kinds] + (list(map(short_name, b.block.robots)) if len(b.block.robots) > 1 else [])
     for group in groups:
         part = in_group(b.rows, "" if group == EVERY else group)
         for label, about in b.entries.items():

@@ -11,7 +11,6 @@ from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import GRID_COLOUR, HOVER, MUTED_COLOUR, lean, line_3d
 from benchmarks.report.run import Run
-from optik.arm.library import load
 from optik.types import Array
 
 EYE_DISTANCE = 2.4
@@ -35,7 +34,7 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
     line = line_plans(run)
     if frames is None or line is None or not line.solved:
         return None
-    robot = load(line.block.robot)
+    robot = run.robot(line.block.robot)
     plan = line.solved[0]
     start, goal = (1e3 * np.array(plan["path"][end])[:3, 3] for end in ("start", "goal"))
     points = 1e3 * frames.select("x", "y", "z").to_numpy()

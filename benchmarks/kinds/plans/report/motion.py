@@ -15,7 +15,7 @@ from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, axis, colour, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.types import Array
 
 ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
@@ -59,7 +59,7 @@ def motion(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if rows is None or found is None or not found.solved:
         return None
-    boards = [_joint_board(found, rows)]
+    boards = [_joint_board(found, rows, run.robot(found.block.robot))]
     tool = run.folder.read("line/tool.parquet")
     if tool is not None:
         boards.append(_tool_board(found, tool))
@@ -87,7 +87,7 @@ def _beyond(found: LinePlans) -> list[str]:
     return out[::-1]
 
 
-def _joint_board(found: LinePlans, rows: pl.DataFrame) -> Board:
+def _joint_board(found: LinePlans, rows: pl.DataFrame, robot: Robot) -> Board:
     iks = rows["ik"].unique(maintain_order=True).to_list()
     laws = rows["law"].unique(maintain_order=True).to_list()
     joints = rows["joint"].unique(maintain_order=True).to_list()
@@ -107,7 +107,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame) -> Board:
                 {"ik": [str(ik)], "law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
                 [({"law": [ALL_LAWS]}, {"line": {"color": law_colour(found, str(law))}})],
             )  # fmt: skip
-        _bands(plot, found, column, joints)
+        _bands(plot, _limits(found, column, robot), column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
         _time_ranges(plot, rows, laws)
         plots.append(plot)
@@ -129,19 +129,18 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame) -> Board:
     )  # fmt: skip
 
 
-def _limits(found: LinePlans, column: str) -> list[tuple[float, float] | None]:
+def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, float] | None]:
     """Range of every joint; None where it is free."""
     plan = found.solved[0]
     field = JOINT_CURVES[column][2]
     if field is not None:
         return [None if v is None else (-v, v) for v in plan["limits"][field]]
-    limits = load(plan["robot"]).limits
+    limits = robot.limits
     return [(float(a), float(b)) for a, b in zip(limits.lower, limits.upper, strict=True)]
 
 
-def _bands(plot: Plot, found: LinePlans, column: str, joints: list[str]) -> None:
+def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
     """Shade what is beyond the limits: of one joint, or of all where they are the same."""
-    limits = _limits(found, column)
     for joint, limit in zip(joints, limits, strict=True):
         if limit is not None:
             plot.vary({"joint": [joint]}, {"shapes": _outside(limit)})
