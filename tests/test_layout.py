@@ -161,7 +161,7 @@ def test_kernels_take_few_parameters_or_say_why(path: Path) -> None:
 
 # ---------------------------------------------------------------- constants
 
-SHARED = {"METHOD"}
+SHARED = {"METHOD", "METHOD_BASE", "MEASURES", "SECTIONS"}
 """Names that mean the same in every file that has them: what a file of its kind brings."""
 
 

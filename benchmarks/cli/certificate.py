@@ -33,6 +33,7 @@ SMOOTH = {
     2: "accelerations continuous",
     3: "jerks continuous",
 }
+"""What `Certificate.continuous` says, in words."""
 
 
 def print_certificate(planned: Any) -> None:

@@ -21,7 +21,9 @@ plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=Tru
 START = "20,-35,40,25,50,-30"
 """Default start of a plan, for arms with as many joints."""
 ROS = (".yaml", ".yml")
+"""Endings of files that hold a ROS message."""
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
+"""Endings of files that a plan can be written to; the format of a plug-in is named by ``--format``."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from optik.types import Array, Flags, Indices
 
 MOST_PARTS = 8
 """Parts that an interval is divided into at most at once."""
-SHORTEST_SHARE = 1e-9
+NARROWEST_SHARE = 1e-9
 """Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
 
 Side = TypeVar("Side", bound=Any)
@@ -103,7 +103,7 @@ class Divided(ABC, Generic[Side]):
     """
 
     def __init__(self, duration: float, close: Closeness) -> None:
-        self._shortest, self._close = SHORTEST_SHARE * duration, close
+        self._shortest, self._close = NARROWEST_SHARE * duration, close
         self.found, self.when = np.zeros(2), np.zeros(2)
 
     @abstractmethod

@@ -65,6 +65,7 @@ def _within(edges: Array, z: Array, y: Array, cell: Indices) -> Array:
 
 
 FOUND, TOO_FAR, TOO_MANY = range(3)
+"""How the search for the places ended: found, the motion is off its path, or more places than can be held."""
 
 
 @compiled

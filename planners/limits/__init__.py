@@ -2,7 +2,7 @@
 
 from planners.limits._derivative import DerivativeLimit
 from planners.limits._extreme import Extreme, ToolExtreme
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, NAMED, TOOL_SPEEDS, kind_of, register
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, TOOL_SPEEDS, kind_of, register
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._points import PathPoints
 from planners.limits._tool import ToolSpeedLimit
@@ -14,7 +14,7 @@ SAME_SPEED = 1e-6
 __all__ = [
     "ALL_LIMITS",
     "DERIVATIVES",
-    "NAMED",
+    "FIELD_LIMITS",
     "SAME_SPEED",
     "TOOL_SPEEDS",
     "DerivativeLimit",

@@ -16,17 +16,19 @@ from planners.limits.velocity import Velocity
 
 FOLDER = "planners.limits"
 """Where a limit is a file."""
-NAMED: tuple[Limit, ...] = (Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed())
+FIELD_LIMITS: tuple[Limit, ...] = (Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed())
 """The limits that are arguments of `MotionLimits`, in the order of its arguments, of files and of reports."""
-ALL_LIMITS = tuple(kind.name for kind in NAMED)
+ALL_LIMITS = tuple(kind.name for kind in FIELD_LIMITS)
 """Names of the limits that are arguments of `MotionLimits`."""
-DERIVATIVES = tuple(kind.name for kind in NAMED if isinstance(kind, DerivativeLimit))
+DERIVATIVES = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, DerivativeLimit))
 """Names of those on derivatives of every joint, by order."""
-TOOL_SPEEDS = tuple(kind.name for kind in NAMED if kind.subject == "tool")
+TOOL_SPEEDS = tuple(kind.name for kind in FIELD_LIMITS if kind.subject == "tool")
 """Names of those of the tool."""
 
-_BY_NAME = {kind.name: kind for kind in NAMED}
+_BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
+"""Limits that are fields of `MotionLimits`, by name."""
 _ADDED: dict[str, Limit] = {}
+"""Limits that `register` has added in this process, by name."""
 
 
 def register(kind: Limit) -> None:

@@ -16,7 +16,7 @@ from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, NAMED, is_known, kind_of
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, is_known, kind_of
 from planners.limits._points import PathPoints
 from planners.limits.base import Limit
 
@@ -51,7 +51,7 @@ class MotionLimits:
     extra: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        for kind in NAMED:
+        for kind in FIELD_LIMITS:
             value = getattr(self, kind.name)
             if value is not None:
                 object.__setattr__(self, kind.name, kind.checked(value))
@@ -96,7 +96,7 @@ class MotionLimits:
     @property
     def kinds(self) -> tuple[Limit, ...]:
         """All kinds of limits: those with an argument of their own, given or not, then the extra ones."""
-        return NAMED if self.extra is None else (*NAMED, *map(kind_of, self.extra))
+        return FIELD_LIMITS if self.extra is None else (*FIELD_LIMITS, *map(kind_of, self.extra))
 
     @property
     def names(self) -> tuple[str, ...]:

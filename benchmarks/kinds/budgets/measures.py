@@ -123,6 +123,7 @@ def _of(
 
 
 _P95, _P99 = ("median", "p95"), ("median", "p95", "p99")
+"""Quantiles that a measure shows side by side."""
 
 MEASURES = (
     *(success_at(level) for level in SUCCESS_LEVELS),

@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 
 SWEEP_PLACES, SWEEP_PER_PIECE = 300, 12
 """Least number of places of the sweep, and of those between any two breaks."""
-BEND_SHARE, TWIST_SHARE = 0.8, 0.6
+RAMP_BEND_SHARE, RAMP_TWIST_SHARE = 0.8, 0.6
 """Shares of the limits on acceleration and jerk that the path's bends may use at a constant speed."""
 SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
 """Most sweeps, and the excess of speed at which they end: what remains is a slow-down of the whole."""
@@ -65,7 +65,7 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     along = _along(joint_path, limits)
     m = along.s.size
     top, motion, share = np.empty(m), np.empty((4, m)), np.empty(m)
-    _sweep.tops(along, BEND_SHARE, TWIST_SHARE, top)
+    _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE, top)
     _sweep.swept(along, top, SWEEP_ROUNDS, SWEEP_EXCESS, motion)
     t = motion[0]
     least = min(briefest(along.jerk), t[-1] / FEWEST)

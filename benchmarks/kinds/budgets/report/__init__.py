@@ -11,15 +11,12 @@ from benchmarks.kinds.budgets.report.head import summary, terms
 from benchmarks.kinds.budgets.report.maps import maps
 from benchmarks.kinds.budgets.report.methods import methods
 
-_HERE = Path(__file__).parent
-"""Where the templates of this kind are."""
-
 SECTIONS = (
-    Section("What solved means", "terms", terms, _HERE / "terms.html.j2", 30, place="terms"),
-    Section("What was run", "budgets", summary, _HERE / "summary.html.j2", 30, place="summary"),
-    Section("Methods", "methods", methods, _HERE / "methods.html.j2", 30),
-    Section("Error against distance and budget", "error", accuracy, _HERE / "accuracy.html.j2", 40),
-    Section("Which damping, where", "damping", damping, _HERE / "damping.html.j2", 50),
-    Section("Workspace maps", "maps", maps, _HERE / "maps.html.j2", 60),
+    Section("What solved means", "terms", terms, Path(__file__).with_name("terms.html.j2"), 30, place="terms"),
+    Section("What was run", "budgets", summary, Path(__file__).with_name("summary.html.j2"), 30, place="summary"),
+    Section("Methods", "methods", methods, Path(__file__).with_name("methods.html.j2"), 30),
+    Section("Error against distance and budget", "error", accuracy, Path(__file__).with_name("accuracy.html.j2"), 40),
+    Section("Which damping, where", "damping", damping, Path(__file__).with_name("damping.html.j2"), 50),
+    Section("Workspace maps", "maps", maps, Path(__file__).with_name("maps.html.j2"), 60),
 )
 """Sections, a sentence in the first paragraph and a table after the key findings."""

@@ -10,13 +10,10 @@ from benchmarks.kinds.plans.report.head import summary
 from benchmarks.kinds.plans.report.laws import laws
 from benchmarks.kinds.plans.report.motion import motion
 
-_HERE = Path(__file__).parent
-"""Where the templates of this kind are."""
-
 SECTIONS = (
-    Section("The line", "plans", summary, _HERE / "summary.html.j2", 70, place="summary"),
-    Section("The line in space", "line", moving_arm, _HERE / "arm.html.j2", 70),
-    Section("Joint and tool motion", "motion", motion, _HERE / "motion.html.j2", 80),
-    Section("Time laws", "laws", laws, _HERE / "laws.html.j2", 90),
+    Section("The line", "plans", summary, Path(__file__).with_name("summary.html.j2"), 70, place="summary"),
+    Section("The line in space", "line", moving_arm, Path(__file__).with_name("arm.html.j2"), 70),
+    Section("Joint and tool motion", "motion", motion, Path(__file__).with_name("motion.html.j2"), 80),
+    Section("Time laws", "laws", laws, Path(__file__).with_name("laws.html.j2"), 90),
 )
 """Sections, and a sentence after the key findings."""
