@@ -25,8 +25,10 @@ from benchmarks.cli.shared import (
     out_console,
     print_json,
 )
+from optik.arm.robot import Robot
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
+from optik.ik import IKResult
 from optik.plugins.installed import distribution_of
 from optik.registry import GROUPS, installed, refused, short_name
 
@@ -160,35 +162,38 @@ def ik(
     q0 = configuration(arm, start_deg)
     R = se3.from_xyz_rpy((0, 0, 0), rpy_deg)[:3, :3] if rpy_deg is not None else arm.fk(q0)[:3, :3]
     result = optik.solve_ik(arm, se3.pose(R, xyz), q0, solver, max_restarts=restarts, task=task, closest=closest)
-    if as_json:
-        print_json(
-            {
-                "robot": arm.name, "solver": short_name(solver), "status": str(result.status), "solved": bool(result),
-                "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
-                "q": result.q.tolist(), "iterations": result.iterations,
-                "restarts": result.restarts, "position_error": result.position_error,
-                "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
-            }
-        )  # fmt: skip
-    else:
-        table = Table(
-            "joint",
-            "value",
-            "range",
-            title=f"{result.status}, {result.iterations} iterations, {result.restarts} restarts",
-        )
-        rows = zip(arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, per(arm), units(arm), strict=True)
-        for name, value, lo, hi, scale, unit in rows:
-            table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
-        out_console.print(table)
-        out_console.print(
-            f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
-        )
+    (_print_ik_json if as_json else _print_ik)(arm, result, short_name(solver))
     if not result:
         if not as_json:
             said = f"{result.message}; " if result.message else ""
             err_console.print(f"not solved: {said}try {result.status.advice}", style="yellow", soft_wrap=True)
         raise typer.Exit(1)
+
+
+def _print_ik_json(arm: Robot, result: IKResult, solver: str) -> None:
+    """Print an answer for programs."""
+    print_json(
+        {
+            "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
+            "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
+            "q": result.q.tolist(), "iterations": result.iterations,
+            "restarts": result.restarts, "position_error": result.position_error,
+            "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
+        }
+    )  # fmt: skip
+
+
+def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
+    """Print an answer for people."""
+    title = f"{result.status}, {result.iterations} iterations, {result.restarts} restarts"
+    table = Table("joint", "value", "range", title=title)
+    rows = zip(arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, per(arm), units(arm), strict=True)
+    for name, value, lo, hi, scale, unit in rows:
+        table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
+    out_console.print(table)
+    out_console.print(
+        f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
+    )
 
 
 command(app)(demo)
