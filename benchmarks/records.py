@@ -12,11 +12,16 @@ import polars as pl
 
 from optik.errors import InvalidInput, OutputError
 from optik.files import write_whole
+from optik.plugins.used import compare
 
 FORMAT = "optik-run/1"
 """Name and version of the format of run folders, in ``run.json``."""
 MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
 """Keys that ``run.json`` must have."""
+
+
+ARMS = "robots.json"
+"""Arms of a run that do not come with optik, as plain data by what reports call them; not there where there are none."""
 
 
 class RunFolder:
@@ -85,6 +90,8 @@ class RunFolder:
         ------
         OutputError
             The path is a file, or a folder with a run with other settings or with files that are not of a run.
+        InvalidInput
+            The run was begun with another version of a plug-in.
         """
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(self.path, "is a file; name a folder for the run")
@@ -100,6 +107,7 @@ class RunFolder:
             raise OutputError(
                 self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
             )
+        compare(old.get("plugins", []), manifest.get("plugins", []))
         later = [] if old["complete"] else [manifest["provenance"]]
         return old | {"continued": [*old["continued"], *later]}
 
@@ -151,6 +159,7 @@ class RunFolder:
         frame : DataFrame
             The table.
         """
+        self._make_room(name)
         write_whole(self.path / name, lambda part: frame.write_parquet(part))
 
     def write_json(self, name: str, data: Any) -> None:
@@ -163,6 +172,7 @@ class RunFolder:
         data : Any
             Dictionaries, lists, text, finite numbers, truth values and None.
         """
+        self._make_room(name)
         write_whole(
             self.path / name,
             lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"),
@@ -179,6 +189,14 @@ class RunFolder:
             Its content.
         """
         write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
+
+    def _make_room(self, name: str) -> None:
+        """Make the folder of a file inside this one; this one itself is made by `create`."""
+        if self.path.is_dir():
+            try:
+                (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(self.path / name, f"cannot be written ({error.strerror})") from None
 
     # ------------------------------------------------------------ reading
 
@@ -232,6 +250,30 @@ class RunFolder:
         except ValueError:
             raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
 
+    def parts(self, top: str, block: str) -> pl.DataFrame | None:
+        """All rows of a block out of its parts, ``TOP/BLOCK--….parquet``.
+
+        Parameters
+        ----------
+        top : str
+            Folder of the parts.
+        block : str
+            Id of the block.
+
+        Returns
+        -------
+        DataFrame or None
+            In the order of the parts; None where there are none.
+
+        Raises
+        ------
+        InvalidInput
+            A part is damaged.
+        """
+        files = sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))
+        frames = [part for file in files if (part := self.read(f"{top}/{file.name}")) is not None]
+        return pl.concat(frames, how="vertical_relaxed") if frames else None
+
     def rows(self, block: str) -> pl.DataFrame | None:
         """All IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
@@ -252,13 +294,12 @@ class RunFolder:
         InvalidInput
             A file is damaged, or the problems of the block are missing.
         """
-        parts = sorted((self.path / "ik").glob(f"{slug(block)}--*.parquet"))
+        rows = self.parts("ik", block)
         problems = self.read(f"problems/{slug(block)}.parquet")
-        if not parts:
+        if rows is None:
             return None
         if problems is None:
             raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
-        rows = pl.concat([part for p in parts if (part := self.read(f"ik/{p.name}")) is not None])
         joined = rows.join(problems.drop("target", "start"), on="problem")
         solved = (pl.col("status") == "solved").any().over("problem")
         return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from optik.check import check_count, check_number
-from optik.errors import InvalidInput, UnknownName
-from optik.registry import names
+from optik.errors import InvalidInput
+from optik.registry import check_name
 
 Item = TypeVar("Item")
 
@@ -125,25 +125,31 @@ def check_list(value: Any, where: str) -> list[Any]:
     return value
 
 
-def check_known(name: Any, folder: str, kind: str) -> None:
-    """Raise UnknownName unless the name is one of a package.
+def check_known(name: Any, group: str, kind: str) -> str:
+    """Return a name that can be used, the file of a plug-in as its absolute path, without running any code.
 
     Parameters
     ----------
-    name : Any
-        Name to check.
-    folder : str
-        Package in which names are looked up, such as ``optik.ik``.
+    name : str
+        A name of ours, of an entry point, or the path of a file.
+    group : str
+        Dotted name of the group, such as ``optik.ik``.
     kind : str
         What the name stands for, for errors.
+
+    Returns
+    -------
+    str
+        As `optik.registry.check_name`.
 
     Raises
     ------
     UnknownName
-        The package has no such name.
+        No such name; the nearest are offered.
+    InvalidInput
+        No text, no such file, or a plug-in with a name that is taken.
     """
-    if name not in names(folder):
-        raise UnknownName(kind, str(name), names(folder))
+    return check_name(group, name, kind)
 
 
 def check_different(values: list[str], where: str, what: str) -> None:

@@ -5,75 +5,88 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
-from benchmarks.methods import Method, method_of
-from benchmarks.problems.base import SETS
+from benchmarks.kinds.base import KINDS, Block, Kind, load_kind
 from benchmarks.records import slug
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list
-from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock, batch_block, first_use, speed_block
-from benchmarks.timing_suite import TimingBlock, timing_block
-from optik.check import check_count, real_array
-from optik.errors import InvalidInput
-from optik.registry import data_file
+from benchmarks.settings import check_different, check_known
+from optik.check import check_count
+from optik.errors import InvalidInput, UnknownName
+from optik.plugins.files import is_path
+from optik.plugins.used import Used, reading
+from optik.registry import data_file, names, short_name
 
 SUITES = "benchmarks.suites"
+"""The package in which a suite is found by its name."""
 
+ALIASES = {"blocks": "budgets", "line": "plans", "speed": "calls", "timing": "laws"}
+"""Keys of a suite that are not the name of their kind: they are older than the kinds' names."""
 
-@dataclass(frozen=True)
-class Block:
-    """One problem set on one robot, solved by some methods at some iteration budgets, one attempt each.
-
-    ``sweep`` says that it varies options instead of comparing methods; by default, that all methods are one solver.
-    """
-
-    id: str
-    title: str
-    robot: str
-    set: str
-    options: dict[str, Any]
-    budgets: tuple[int, ...]
-    methods: tuple[Method, ...]
-    sweep: bool = False
-
-
-@dataclass(frozen=True)
-class LineTask:
-    """One straight line, planned by some IK methods and time laws."""
-
-    robot: str
-    start_deg: tuple[float, ...]
-    move_m: tuple[float, float, float]
-    ik: tuple[str, ...]
-    laws: tuple[str, ...]
-    samples: int
+OWN_KEYS = ("title", "seed")
+"""Keys of a suite that ask for no kind of block."""
 
 
 @dataclass(frozen=True)
 class Suite:
-    """A comparison: blocks of IK problems at budgets, a line, what speed is asked of, and lines to time."""
+    """A comparison: some blocks, each of a kind.
+
+    Attributes
+    ----------
+    name, title : str
+        Name, and heading of the report.
+    seed : int
+        Of everything that is drawn.
+    kinds : tuple of Kind
+        Those that it has blocks of, in the order in which they run.
+    asked : dict
+        Blocks by the name of their kind.
+    sources : dict
+        What each kind was found by, by its name: that name, or the path of a file.
+    settings : dict
+        All settings as they were read.
+    plugins : tuple of Used
+        Files and entry points that the settings name.
+    allow_plugins : bool
+        Whether the code in those files may be run.
+    """
 
     name: str
     title: str
     seed: int
-    blocks: tuple[Block, ...]
-    line: LineTask | None
-    speed: tuple[SpeedBlock, ...]
-    batch: tuple[BatchBlock, ...]
-    first_use: FirstUse | None
-    timing: tuple[TimingBlock, ...]
+    kinds: tuple[Kind, ...]
+    asked: dict[str, tuple[Any, ...]]
+    sources: dict[str, str]
     settings: dict[str, Any]
+    plugins: tuple[Used, ...] = ()
+    allow_plugins: bool = False
+
+    def of(self, kind: str) -> tuple[Any, ...]:
+        """All blocks of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            Its name.
+
+        Returns
+        -------
+        tuple of Block
+            In the order of the suite; empty where it has none.
+        """
+        return self.asked.get(kind, ())
+
+    def pairs(self) -> Iterator[tuple[Kind, Any]]:
+        """Every block with its kind, in the order in which they run."""
+        for kind in self.kinds:
+            for block in self.of(kind.name):
+                yield kind, block
 
     @property
     def robots(self) -> tuple[str, ...]:
         """Names of all arms, in the order of their first use."""
-        found = [b.robot for b in self.blocks] + [b.robot for b in self.speed] + [b.robot for b in self.batch]
-        found += [self.line.robot] if self.line is not None else []
-        found += [self.first_use.robot] if self.first_use is not None else []
-        found += [name for b in self.timing for name in b.robots]
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(robot for _, block in self.pairs() for robot in block.robots))
 
     @property
     def fingerprint(self) -> str:
@@ -81,47 +94,137 @@ class Suite:
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def load_suite(name: str) -> Suite:
+def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
     """Read a suite by name, or from a TOML file.
+
+    Parameters
+    ----------
+    name : str
+        Of a suite, or the path of a file that ends in ``.toml``.
+    allow_plugins : bool
+        Whether the code in files that the suite names may be run. Where it may not, the suite can be looked at, not run:
+        the settings of a kind that comes from a file are not checked.
+
+    Returns
+    -------
+    Suite
+        The suite, checked.
 
     Raises
     ------
     UnknownName
-        Neither a suite nor a file; or a robot, set, method or law in it that does not exist.
+        Neither a suite nor a file; or a kind, robot, set, method or law in it that does not exist.
     InvalidInput
         A file that is no suite: the key is named.
     """
-    file = Path(name) if name.endswith(".toml") and Path(name).is_file() else data_file(SUITES, name, "suite")
+    file = data_file(SUITES, name, "suite")
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"suite {file.name}", str(error), "a TOML file") from None
-    return suite_of(file.stem, data)
+    with reading(file.parent) as used:
+        suite = suite_of(file.stem, data, find=_kind if allow_plugins else _kind_without_code)
+    return replace(suite, plugins=tuple(used), allow_plugins=allow_plugins)
 
 
-def suite_of(name: str, data: dict[str, Any]) -> Suite:
-    """Check the settings of a suite and return it."""
-    check_keys(data, {"title", "seed", "blocks", "line", "speed", "batch", "first_use", "timing"}, "the suite")
-    blocks = tuple(_block(b) for b in data.get("blocks", []))
-    speed = all_of(data.get("speed"), "speed", speed_block)
-    batch = all_of(data.get("batch"), "batch", batch_block)
-    timing = all_of(data.get("timing"), "timing", timing_block)
-    ids = [b.id for part in (blocks, speed, batch, timing) for b in part]
+class _Unread(Kind):
+    """A kind that comes from a file whose code may not be run: it has blocks, and nothing is known of them."""
+
+    def __init__(self, file: str) -> None:
+        self.name = short_name(file)  # type: ignore[misc]
+        self.title = self.name  # type: ignore[misc]
+
+    def settings(self, data: Any) -> Block:
+        found = data if isinstance(data, dict) else {}
+        name = str(found.get("id", self.name))
+        return Block(id=name, title=str(found.get("title", name)))
+
+
+def _source(name: str) -> str:
+    """What any process finds a kind by: its name, or the absolute path of its file."""
+    return check_known(name, KINDS, "kind of block") if is_path(name) else name
+
+
+def _kind(name: str) -> Kind:
+    """Find a kind, and note it where it is a plug-in."""
+    return load_kind(check_known(name, KINDS, "kind of block"))
+
+
+def _kind_without_code(name: str) -> Kind:
+    """Find a kind, without running a file."""
+    return _Unread(_source(name)) if is_path(name) else _kind(name)
+
+
+def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = load_kind) -> Suite:
+    """Check the settings of a suite and return it.
+
+    Parameters
+    ----------
+    name : str
+        Of the suite.
+    data : dict
+        Its settings.
+    find : callable
+        From the name of a kind to the kind.
+
+    Returns
+    -------
+    Suite
+        The suite.
+
+    Raises
+    ------
+    UnknownName
+        A key that is no kind of block; or a robot, set, method or law that does not exist.
+    InvalidInput
+        A wrong key or value, or nothing to run.
+    """
+    keys = _kind_keys(data, find)
+    kinds = sorted(keys, key=lambda kind: (kind.order, kind.name))
+    asked = {kind.name: _blocks(kind, keys[kind], data[keys[kind]]) for kind in kinds}
+    if not any(asked.values()):
+        raise InvalidInput(f"suite {name!r}", "no blocks", f"something to run: {', '.join(_known_keys())}")
+    ids = [block.id for kind in kinds if not kind.single for block in asked[kind.name]]
     check_different(ids, "blocks", "id")
     _check_files(ids)
-    line = _line(data["line"]) if "line" in data else None
-    first = first_use(data["first_use"]) if "first_use" in data else None
-    if not (blocks or speed or batch or timing) and line is None and first is None:
-        raise InvalidInput(
-            f"suite {name!r}", "neither blocks nor a line, speed, batch, first_use or timing", "something to run"
-        )
     check_count(data.get("seed", 0), "seed", 0)
-    title = str(data.get("title", name))
-    return Suite(name, title, int(data.get("seed", 0)), blocks, line, speed, batch, first, timing, data)
+    sources = {kind.name: _source(ALIASES.get(key, key)) for kind, key in keys.items()}
+    return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, sources, data)
+
+
+def _known_keys() -> list[str]:
+    """Keys that ask for a kind of block, as suites write them."""
+    written = {kind: key for key, kind in ALIASES.items()}
+    return [written.get(kind, kind) for kind in names(KINDS)]
+
+
+def _kind_keys(data: dict[str, Any], find: Callable[[str], Kind]) -> dict[Kind, str]:
+    """The key of every kind that a suite has blocks of."""
+    found: dict[Kind, str] = {}
+    for key in data:
+        if key in OWN_KEYS:
+            continue
+        try:
+            kind = find(ALIASES.get(key, key))
+        except UnknownName:
+            raise UnknownName("key of a suite", key, (*OWN_KEYS, *_known_keys())) from None
+        if kind in found:
+            raise InvalidInput("the suite", f"the keys {found[kind]!r} and {key!r}", f"one key for its {kind.name}")
+        found[kind] = key
+    return found
+
+
+def _blocks(kind: Kind, key: str, data: Any) -> tuple[Block, ...]:
+    """All blocks of a kind: one table where it is single, else a list of tables."""
+    if kind.single:
+        return (kind.settings(data),)
+    if not isinstance(data, list):
+        raise InvalidInput(f"the suite: {key}", repr(data)[:60], f"a list of tables: [[{key}]]")
+    return tuple(kind.settings(item) for item in data)
 
 
 def _check_files(ids: list[str]) -> None:
-    """Refuse ids that would not have files of their own: their names tell letters and digits apart, and no more."""
+    """Refuse ids that would share their files: a file's name keeps letters a–z and digits apart, and no more."""
     named: dict[str, str] = {}
     for one in ids:
         name = slug(one)
@@ -131,58 +234,3 @@ def _check_files(ids: list[str]) -> None:
             expected = "ids that differ in more than case, punctuation and letters other than a–z: they name files"
             raise InvalidInput("blocks", f"the ids {named[name]!r} and {one!r}", expected)
         named[name] = one
-
-
-def _block(data: dict[str, Any]) -> Block:
-    where = f"block {data.get('id', '?')!r}"
-    check_keys(
-        data,
-        {"id", "title", "robot", "set", "options", "budgets", "methods", "sweep"},
-        where,
-        need={"id", "robot", "set", "methods"},
-    )
-    check_known(data["robot"], "optik.robots", "robot")
-    check_known(data["set"], SETS, "problem set")
-    budgets = tuple(check_list(data.get("budgets", [100]), f"{where}: budgets"))
-    for budget in budgets:
-        check_count(budget, f"{where}: budgets", 1)
-    if list(budgets) != sorted(set(budgets)):
-        raise InvalidInput(f"{where}: budgets", budgets, "whole numbers, each larger than the one before")
-    methods = tuple(_budgeted(m, where) for m in check_list(data["methods"], f"{where}: methods"))
-    check_different([m.label for m in methods], f"{where}: methods", "label")
-    sweep = data.get("sweep", len(methods) > 1 and len({m.solver for m in methods}) == 1)
-    if not isinstance(sweep, bool):
-        raise InvalidInput(f"{where}: sweep", repr(sweep)[:60], "true or false")
-    return Block(
-        str(data["id"]), str(data.get("title", data["id"])), data["robot"], data["set"],
-        dict(data.get("options", {})), budgets, methods, sweep,
-    )  # fmt: skip
-
-
-def _budgeted(data: Any, where: str) -> Method:
-    """A method that budgets stop: it has no other end of its own."""
-    method = method_of(data, where)
-    for fixed in ("max_iterations", "max_restarts", "time_limit"):
-        if fixed in method.options:
-            raise InvalidInput(
-                f"{where}: methods", fixed, "budgets in place of it: one attempt, stopped at each budget"
-            )
-    return method
-
-
-def _line(data: dict[str, Any]) -> LineTask:
-    keys = {"robot", "start_deg", "move_m", "ik", "laws", "samples"}
-    check_keys(data, keys, "the line", need=keys - {"samples"})
-    check_known(data["robot"], "optik.robots", "robot")
-    for method in check_list(data["ik"], "the line: ik"):
-        check_known(method, "optik.ik", "IK method")
-    for law in check_list(data["laws"], "the line: laws"):
-        check_known(law, "planners.timing", "time law")
-    check_count(data.get("samples", 151), "the line: samples", 2)
-    move = real_array(data["move_m"], "the line: move_m", "three numbers [m]")
-    if move.shape != (3,):
-        raise InvalidInput("the line: move_m", data["move_m"], "three numbers [m]")
-    return LineTask(
-        data["robot"], tuple(data["start_deg"]), tuple(data["move_m"]), tuple(data["ik"]), tuple(data["laws"]),
-        int(data.get("samples", 151)),
-    )  # fmt: skip

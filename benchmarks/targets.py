@@ -1,54 +1,79 @@
-"""Targets of speed and of timing: what was measured, held against what was asked."""
+"""Measures of a block, the targets that a suite sets for them, and their outcomes in a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 
-from benchmarks.batch import batch_rows
-from benchmarks.first_use import first_use_rows
 from benchmarks.records import RunFolder
-from benchmarks.settings import Target
-from benchmarks.speed import shared, speed_rows
-from benchmarks.speed_suite import BatchBlock, FirstUse, SpeedBlock
-from benchmarks.suite import Suite
-from benchmarks.timing_rows import measure_timing, timing_rows
-from benchmarks.timing_suite import TIMING_MEASURES, TimingBlock
-from optik.types import Array
+from benchmarks.settings import Target, bounds, check_keys
+from optik.errors import InvalidInput
 
-WORDS = {
-    "success": ("solved", "%"),
-    "median_us": ("median time of a call", "µs"),
-    "mean_us": ("mean time of a call", "µs"),
-    "p90_us": ("90th percentile of a call", "µs"),
-    "p99_us": ("99th percentile of a call", "µs"),
-    "max_us": ("longest call", "µs"),
-    "median_ratio": ("median time over that of", ""),
-    "million_per_second": ("solved a second", "million"),
-    "extra_memory_mb": ("memory beyond inputs and outputs", "MB"),
-    "import_s": ("import optik", "s"),
-    "first_solve_s": ("first solve after import, compiled before", "s"),
-    "compile_s": ("first solve after import, nothing compiled", "s"),
-    **TIMING_MEASURES,
-}
-"""What each measure is called, and its unit."""
+if TYPE_CHECKING:
+    from benchmarks.suite import Suite
 
-_TIMES: dict[str, Callable[[Array], Any]] = {
-    "median_us": np.median,
-    "mean_us": np.mean,
-    "p90_us": lambda us: np.quantile(us, 0.90),
-    "p99_us": lambda us: np.quantile(us, 0.99),
-    "max_us": np.max,
-}
+
+@dataclass(frozen=True)
+class Measure:
+    """One figure of merit: its name, its unit, how it is computed and how it is shown.
+
+    Attributes
+    ----------
+    name : str
+        What a suite calls it in a target.
+    unit : str
+        Of all its values; empty for a ratio or a count.
+    compute : callable
+        From the rows of one entry (a method, a law) to the value, or to a tuple with one value for each of `parts`. For a
+        relative measure: from the rows of both entries, the label of the one and that of the other.
+    words : str
+        What reports call it; its name where nothing else is given.
+    parts : tuple of str
+        What each of its values is, where it has several.
+    show : str
+        ``number`` (three digits), ``exact`` (seven digits, for values of which the distance from a whole number matters),
+        ``count`` (whole where it can be) or ``share`` (a percentage with its interval: three parts).
+    relative : bool
+        Whether it compares with a second entry, the ``to`` of a target.
+    """
+
+    name: str
+    unit: str
+    compute: Callable[..., Any]
+    words: str = ""
+    parts: tuple[str, ...] = ("value",)
+    show: str = "number"
+    relative: bool = False
+
+    @property
+    def title(self) -> str:
+        """What reports call it."""
+        return self.words or self.name
+
+    def values(self, rows: pl.DataFrame) -> tuple[float, ...]:
+        """All values of the measure on the rows of one entry.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            The rows.
+
+        Returns
+        -------
+        tuple of float
+            One for each of `parts`.
+        """
+        found = self.compute(rows)
+        return tuple(float(value) for value in found) if isinstance(found, tuple) else (float(found),)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One target and what came of it.
+    """One target and its outcome.
 
     Attributes
     ----------
@@ -56,15 +81,18 @@ class Outcome:
         Id and title of the block.
     target : Target
         What was asked.
+    measure : Measure
+        What was measured.
     value : float
-        What was measured, NaN where it was not.
+        The measured value, NaN where there is none.
     note : str
-        On what: how many problems, threads or processes; why not, where it was not measured.
+        How many rows the value is computed from, or why there is none.
     """
 
     block: str
     where: str
     target: Target
+    measure: Measure
     value: float
     note: str
 
@@ -86,96 +114,115 @@ class Outcome:
 
     @property
     def what(self) -> str:
-        """The measure in words, of whom, with its unit apart."""
-        words = WORDS[self.target.measure][0]
+        """The measure in words, with the entry and the group of problems that the target names."""
         of = f"{self.target.method}: " if self.target.method else ""
         group = f", {self.target.group.replace('_', '-')}" if self.target.group else ""
-        return f"{of}{words}{' ' + self.target.to if self.target.to else ''}{group}"
+        return f"{of}{self.measure.title}{' ' + self.target.to if self.target.to else ''}{group}"
 
     @property
     def unit(self) -> str:
-        """Of the value and of the bound."""
-        return WORDS[self.target.measure][1]
+        """Unit of the value and of the bound."""
+        return self.measure.unit
 
 
 def outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
-    """Every target of a suite, in its order."""
-    timing = [o for block in suite.timing for o in timing_outcomes(block, folder)]
-    return speed_outcomes(suite, folder) + timing
+    """Every target of a suite with its outcome, in the order of its blocks.
 
+    Parameters
+    ----------
+    suite : Suite
+        What was asked.
+    folder : RunFolder
+        What was run.
 
-def speed_outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
-    """Every target of single calls, batches and first use."""
-    found = [o for block in suite.speed for o in _calls(block, folder)]
-    found += [o for batch in suite.batch for o in _batch(batch, folder)]
-    return found + (_first(suite.first_use, folder) if suite.first_use is not None else [])
-
-
-def timing_outcomes(block: TimingBlock, folder: RunFolder) -> list[Outcome]:
-    """Every target of a block of timed lines."""
-    rows = timing_rows(folder, block)
-    return [Outcome(block.id, block.title, target, *measure_timing(rows, target)) for target in block.targets]
-
-
-def _calls(block: SpeedBlock, folder: RunFolder) -> list[Outcome]:
-    rows = speed_rows(folder, block)
-    return [Outcome(block.id, block.title, target, *measure_calls(rows, target)) for target in block.targets]
-
-
-def measure_calls(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-    """Value of a target on the rows of a block, and how many problems it stands on.
-
-    A ratio is of the medians on the problems that both were given.
+    Returns
+    -------
+    list of Outcome
+        One for each target.
     """
-    wanted = (target.method, target.to) if target.to else (target.method,)
-    for label in wanted:
-        if rows is None or rows.filter(pl.col("method") == label).is_empty():
-            return float("nan"), f"{label} was not run"
-    assert rows is not None
-    chosen = shared(rows, wanted)
-    own = chosen.filter(pl.col("method") == target.method)
-    note = f"{len(own):,} calls" if not target.to else f"{len(own):,} problems, both"
-    if target.measure == "success":
-        failed = len(own) - int(own["solved"].sum())
-        return 100.0 * (len(own) - failed) / len(own), f"{note}, {failed:,} not solved"
-    if target.measure == "median_ratio":
-        return median_ratio(chosen, target.method, target.to), note
-    return float(_TIMES[target.measure](own["ns"].to_numpy() / 1e3)), note
+    return [outcome for kind, block in suite.pairs() for outcome in kind.outcomes(block, folder)]
 
 
-def median_ratio(rows: pl.DataFrame, method: str, to: str) -> float:
-    """Median time of one over median time of another, on the problems that both were given; NaN where there are none."""
-    both = shared(rows, (method, to))
-    mine, other = (both.filter(pl.col("method") == label)["ns"].to_numpy() for label in (method, to))
-    return float(np.median(mine) / np.median(other)) if len(mine) and len(other) else float("nan")
+def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:
+    """One of some measures by its name.
 
+    Parameters
+    ----------
+    measures : sequence of Measure
+        Those of a kind of block.
+    name : str
+        The name that was asked for.
+    where : str
+        What the error names.
 
-def _batch(block: BatchBlock, folder: RunFolder) -> list[Outcome]:
-    rows = batch_rows(folder, block)
-    return [Outcome(block.id, block.title, target, *measure_batch(rows, target)) for target in block.targets]
+    Returns
+    -------
+    Measure
+        The measure.
 
-
-def measure_batch(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-    """Value of a target at the largest number of threads: the median of the repeats, of memory the largest."""
-    if rows is None or rows.is_empty():
-        return float("nan"), "it was not run"
-    most = rows.filter(pl.col("threads") == pl.col("threads").max())
-    solved, count, seconds = (most[column].to_numpy() for column in ("solved", "count", "seconds"))
-    note = f"{most['count'][0]:,} problems, {most['threads'][0]} threads, {len(most)} times"
-    if target.measure == "success":
-        return 100.0 * float(np.min(solved / count)), note
-    if target.measure == "million_per_second":
-        return 1e-6 * float(np.median(solved / seconds)), note
-    extra = most["extra_memory_mb"].cast(pl.Float64).drop_nulls().to_numpy()
-    return (float(extra.max()), note) if len(extra) else (float("nan"), "the system does not say")
-
-
-def _first(task: FirstUse, folder: RunFolder) -> list[Outcome]:
-    rows = first_use_rows(folder)
-    where = f"First use in a fresh process ({task.solver}, {task.robot})"
-    found = []
-    for target in task.targets:
-        seconds = (rows or {}).get(target.measure, [])
-        note = f"{len(seconds)} process{'es' if len(seconds) != 1 else ''}" if seconds else "it was not run"
-        found.append(Outcome("first-use", where, target, float(np.median(seconds)) if seconds else float("nan"), note))
+    Raises
+    ------
+    InvalidInput
+        None of them has this name.
+    """
+    found = next((measure for measure in measures if measure.name == name), None)
+    if found is None:
+        raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.name for measure in measures)}")
     return found
+
+
+def read_target(
+    data: Any,
+    where: str,
+    measures: Sequence[Measure],
+    *,
+    labels: Sequence[str] = (),
+    groups: Sequence[str] = (),
+    key: str = "method",
+    required: bool = False,
+) -> Target:
+    """Check the settings of one target and return it.
+
+    Parameters
+    ----------
+    data : dict
+        As the suite has them.
+    where : str
+        Which block, for errors.
+    measures : sequence of Measure
+        Those that may be asked for.
+    labels : sequence of str
+        Labels of the block's entries; a target that names none asks the first.
+    groups : sequence of str
+        Groups of the block's problems that a target may be restricted to.
+    key : str
+        The key that names an entry: ``method`` or ``law``.
+    required : bool
+        Whether that key must be there.
+
+    Returns
+    -------
+    Target
+        What is asked.
+
+    Raises
+    ------
+    InvalidInput
+        An unknown measure, label, group or key, ``to`` where it has no meaning, or not exactly one bound.
+    """
+    at = f"{where}: targets"
+    known = {"measure", key, "to", "at_most", "at_least", "goal"} | ({"group"} if groups else set())
+    check_keys(data, known, at, need={"measure", key} if required else {"measure"})
+    measure = measure_named(measures, data["measure"], at)
+    label, to = str(data.get(key, labels[0] if labels else "")), str(data.get("to", ""))
+    if (to != "") != measure.relative:
+        relative = ", ".join(m.name for m in measures if m.relative) or "no measure of this block"
+        came = f"{measure.name} with `to` = {to!r}" if to else f"{measure.name} without `to`"
+        raise InvalidInput(at, came, f"`to` for {relative}, and only there")
+    for name in (label, to):
+        if name and name not in labels:
+            raise InvalidInput(at, repr(name), f"a label of the block: {', '.join(labels) or 'it has none'}")
+    group = data.get("group", "")
+    if group and group not in groups:
+        raise InvalidInput(at, f"group {group!r}", f"one of {', '.join(groups)}")
+    return Target(measure.name, label, to, group, **bounds(data, at))

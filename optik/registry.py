@@ -1,18 +1,291 @@
-"""Methods, laws, robots and suites by name: a file in its folder is a name; nothing is listed twice."""
+"""Methods, laws, robots and suites by name: a file in its folder is a name; plug-ins add to them from outside."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import importlib.util
+import os
 import re
 from functools import cache
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-from optik.errors import InvalidInput, MissingDependency, UnknownName
+from optik.errors import InvalidInput, UnknownName
+from optik.plugins.files import is_path, module_of, split_links
+from optik.plugins.installed import Refused, distribution_of, entry_points
+from optik.plugins.methods import NamedDependency, base_of, checked, wanted
+from optik.plugins.used import Used, file_of, in_finished_run, note
 
-_OURS = ("optik", "planners", "benchmarks")
+GROUPS = (
+    "optik.ik",
+    "optik.robots",
+    "planners.timing",
+    "planners.paths",
+    "planners.files",
+    "benchmarks.problems",
+    "benchmarks.peers.ik",
+    "benchmarks.peers.laws",
+    "benchmarks.kinds",
+    "benchmarks.suites",
+)
+"""All groups of things that are found by a name: packages of ours, and groups of entry points. For listings only."""
+
+_loaded: dict[tuple[str, str], tuple[str, Any]] = {}
+"""Methods that this process has loaded from outside, by group and name: where each came from, and the method."""
+
+
+# ---------------------------------------------------------------- names
+
+
+def names(group: str) -> tuple[str, ...]:
+    """Names in a group, ours and those of installed packages, sorted, without importing any of them.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name of a package, such as ``"optik.ik"`` or ``"optik.robots"``.
+
+    Returns
+    -------
+    tuple of str
+        Stems of the package's ``.py`` and ``.toml`` files and its folders with an ``__init__.py``, without ``base`` and
+        names with a leading ``_``, which are no methods; and the names of entry points that are not `refused`.
+    """
+    return tuple(sorted({*own_names(group), *installed(group)}))
+
+
+def installed(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group that can be used, by name; none is imported.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name.
+
+    Returns
+    -------
+    dict of str to EntryPoint
+        Without those that `refused` lists.
+    """
+    return {name: points[0] for name, points in entry_points(group).items() if not _reason(group, name, len(points))}
+
+
+def refused(group: str) -> tuple[Refused, ...]:
+    """Return the entry points of a group that cannot be used, and why; ours stay what they are.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name.
+
+    Returns
+    -------
+    tuple of Refused
+        Those with a name of ours, with a name that another package has too, or with a name that means a path.
+    """
+    return tuple(
+        Refused(group, name, point.value, distribution_of(point), reason)
+        for name, points in sorted(entry_points(group).items())
+        if (reason := _reason(group, name, len(points)))
+        for point in points
+    )
+
+
+def check_name(group: str, name: Any, kind: str) -> str:
+    """Check that a name can be used, without running any code, and return it as it is used from anywhere.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name.
+    name : str or path
+        A name of ours, of an entry point, or the path of a file.
+    kind : str
+        What it should be, for messages.
+
+    Returns
+    -------
+    str
+        The name; for a file its absolute path, with the links of a URDF.
+
+    Raises
+    ------
+    UnknownName
+        No such name; the nearest are offered.
+    InvalidInput
+        No text, no such file, a file with a name of ours, or an entry point that is refused.
+    """
+    if is_path(name):
+        text = str(os.fspath(name))
+        if in_finished_run():
+            return text
+        file = file_of(text, kind)
+        _check_stem(group, file, kind)
+        note(Used(group, file.stem, file))
+        return f"{file}{_links(text)}"
+    point = _entry_point(group, name, kind)
+    if point is not None:
+        note(Used(group, name, point))
+    return str(name)
+
+
+def short_name(name: str | os.PathLike[str]) -> str:
+    """Return what reports call a method: its name, or the stem of its file.
+
+    Parameters
+    ----------
+    name : str or path
+        A name or a path.
+
+    Returns
+    -------
+    str
+        Such as ``"jt"`` for ``"./jt.py"``.
+    """
+    text = os.fspath(name)
+    return Path(text.removesuffix(_links(text))).stem if is_path(text) else text
+
+
+def loaded(group: str, name: str) -> Any | None:
+    """Return a method by its bare name without running a file: ours, an entry point's, or one loaded in this process.
+
+    Files of motions and runs name paths and methods; reading them must not run code that they choose.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name.
+    name : str
+        A bare name.
+
+    Returns
+    -------
+    object or None
+        None where a file of that name must be loaded first.
+    """
+    if not isinstance(name, str) or is_path(name):
+        return None
+    if name in own_names(group) or name in installed(group):
+        return load_method(group, name)
+    found = _loaded.get((group, name))
+    return None if found is None else found[1]
+
+
+# ---------------------------------------------------------------- what the names mean
+
+
+def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
+    """Path of a data file by name: one of ours, the file that an entry point names, or a path as it is.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name.
+    name : str or path
+        A name or a path.
+    kind : str
+        What it should be, for messages.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    UnknownName
+        No such name; the nearest are offered.
+    InvalidInput
+        No such file, or an entry point that is no path.
+    """
+    if is_path(name):
+        file = file_of(name, kind)
+        _check_stem(group, file, kind)
+        return file
+    point = _entry_point(group, name, kind)
+    if point is None:
+        return _folder(group) / f"{name}.toml"
+    value = _value(point, kind)
+    if not isinstance(value, str | os.PathLike):
+        raise InvalidInput(_where(point), repr(value)[:60], "the path of a file")
+    return file_of(Path(value).absolute(), kind)
+
+
+def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") -> Any:
+    """Return one method: the ``METHOD`` of our module or of a file, or the object that an entry point names.
+
+    Parameters
+    ----------
+    group : str
+        Dotted name.
+    name : str or path
+        A name of ours, of an entry point, or the path of a Python file, which is run.
+    kind : str
+        What it should be, for messages.
+
+    Returns
+    -------
+    object
+        The method. One from outside is of the kind that the group needs.
+
+    Raises
+    ------
+    UnknownName
+        No such name; the nearest are offered.
+    MissingDependency
+        The module needs a package that is not installed. A broken import of our own shows itself.
+    InvalidInput
+        A file or an entry point that is refused, that has no METHOD, or another kind of METHOD.
+    """
+    if is_path(name):
+        return _from_file(group, file_of(name, kind), kind)
+    point = _entry_point(group, name, kind)
+    if point is not None:
+        method = checked(group, _value(point, kind), str(name), _where(point))
+        _loaded[group, str(name)] = _where(point), method
+        return method
+    with NamedDependency(kind, str(name)):
+        return importlib.import_module(f"{group}.{name}").METHOD
+
+
+def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments: Any, **options: Any) -> Any:
+    """Call one method with options that people wrote.
+
+    Parameters
+    ----------
+    group, name, kind
+        As `load_method` takes them.
+    *arguments
+        What every method of the group takes.
+    **options
+        Those of this method.
+
+    Returns
+    -------
+    object
+        What the method returns; an instance where it is a class.
+
+    Raises
+    ------
+    UnknownName, MissingDependency
+        As `load_method`.
+    InvalidInput
+        An option that the method does not have, or one that it needs and nobody gave.
+    """
+    method = load_method(group, name, kind)
+    try:
+        return method(*arguments, **options)
+    except TypeError as error:
+        wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
+        if wrong is None:
+            raise
+        given = ", ".join(options) or "none"
+        expected = f"options of the {kind} {short_name(name)!r}"
+        raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
+
+
+# ---------------------------------------------------------------- ours
 
 
 @cache
@@ -26,93 +299,96 @@ def _folder(package: str) -> Path:
     return folder
 
 
-def names(folder: str) -> tuple[str, ...]:
-    """Names in a folder of methods or of TOML data, sorted, without importing any of them.
+def own_names(group: str) -> set[str]:
+    """Return the names of our own methods or data in a group; installed packages are not asked.
 
     Parameters
     ----------
-    folder : str
-        Dotted name of a package, such as ``"optik.ik"`` or ``"optik.robots"``.
+    group : str
+        Dotted name of a package.
 
     Returns
     -------
-    tuple of str
-        Stems of its ``.py`` and ``.toml`` files; ``base`` and names with a leading ``_`` are not methods.
+    set of str
+        As `names` describes them, without entry points.
     """
-    stems = {f.stem for f in _folder(folder).iterdir() if f.suffix in (".py", ".toml")}
-    return tuple(sorted(s for s in stems if s != "base" and not s.startswith("_")))
+    found = set()
+    for entry in os.scandir(_folder(group)):
+        stem, suffix = os.path.splitext(entry.name)
+        if suffix in (".py", ".toml") or (not suffix and os.path.isfile(os.path.join(entry.path, "__init__.py"))):
+            found.add(stem)
+    return {stem for stem in found if stem != "base" and not stem.startswith("_")}
 
 
-def data_file(folder: str, name: str, kind: str) -> Path:
-    """Path of a TOML file by name.
-
-    Raises
-    ------
-    UnknownName
-        No such file; the nearest names are offered.
-    """
-    _named(folder, name, kind)
-    return _folder(folder) / f"{name}.toml"
+# ---------------------------------------------------------------- from outside
 
 
-def load_method(folder: str, name: str, kind: str = "method") -> Any:
-    """Import one method: the ``METHOD`` of the module ``folder.name``.
-
-    Raises
-    ------
-    UnknownName
-        No such module; the nearest names are offered.
-    MissingDependency
-        The module needs an optional package that is not installed. A broken import of our own shows itself.
-    """
-    _named(folder, name, kind)
-    try:
-        return importlib.import_module(f"{folder}.{name}").METHOD
-    except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        if not package or package in _OURS:
-            raise
-        raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
-
-
-def _named(folder: str, name: str, kind: str) -> None:
+def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
+    """Return the entry point of a bare name, None for a name of ours; installed packages are not asked about ours."""
     if not isinstance(name, str):
-        raise InvalidInput(kind, repr(name)[:60], f"a name, one of: {', '.join(names(folder))}")
-    if name not in names(folder):
-        raise UnknownName(kind, name, names(folder))
-
-
-def build_method(folder: str, name: str, kind: str, *arguments: Any, **options: Any) -> Any:
-    """Call one method with options that people wrote.
-
-    Raises
-    ------
-    UnknownName, MissingDependency
-        As `load_method`.
-    InvalidInput
-        An option that the method does not have, or one that it needs and nobody gave.
-    """
-    method = load_method(folder, name, kind)
-    try:
-        return method(*arguments, **options)
-    except TypeError as error:
-        wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
-        if wrong is None:
-            raise
-        given = ", ".join(options) or "none"
-        raise InvalidInput("options", f"{given} ({wrong[0]})", f"options of the {kind} {name!r}") from None
-
-
-def _extra_with(package: str) -> str | None:
-    """Name of the extra of this distribution that installs a package, if one does."""
-    wanted = re.sub(r"[-_.]+", "-", package).lower()
-    try:
-        requires = importlib.metadata.requires("optik-toolkit") or []
-    except importlib.metadata.PackageNotFoundError:
+        raise InvalidInput(kind, repr(name)[:60], f"a name, one of: {', '.join(names(group))}")
+    if name in own_names(group):
         return None
-    for line in requires:
-        named = re.match(r"[A-Za-z0-9_.-]+", line)
-        extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", line)
-        if named and extra and re.sub(r"[-_.]+", "-", named[0]).lower() == wanted:
-            return extra[1]
-    return None
+    points = entry_points(group).get(name, ())
+    if not points:
+        raise UnknownName(kind, name, names(group))
+    reason = _reason(group, name, len(points))
+    if reason:
+        both = " and ".join(distribution_of(point) for point in points)
+        raise InvalidInput(kind, f"{name!r} of {both}", f"a name that can be used: this one is refused, {reason}")
+    return points[0]
+
+
+def _reason(group: str, name: str, count: int) -> str:
+    """Why the entry points of a name are refused; empty where they are not."""
+    if name in own_names(group):
+        return f"it has the name of one of ours, {group}.{name}, which stays what it is"
+    if count > 1:
+        return f"{count} packages register it"
+    return "it means a path" if is_path(name) else ""
+
+
+def _value(point: EntryPoint, kind: str) -> Any:
+    """Import what an entry point names."""
+    with NamedDependency(kind, point.name):
+        value: Any = importlib.import_module(point.module)
+    for part in filter(None, (point.attr or "").split(".")):
+        if not hasattr(value, part):
+            raise InvalidInput(_where(point), f"no {part} in it", "the name of an object that exists")
+        value = getattr(value, part)
+    return value
+
+
+def _where(point: EntryPoint) -> str:
+    return f"entry point {point.name} = {point.value} of {distribution_of(point)}"
+
+
+def _links(text: str) -> str:
+    """The links behind a URDF file, with their sign; empty for anything else."""
+    return text[len(split_links(text)[0]) :]
+
+
+def _check_stem(group: str, file: Path, kind: str) -> None:
+    """Refuse a file whose name is that of one of ours, of an entry point or of another file in this process."""
+    name, other = file.stem, ""
+    if name in own_names(group):
+        other = f"one of ours, {group}.{name}"
+    elif points := entry_points(group).get(name, ()):
+        other = f"an entry point of {' and '.join(distribution_of(point) for point in points)}"
+    elif _loaded.get((group, name), (str(file),))[0] != str(file):
+        other = f"another file, {_loaded[group, name][0]}"
+    if other:
+        raise InvalidInput(kind, f"{str(file)!r}, which is called {name} as is {other}", "a file of another name")
+
+
+def _from_file(group: str, file: Path, kind: str) -> Any:
+    _check_stem(group, file, kind)
+    if file.suffix.lower() != ".py":
+        raise InvalidInput(kind, repr(str(file)), "a Python file (.py)")
+    with NamedDependency(kind, file.stem):
+        module = module_of(file)
+    if not hasattr(module, "METHOD"):
+        raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {wanted(base_of(group))}")
+    method = checked(group, module.METHOD, file.stem, f"METHOD of {file}")
+    _loaded[group, file.stem] = str(file), method
+    return method

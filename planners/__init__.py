@@ -1,6 +1,7 @@
 """planners: which way an arm moves, and how fast, with a certificate of what the motion keeps."""
 
-from planners.certificate.certificate import Binding, Certificate, certify
+from planners.certificate.active import Binding
+from planners.certificate.certificate import Certificate, certify
 from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve
@@ -9,7 +10,7 @@ from planners.files._ros.export import from_ros, to_ros
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import MotionLimits
 from planners.motion import Motion
-from planners.paths import Path, path_of, paths
+from planners.paths import Path, make_path, path_of, paths
 from planners.paths.arc import Arc
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
@@ -47,6 +48,7 @@ __all__ = [
     "laws",
     "load_motion",
     "make_law",
+    "make_path",
     "path_of",
     "paths",
     "plan",

@@ -1,4 +1,4 @@
-"""What a robot's controller makes of a motion that it gets as points at a fixed rate: it interpolates between them again."""
+"""The trajectory a controller executes when it interpolates setpoints sent at a fixed rate."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from planners.hermite import through
 from planners.trajectory import Trajectory
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")
-"""Through positions; positions and velocities; positions, velocities and accelerations."""
+"""Interpolation through positions; positions and velocities; positions, velocities and accelerations."""
 
-SAME = 1e-9
-"""Instants this near to a knot are at it [s]: controllers count in nanoseconds."""
+SAME_INSTANT = 1e-9
+"""Largest distance [s] of an instant from a knot that counts as zero: controllers count in nanoseconds."""
 
 POINTS = 1_000_000
-"""Most points that are sent."""
+"""Most setpoints of a motion: two hours at 125 per second."""
 
 
 def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Trajectory:
-    """Return the motion that a controller executes which gets points at n / rate and at the end.
+    """Return the trajectory a controller executes when it gets setpoints at n / rate and at the end.
 
     Certify it to see what the arm will do: ``certify(robot, path, executed(trajectory, 125.0, "cubic"), limits)``.
 
@@ -61,6 +61,16 @@ def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Traject
 def points_of(interpolation: str) -> int:
     """How many of q, q̇, q̈ an interpolation goes through.
 
+    Parameters
+    ----------
+    interpolation : str
+        ``"linear"``, ``"cubic"`` or ``"quintic"``.
+
+    Returns
+    -------
+    int
+        1, 2 or 3.
+
     Raises
     ------
     InvalidInput
@@ -72,10 +82,23 @@ def points_of(interpolation: str) -> int:
 
 
 def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """q, q̇, q̈ (k, n) at t (k,), by the pieces before and after: their mean, which differs from both only at a jump."""
+    """q, q̇, q̈ at instants: the mean of both sides, which differ only at a jump.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    t : (k,) array
+        Instants [s].
+
+    Returns
+    -------
+    tuple of three (k, n) arrays
+        [rad, rad/s, rad/s², or m].
+    """
     x, c = trajectory.knots, trajectory.coefficients
     sides = []
-    for beside in (t - SAME, t + SAME):
+    for beside in (t - SAME_INSTANT, t + SAME_INSTANT):
         piece = np.clip(np.searchsorted(x, beside, side="right") - 1, 0, x.size - 2)
         u = (t - x[piece])[:, None]
         q = v = a = np.zeros((t.size, trajectory.n))
@@ -87,7 +110,24 @@ def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 
 
 def interpolated(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
-    """Motion through positions (k, n) at t (k,), and through velocities, and accelerations, where they are given."""
+    """Motion through setpoints: positions, and velocities and accelerations where they are given.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Times [s].
+    q : (k, n) array
+        Positions [rad, m].
+    v : (k, n) array, optional
+        Velocities [rad/s, m/s].
+    a : (k, n) array, optional
+        Accelerations [rad/s², m/s²].
+
+    Returns
+    -------
+    Trajectory
+        The motion.
+    """
     if v is None:
         return Trajectory(PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:

@@ -1,14 +1,24 @@
-"""Curve: what a path, a joint path and a trajectory have in common, an interval [0, end] and ``curve(x, order)``."""
+"""Curves, with derivatives, on an interval [0, end]; and the chain rule for a curve f(s) along which s(t) moves."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.types import Array
+
+CHAIN = ((1.0,), (1.0, 1.0), (1.0, 3.0, 1.0))
+"""Faà di Bruno's formula: factors of f', f'', f''' in the first, second and third derivative of f(s(t))."""
+BINOMIAL = np.array([[comb(k, i) for i in range(6)] for k in range(6)], dtype=np.float64)
+"""Binomial coefficients C(k, i), for Leibniz's rule and Bell polynomials up to the fifth derivative."""
+TIME_BISECTIONS = 60
+"""Halvings of an interval of time: more than the 53 binary digits of a float."""
 
 
 class Curve(ABC):
@@ -32,7 +42,7 @@ class Curve(ABC):
         Parameters
         ----------
         x : scalar or (k,) array
-            In [0, end]; rounding beyond the ends is forgiven.
+            In [0, end]; up to 1e-9 of `end` beyond either end counts as the end.
         order : int
             0 for the value, 1 to 3 for derivatives.
 
@@ -60,3 +70,127 @@ class Curve(ABC):
             raise InvalidInput(self.parameter, f"{wrong:.9g}", f"values in [0, {self.end:.9g}]")
         values = self._evaluate(np.atleast_1d(np.clip(at, 0.0, self.end)), order)
         return values[0] if at.ndim == 0 else values
+
+
+# ---------------------------------------------------------------- curves along which s(t) moves
+
+
+def monomials(rates: Sequence[Array]) -> tuple[Array, ...]:
+    """Products of the derivatives of s(t) that the chain rule multiplies with f', f'', f'''.
+
+    Parameters
+    ----------
+    rates : one to three (k, ...) arrays
+        ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
+
+    Returns
+    -------
+    tuple of (k, ...) arrays
+        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three [m/s^i, rad/s^i].
+    """
+    v = rates[0]
+    if len(rates) == 1:
+        return (v,)
+    if len(rates) == 2:
+        return rates[1], v * v
+    return rates[2], v * rates[1], v**3
+
+
+def chain_rows(derivatives: Sequence[Array]) -> Array:
+    """Coefficients of a derivative of f(s(t)) in time over its `monomials`.
+
+    Parameters
+    ----------
+    derivatives : one to three (k, n) arrays
+        f', f'', f''' [as f over powers of s]; as many as the order of the derivative in time.
+
+    Returns
+    -------
+    (k, n, order) array
+        [as f over powers of s].
+    """
+    factors = CHAIN[len(derivatives) - 1]
+    return np.stack([factor * f for factor, f in zip(factors, derivatives, strict=True)], axis=-1)
+
+
+def composed(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array]:
+    """Derivatives of f(s(t)) in time by the chain rule.
+
+    Parameters
+    ----------
+    derivatives : one to three (k, ...) arrays
+        f', f'', f''' [as f over powers of s].
+    rates : as many (k, ...) arrays, which broadcast with them
+        ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
+
+    Returns
+    -------
+    list of (k, ...) arrays
+        Orders 1, 2, 3, as many as were given [as f over s, s², s³].
+    """
+    found = []
+    for order in range(1, len(rates) + 1):
+        products = monomials(rates[:order])
+        value = derivatives[0] * products[0]
+        for i in range(1, order):
+            value = value + CHAIN[order - 1][i] * derivatives[i] * products[i]
+        found.append(value)
+    return found
+
+
+def passed_at(moving: Callable[[Array], Array], places: Array, end: float) -> Array:
+    """Times at which an increasing function of time passes given values, by bisection.
+
+    Parameters
+    ----------
+    moving : callable
+        From times (k,) [s] to values (k,), increasing in each.
+    places : (k,) array
+        Values [as the function].
+    end : float
+        Latest time [s]; the earliest is 0.
+
+    Returns
+    -------
+    (k,) array
+        Times [s], to the last bits: the latest that are known to lie before the places.
+    """
+    low, high = np.zeros(places.size), np.full(places.size, end)
+    for _ in range(TIME_BISECTIONS):
+        middle = 0.5 * (low + high)
+        before = moving(middle) < places
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return low
+
+
+@compiled
+def bell(S: Array, B: Array) -> None:
+    """Complete Bell polynomials of S into B: B_k = Σ_i C(k−1, i) B_{k−1−i} S_{i+1}, up to the length of B, at most 6.
+
+    Parameters
+    ----------
+    S : (m,) array
+        Bounds on the derivatives of order 1 to m − 1 [1/s^i]; S[0] is not used.
+    B : (m,) array
+        Filled with the polynomials of order 0 to m − 1 [1/s^i].
+    """
+    B[0] = 1.0
+    for k in range(1, B.shape[0]):
+        B[k] = 0.0
+        for i in range(k):
+            B[k] += BINOMIAL[k - 1, i] * B[k - 1 - i] * S[i + 1]
+
+
+@compiled
+def bells(S: Array, B: Array) -> None:
+    """Complete Bell polynomials of many rows; see `bell`.
+
+    Parameters
+    ----------
+    S : (k, m) array
+        Bounds on derivatives [1/s^i, 1/m^i]; the first column is not used.
+    B : (k, m) array
+        Filled with the polynomials [1/s^i, 1/m^i].
+    """
+    for i in range(S.shape[0]):
+        bell(S[i], B[i])

@@ -46,10 +46,19 @@ def _root(c: Array, degree: int, low: float, high: float, f_low: float) -> float
 def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
     """Least and greatest value of pieces and their derivatives of order 0 to 3 on [0, h], and where.
 
-    c (6, m, n), highest power first; h (m,). Into value and when (4, m, n, 2).
-
     A polynomial is monotone between the roots of its derivative, so the roots of each derivative are found between those
     of the next one, from the linear fourth derivative of the quintic upwards: none is missed.
+
+    Parameters
+    ----------
+    c : (6, m, n) array
+        Coefficients, highest power first [rad/s^i, m/s^i].
+    h : (m,) array
+        Durations of the pieces [s].
+    value : (4, m, n, 2) array
+        Filled with least and greatest values [rad/s^i, m/s^i].
+    when : (4, m, n, 2) array
+        Filled with their times [s].
     """
     m, n = c.shape[1], c.shape[2]
     a = np.zeros((5, 6))  # derivatives of orders 0 to 4, lowest power first
@@ -91,10 +100,20 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
 
 @compiled
 def piece_ends(c: Array, h: Array, first: Array, last: Array) -> None:
-    """Values of pieces c (6, m, n) and of their derivatives of order 0 to 3 at 0 and at h (m,), into (4, m, n) each."""
+    """Values of pieces and of their derivatives of order 0 to 3 at both ends.
+
+    Parameters
+    ----------
+    c : (6, m, n) array
+        Coefficients, highest power first [rad/s^i, m/s^i].
+    h : (m,) array
+        Durations of the pieces [s].
+    first, last : (4, m, n) arrays
+        Filled with the values [rad/s^i, m/s^i].
+    """
     for k in range(c.shape[1]):
         for j in range(c.shape[2]):
-            factor = np.ones(6)  # of each power, after so many derivatives
+            factor = np.ones(6)  # of each power, after `order` derivatives
             for order in range(4):
                 value = 0.0
                 for power in range(5, order - 1, -1):

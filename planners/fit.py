@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from optik.arm.robot import Robot
-from planners.certificate.tool_speed import tool_speed
-from planners.limits import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from optik.errors import NoSolution
+from planners.certificate.examined import Examined
+from planners.limits import MotionLimits
 from planners.trajectory import Trajectory
 
+FIRST_MARGIN = 1e-12
+"""By how much more than necessary a motion is slowed that still exceeds a limit after it was scaled; then ten times as much."""
 
-def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] = ALL_LIMITS) -> float:
-    """Least factor by which a motion from rest to rest is stretched in time so that its exact extrema keep the limits.
+
+def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None = None) -> float:
+    """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly.
 
     Parameters
     ----------
@@ -20,39 +24,55 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     trajectory : Trajectory
         From rest to rest.
     limits : MotionLimits
-        What it shall keep.
-    keeps : tuple of str
-        Which of them.
+        The limits that it should keep.
+    keeps : tuple of str, optional
+        Which of them; by default all.
 
     Returns
     -------
     float
-        Below 1 where the motion leaves room; 0 where nothing limits it.
+        Below 1 where the motion may be faster; 0 where nothing limits it; infinity where no factor suffices.
     """
-    bound, factor = limits.arrays(robot.n), 0.0
-    for order, field in enumerate(DERIVATIVES, start=1):
-        if field in keeps:
-            ratio = float((trajectory.piece_worst(order) / bound[field]).max())
-            # a root may round down to 1 what is above it
-            factor = max(factor, ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0)
-    if any(np.isfinite(limit) and field in keeps for field, limit in zip(TOOL_SPEEDS, limits.tool, strict=True)):
-        speeds = tool_speed(robot, trajectory)
-        for field, limit, speed in zip(TOOL_SPEEDS, limits.tool, (speeds.speed, speeds.rotation), strict=True):
-            if field in keeps:
-                factor = max(factor, speed / limit)
-    return factor
+    motion, bounds = Examined(robot, trajectory), limits.bounds(robot.n)
+    chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
+    return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
 def fitted(
-    robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] = ALL_LIMITS
+    robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None = None
 ) -> Trajectory:
-    """Return a motion from rest to rest, scaled in time so that it just keeps its limits, and not a bit more."""
+    """Return a motion from rest to rest, scaled in time so that it just keeps its limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        From rest to rest.
+    limits : MotionLimits
+        The limits that it should keep.
+    keeps : tuple of str, optional
+        Which of them; by default all.
+
+    Returns
+    -------
+    Trajectory
+        The scaled motion; the same where nothing limits it.
+
+    Raises
+    ------
+    NoSolution
+        A limit that no slow-down keeps.
+    """
     factor = stretch(robot, trajectory, limits, keeps)
     if not factor > 0.0:
         return trajectory
-    trajectory = trajectory.slowed(factor)
-    margin = 1e-12
-    while (factor := stretch(robot, trajectory, limits, keeps)) > 1.0:  # rounding in the scaled motion may still exceed
+    margin = 0.0
+    while True:
+        if not np.isfinite(factor):
+            raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
         trajectory = trajectory.slowed(factor * (1.0 + margin))
-        margin *= 10.0
-    return trajectory
+        factor = stretch(robot, trajectory, limits, keeps)
+        if factor <= 1.0:
+            return trajectory
+        margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit

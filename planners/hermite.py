@@ -16,10 +16,10 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
     Parameters
     ----------
     x : (m + 1,) array
-        Knots, increasing.
+        Knots, increasing [as the parameter].
     left, right : three (m, n) arrays each
-        Value, first and second derivative at the left and the right end of each of the m pieces. They are given apart
-        so that a derivative may jump at a knot.
+        Value, first and second derivative at the left and the right end of each of the m pieces [as the curve].
+        They are given apart so that a derivative may jump at a knot.
 
     Returns
     -------
@@ -43,5 +43,18 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
 
 
 def through(x: Array, p: Array, v: Array, a: Array) -> Any:
-    """The same through shared values (m + 1, n) at the knots: continuous to the second derivative."""
+    """Quintic pieces through shared values at the knots: continuous to the second derivative.
+
+    Parameters
+    ----------
+    x : (m + 1,) array
+        Knots, increasing [as the parameter].
+    p, v, a : (m + 1, n) arrays
+        Value, first and second derivative at the knots [as the curve].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        With coefficients (6, m, n), highest power first.
+    """
     return quintic(x, (p[:-1], v[:-1], a[:-1]), (p[1:], v[1:], a[1:]))

@@ -61,8 +61,8 @@ class Motion:
         if self.trajectory.n != self.robot.n:
             raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
         self.limits.arrays(self.robot.n)
-        if not isinstance(self.keeps, tuple) or any(k not in ALL_LIMITS for k in self.keeps):
-            raise InvalidInput("keeps", repr(self.keeps)[:120], f"a tuple of some of {', '.join(ALL_LIMITS)}")
+        if not isinstance(self.keeps, tuple) or any(k not in self.limits.names for k in self.keeps):
+            raise InvalidInput("keeps", repr(self.keeps)[:120], f"a tuple of some of {', '.join(self.limits.names)}")
 
         if self.tolerance is not None:
             object.__setattr__(self, "tolerance", check_tolerance(self.tolerance))

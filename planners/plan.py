@@ -163,7 +163,7 @@ class Plan:
             self.speed,
         )  # fmt: skip
 
-    def save(self, file: str | os.PathLike[str], *, format: str | None = None) -> None:
+    def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
         Parameters
@@ -192,8 +192,8 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    ik: str | IKSolver = "lm",
-    timing: str | TimeLaw = "optimal",
+    ik: str | os.PathLike[str] | IKSolver = "lm",
+    timing: str | os.PathLike[str] | TimeLaw = "optimal",
     limits: MotionLimits | None = None,
     samples: int = 151,
     branch: str | None = None,
@@ -213,9 +213,9 @@ def plan(
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     ik : str or IKSolver
-        Method, by name or built.
+        Method, by name, by the path of a file (``"./jt.py"``), or built.
     timing : str or TimeLaw
-        Law, by name or built.
+        Law, by name, by the path of a file (``"./law.py"``), or built.
     limits : MotionLimits, optional
         The robot's own by default.
     samples : int
@@ -249,12 +249,12 @@ def plan(
 
 
 def _asked(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | IKSolver, timing: str | TimeLaw,
-    limits: MotionLimits | None, judged: tuple[tuple[float, float], float],
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
+    timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None, judged: tuple[tuple[float, float], float],
 ) -> tuple[IKSolver, Asked]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
-    solver = solver_for(robot, ik) if isinstance(ik, str) else ik
-    law = make_law(timing) if isinstance(timing, str) else timing
+    solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
+    law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
     limits = MotionLimits.of(robot) if limits is None else limits
     for argument, value, kind in (("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
@@ -342,7 +342,7 @@ class Asked:
         """
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
-            law=self.law.name, keeps=self.law.keeps, rate=self.rate, tolerance=self.tolerance,
+            law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
             span=self.span,
         )  # fmt: skip
         status, stop = PlanStatus.SOLVED, None
@@ -382,7 +382,7 @@ class Asked:
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
-        field = max(self.law.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
+        field = max(proof.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
         place = float(np.interp(t, proof.binding.t, proof.binding.s))
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
@@ -397,7 +397,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     if followed.stop is not None:
         return asked._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
     assert followed.joint_path is not None
-    joints, keeps = followed.joint_path, asked.law.keeps
+    joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
         raw = asked.law.run(joints, asked.limits)
         factor = stretch(asked.robot, raw, asked.limits, keeps)

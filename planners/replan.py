@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -42,7 +43,7 @@ def replan(
     state: float | tuple[ArrayLike, ArrayLike, ArrayLike],
     *,
     stop: bool = False,
-    timing: str | TimeLaw = "optimal",
+    timing: str | os.PathLike[str] | TimeLaw = "optimal",
     limits: MotionLimits | None = None,
     strict: bool = False,
     tolerance: tuple[float, float] = (1e-5, 1e-5),
@@ -98,10 +99,14 @@ def replan(
 
 
 def _asked(
-    plan: Plan, timing: str | TimeLaw, limits: MotionLimits | None, tolerance: tuple[float, float], rate: float
+    plan: Plan,
+    timing: str | os.PathLike[str] | TimeLaw,
+    limits: MotionLimits | None,
+    tolerance: tuple[float, float],
+    rate: float,
 ) -> Asked:
     """Build the law where it was given by name, and check that it can keep these limits."""
-    law = make_law(timing) if isinstance(timing, str) else timing
+    law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
     limits = plan.limits if limits is None else limits
     for argument, value, kind in (("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):

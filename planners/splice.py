@@ -1,4 +1,4 @@
-"""Motions cut and put together: what is left of one, one after another, one held, one begun at exactly a given state."""
+"""Motions cut and joined: the rest of one, one after another, one held at its end, one begun at exactly a given state."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ State = tuple[Array, Array, Array]
 
 PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
 """Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
-LITTLE = 1e-3
-"""Share of the jerk limits with which a motion goes over from the given state to its path: it costs no time worth naming."""
-SAME = 1e-14
-"""Positions this near to each other differ by rounding only [rad or m]."""
+FADE_SHARE = 1e-3
+"""Share of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
+SAME_POSITION = 1e-14
+"""Difference of positions [rad or m] that is rounding."""
 
 
 def _powers(trajectory: Trajectory) -> Array:
@@ -42,6 +42,18 @@ def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
     """Return what is left of a motion from a time t [s] before its end: the same polynomials, to rounding.
 
     It begins with exactly the values that the trajectory has at t.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    t : float
+        A time before its end [s].
+
+    Returns
+    -------
+    Trajectory
+        The rest, from t = 0.
     """
     knots, c = trajectory.knots, _powers(trajectory)
     first = int(np.searchsorted(knots, t, side="right")) - 1
@@ -53,13 +65,37 @@ def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Return one motion and, from its end on, another."""
+    """Return one motion and, from its end on, another.
+
+    Parameters
+    ----------
+    first, second : Trajectory
+        The motions.
+
+    Returns
+    -------
+    Trajectory
+        Both.
+    """
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
     return Trajectory(PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True))
 
 
 def held(trajectory: Trajectory, duration: float) -> Trajectory:
-    """Return a motion that ends at rest, and stands there for a duration [s] more."""
+    """Return a motion that ends at rest, and then stands there for a while.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    duration : float
+        How long [s].
+
+    Returns
+    -------
+    Trajectory
+        The longer motion.
+    """
     still = np.zeros((6, 1, trajectory.n))
     still[5] = trajectory(trajectory.end)
     return joined(trajectory, Trajectory(PPoly(still, np.array([0.0, duration]))))
@@ -69,16 +105,30 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     """Return the motion begun at exactly q, q̇, q̈ (n,) each, close to its own.
 
     A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
-    that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `LITTLE`, else at the last. What
-    is rounding only in position stays: on a short way to fade it out would cost jerk.
+    that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `FADE_SHARE`, else at the last. What
+    is rounding only in position stays: on a short way to fade it out would need jerk.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    start : tuple of three (n,) arrays
+        q, q̇, q̈ that the motion begins with [rad, rad/s, rad/s², or m].
+    limits : MotionLimits
+        Limits of the motion.
+
+    Returns
+    -------
+    Trajectory
+        Begun exactly so.
     """
     off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
-    off[0, np.abs(off[0]) <= SAME] = 0.0
+    off[0, np.abs(off[0]) <= SAME_POSITION] = 0.0
     knots, c = trajectory.knots, _powers(trajectory).copy()
     jerk = limits.arrays(trajectory.n)["jerk"]
     ends = knots[1:, None]
     peaks = sum(PEAKS[2, i] * np.abs(off[i]) / ends ** (3 - i) for i in range(3)) / jerk
-    little = np.flatnonzero(np.max(peaks, axis=1) <= LITTLE)
+    little = np.flatnonzero(np.max(peaks, axis=1) <= FADE_SHARE)
     count = int(little[0]) + 1 if little.size else knots.size - 1
     still = np.zeros((1, trajectory.n))
     over = quintic(knots[[0, count]], (off[:1], off[1:2], off[2:]), (still, still, still)).c

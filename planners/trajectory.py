@@ -99,7 +99,17 @@ class Trajectory(Curve):
         return values
 
     def sample(self, rate: float) -> tuple[Array, Array]:
-        """Times (k,) at n/rate, the end always included, and configurations (k, n).
+        """Sample the motion at a rate, the end always included.
+
+        Parameters
+        ----------
+        rate : float
+            Samples per second [1/s].
+
+        Returns
+        -------
+        tuple of arrays
+            Times (k,) at i / rate [s], and configurations (k, n) [rad, m].
 
         Raises
         ------
@@ -112,7 +122,18 @@ class Trajectory(Curve):
         return t, self(t)
 
     def ends(self, order: int) -> tuple[Array, Array]:
-        """One-sided values (m, n) of a derivative (0 to 3) at the first and the last instant of every piece."""
+        """One-sided values of a derivative at the first and the last instant of every piece.
+
+        Parameters
+        ----------
+        order : int
+            Of the derivative, 0 to 3.
+
+        Returns
+        -------
+        tuple of (m, n) arrays
+            [rad, rad/s, rad/s², rad/s³, or m].
+        """
         first, last = self._ends
         return first[order], last[order]
 
@@ -124,12 +145,33 @@ class Trajectory(Curve):
         return first, last
 
     def jumps(self, order: int) -> Array:
-        """How much a derivative jumps at the inner knots (m − 1, n)."""
+        """How much a derivative jumps at the inner knots.
+
+        Parameters
+        ----------
+        order : int
+            Of the derivative, 0 to 3.
+
+        Returns
+        -------
+        (m - 1, n) array
+            [rad, rad/s, rad/s², rad/s³, or m].
+        """
         first, last = self.ends(order)
         return first[1:] - last[:-1]
 
     def extrema(self, order: int) -> Extrema:
         """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one; found once, then kept.
+
+        Parameters
+        ----------
+        order : int
+            Of the derivative, 0 to 3.
+
+        Returns
+        -------
+        Extrema
+            Of each joint.
 
         Raises
         ------
@@ -162,13 +204,34 @@ class Trajectory(Curve):
         return value, when
 
     def piece_worst(self, order: int) -> Array:
-        """Largest absolute value (m, n) of a derivative (0 to 3) on every piece, exact."""
+        """Largest absolute value of a derivative on every piece, exact.
+
+        Parameters
+        ----------
+        order : int
+            Of the derivative, 0 to 3.
+
+        Returns
+        -------
+        (m, n) array
+            [rad, rad/s, rad/s², rad/s³, or m].
+        """
         value = self._pieces[0][order]
         worst: Array = np.maximum(np.abs(value[..., 0]), np.abs(value[..., 1]))
         return worst
 
     def slowed(self, factor: float) -> Trajectory:
         """Return the same motion, factor times as long: velocities / factor, accelerations / factor², jerks / factor³.
+
+        Parameters
+        ----------
+        factor : float
+            Above 0; below 1 for a faster motion [1].
+
+        Returns
+        -------
+        Trajectory
+            The scaled motion.
 
         Raises
         ------

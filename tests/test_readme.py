@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -18,10 +19,25 @@ def test_the_readme_s_python_runs() -> None:
     assert done.stdout.startswith("True ")
 
 
-def test_the_python_of_the_docs_runs() -> None:
+def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
+    """Blocks that begin with ``# NAME.py`` or ``# NAME.toml`` are files, which lie in the folder where the others run."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     for page in (ROOT / "docs").glob("*.md"):
-        code = "\n".join(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S))
-        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
+        code = []
+        for block in re.findall(r"```(?:python|toml)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
+            named = re.match(r"# (\w+\.(?:py|toml))\n", block)
+            if named:
+                (tmp_path / named[1]).write_text(block, encoding="utf-8")
+            else:
+                code.append(block)
+        done = subprocess.run(
+            [sys.executable, "-c", "\n".join(code)],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         assert done.returncode == 0, f"{page.name}: {done.stderr}"
 
 

@@ -1,30 +1,36 @@
-"""The command line, the roof of the house. Exit status 0, 1 (ran, no solution), 2 (misuse)."""
+"""The command line: `optik` and its commands. Exit status 0, 1 (ran, no solution), 2 (misuse)."""
 
 from __future__ import annotations
 
-import shlex
 import sys
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 from rich.table import Table
 
 import optik
+from benchmarks.cli.bench import bench_app, demo
 from benchmarks.cli.output import guard_output
 from benchmarks.cli.plan import plan_app
 from benchmarks.cli.shared import (
     AsJson,
+    Base,
     RobotName,
+    Tip,
     arm_of,
+    command,
     configuration,
     err_console,
     out_console,
     print_json,
 )
+from optik.arm.robot import Robot
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
+from optik.ik import IKResult
+from optik.plugins.installed import distribution_of
+from optik.registry import GROUPS, installed, refused, short_name
 
 app = typer.Typer(
     help="Trajectories for serial arms: inverse kinematics, paths, time laws with a certificate, and a fair comparison.",
@@ -34,11 +40,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 app.add_typer(plan_app, name="plan")
 app.add_typer(bench_app, name="bench")
-
-Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
 
 
 def main() -> None:
@@ -60,9 +63,15 @@ def main() -> None:
 # ---------------------------------------------------------------- one robot, one pose
 
 
-@app.command()
+@command(app)
 def robots(as_json: AsJson = False) -> None:
-    """List the robots that come with optik."""
+    """List the robots that come with optik, and those of installed packages.
+
+    Parameters
+    ----------
+    as_json
+        As ``--help`` says.
+    """
     found = [optik.load(name) for name in optik.robots()]
     if as_json:
         print_json([{"name": r.name, "joints": r.n, "source": r.source, "fingerprint": r.fingerprint} for r in found])
@@ -79,14 +88,27 @@ def robots(as_json: AsJson = False) -> None:
     out_console.print(table)
 
 
-@app.command(context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options
+@command(app, context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options
 def fk(
     q_deg: Annotated[list[float], typer.Argument(help="Joint values in degrees; sliding joints in millimetres.")],
     robot: RobotName = "paper6r",
+    tip: Tip = None,
+    base: Base = None,
     as_json: AsJson = False,
 ) -> None:
-    """Forward kinematics: where the tool is."""
-    arm = arm_of(robot)
+    """Forward kinematics: where the tool is.
+
+    Parameters
+    ----------
+    q_deg, robot, tip, base, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, RobotModelError
+        As `optik.load`; another number of joint values.
+    """
+    arm = arm_of(robot, tip, base)
     q = arm.configuration(q_deg, "Q_DEG") / per(arm)
     T = arm.fk(q)
     smallest = float(arm.singular_values(q)[-1])
@@ -104,7 +126,7 @@ def fk(
     out_console.print(f"smallest singular value of the Jacobian {smallest:.4g}; {note}")
 
 
-@app.command()
+@command(app)
 def ik(
     xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame [m].")],
     rpy_deg: Annotated[
@@ -114,43 +136,33 @@ def ik(
         str, typer.Option(help="Start [degrees, mm], comma separated; middle of the ranges if left out.")
     ] = "",
     robot: RobotName = "paper6r",
-    solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}.")] = "lm",
+    tip: Tip = None,
+    base: Base = None,
+    solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")] = "lm",
     task: Annotated[str, typer.Option(help="pose, position, rotation, axis_x, axis_y or axis_z.")] = "pose",
     closest: Annotated[bool, typer.Option(help="Where there is no solution, go to the nearest pose.")] = False,
     restarts: Annotated[int, typer.Option(help="Attempts after the first.")] = 200,
     as_json: AsJson = False,
 ) -> None:
-    """Inverse kinematics: joint values for a tool pose. Without --rpy-deg the orientation of the start is kept."""
+    """Inverse kinematics: joint values for a tool pose. Without --rpy-deg the orientation of the start is kept.
+
+    Parameters
+    ----------
+    xyz, rpy_deg, start_deg, robot, tip, base, solver, task, closest, restarts, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, RobotModelError
+        As `optik.load` and `optik.solve_ik`.
+    """
     from optik import se3
 
-    arm = arm_of(robot)
+    arm = arm_of(robot, tip, base)
     q0 = configuration(arm, start_deg)
     R = se3.from_xyz_rpy((0, 0, 0), rpy_deg)[:3, :3] if rpy_deg is not None else arm.fk(q0)[:3, :3]
     result = optik.solve_ik(arm, se3.pose(R, xyz), q0, solver, max_restarts=restarts, task=task, closest=closest)
-    if as_json:
-        print_json(
-            {
-                "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
-                "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
-                "q": result.q.tolist(), "iterations": result.iterations,
-                "restarts": result.restarts, "position_error": result.position_error,
-                "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
-            }
-        )  # fmt: skip
-    else:
-        table = Table(
-            "joint",
-            "value",
-            "range",
-            title=f"{result.status}, {result.iterations} iterations, {result.restarts} restarts",
-        )
-        rows = zip(arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, per(arm), units(arm), strict=True)
-        for name, value, lo, hi, scale, unit in rows:
-            table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
-        out_console.print(table)
-        out_console.print(
-            f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
-        )
+    (_print_ik_json if as_json else _print_ik)(arm, result, short_name(solver))
     if not result:
         if not as_json:
             said = f"{result.message}; " if result.message else ""
@@ -158,116 +170,67 @@ def ik(
         raise typer.Exit(1)
 
 
-# ---------------------------------------------------------------- comparisons
+def _print_ik_json(arm: Robot, result: IKResult, solver: str) -> None:
+    """Print an answer for programs."""
+    print_json(
+        {
+            "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
+            "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
+            "q": result.q.tolist(), "iterations": result.iterations,
+            "restarts": result.restarts, "position_error": result.position_error,
+            "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
+        }
+    )  # fmt: skip
 
 
-@bench_app.command("list")
-def bench_list(as_json: AsJson = False) -> None:
-    """List the suites."""
-    from benchmarks.suite import SUITES, load_suite
-    from optik.registry import names
-
-    suites = [load_suite(name) for name in names(SUITES)]
-    if as_json:
-        print_json(
-            [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
-        )
-        return
-    table = Table("suite", "what", "blocks", "timed call by call", "batches", "time laws", "line")
-    for suite in suites:
-        line = f"{len(suite.line.ik)} IK methods × {len(suite.line.laws)} laws" if suite.line else "none"
-        ids = [
-            ", ".join(b.id for b in part) or "none" for part in (suite.blocks, suite.speed, suite.batch, suite.timing)
-        ]
-        table.add_row(suite.name, suite.title, *ids, line)
+def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
+    """Print an answer for people."""
+    title = f"{result.status}, {result.iterations} iterations, {result.restarts} restarts"
+    table = Table("joint", "value", "range", title=title)
+    rows = zip(arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, per(arm), units(arm), strict=True)
+    for name, value, lo, hi, scale, unit in rows:
+        table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
     out_console.print(table)
+    out_console.print(
+        f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
+    )
 
 
-@bench_app.command("run")
-def bench_run(
-    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
-    out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
-    workers: Workers = 1,
-    as_json: AsJson = False,
-) -> None:
-    """Run a suite into a folder; a run that was stopped is continued.
+command(app)(demo)
 
-    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers.
+
+@command(app)
+def doctor(as_json: AsJson = False) -> None:
+    """List the plug-ins of installed packages, and those that are refused. Exit status 1 where one is refused.
+
+    Nothing is imported: a plug-in that is listed here may still be broken.
+
+    Parameters
+    ----------
+    as_json
+        As ``--help`` says.
     """
-    folder = run_with_progress(suite, out, workers)
+    rows = [
+        {"group": group, "name": name, "object": point.value, "distribution": distribution_of(point), "refused": ""}
+        for group in GROUPS
+        for name, point in installed(group).items()
+    ]
+    rows += [
+        {"group": r.group, "name": r.name, "object": r.value, "distribution": r.distribution, "refused": r.reason}
+        for group in GROUPS
+        for r in refused(group)
+    ]
     if as_json:
-        print_json(folder.manifest())
+        print_json({"version": optik.__version__, "plugins": rows})
+    elif rows:
+        table = Table("group", "name", "object", "package", "")
+        for row in rows:
+            table.add_row(*list(row.values())[:4], f"refused: {row['refused']}" if row["refused"] else "can be used")
+        out_console.print(table)
     else:
-        out_console.print(
-            f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
-        )
-
-
-@bench_app.command("report")
-def bench_report(
-    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    as_json: AsJson = False,
-) -> None:
-    """Write the report of a run: one HTML file that opens offline."""
-    from benchmarks.records import RunFolder
-    from benchmarks.report import write_report
-
-    with err_console.status("writing the report"):
-        page = write_report(RunFolder(run))
-    if as_json:
-        print_json({"report": str(page)})
-    else:
-        out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
-
-
-@app.command()
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder of the run and its report.")] = Path("optik-demo"),
-    workers: Workers = 1,
-    as_json: AsJson = False,
-) -> None:
-    """Compare the methods on the paper's line and workspace: the suite `paper` and its report."""
-    from benchmarks.experiments.claims import judge
-    from benchmarks.report import write_report
-
-    folder = run_with_progress("paper", out, workers)
-    with err_console.status("writing the report"):
-        page = write_report(folder)
-    findings = judge(folder)
-    if as_json:
-        print_json({"report": str(page), "claims": [{"claim": f.claim, "verdict": f.verdict} for f in findings]})
-        return
-    table = Table("", "the paper's claim", "verdict")
-    for f in findings:
-        table.add_row(f.key, f.claim, f.verdict)
-    out_console.print(table)
-    out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
-
-
-def run_with_progress(suite: str, out: Path, workers: int) -> Any:
-    """Run a suite with a progress bar on the error stream."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from benchmarks.run import run_suite
-    from benchmarks.suite import load_suite
-
-    asked = load_suite(suite)
-    command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err_console, transient=True) as bar:
-        task = bar.add_task("compiling", total=None)
-        try:
-            return run_suite(
-                asked,
-                out,
-                workers=workers,
-                command=command,
-                progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
-            )
-        except KeyboardInterrupt:
-            bar.stop()
-            err_console.print("stopped; run the same command again to continue", style="yellow")
-            raise typer.Exit(130) from None
+        out_console.print(f"optik {optik.__version__}: no installed package adds a plug-in", highlight=False)
+    if any(row["refused"] for row in rows):
+        raise typer.Exit(1)
 
 
 if __name__ == "__main__":

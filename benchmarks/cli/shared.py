@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
-from typing import Annotated, Any
+import re
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
@@ -16,22 +19,95 @@ from optik.errors import InvalidInput
 out_console, err_console = Console(), Console(stderr=True)
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
-RobotName = Annotated[str, typer.Option("--robot", "-r", help="A name from `optik robots`, or a URDF file.")]
+RobotName = Annotated[
+    str, typer.Option("--robot", "-r", help="A name from `optik robots`, or a file: .urdf, .toml, .json or .py.")
+]
+Tip = Annotated[str | None, typer.Option(help="Link of a URDF that is the tool, where it has several ends.")]
+Base = Annotated[str | None, typer.Option(help="Link of a URDF that poses are given in; its root if left out.")]
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def arm_of(robot: str) -> optik.Robot:
-    """Load a robot by its name, or read it from a URDF file.
+def command(group: typer.Typer, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
+    """Decorate a function as a command whose help is its docstring, without the sections that follow the words.
+
+    Parameters
+    ----------
+    group : typer.Typer
+        Where the command belongs.
+    name : str, optional
+        Of the command; by default the function's.
+    **settings
+        Those of `typer.Typer.command`.
+
+    Returns
+    -------
+    callable
+        The decorator; the function stays as it is.
+    """
+
+    def register(function: Command) -> Command:
+        group.command(name, help=words_of(function), **settings)(function)
+        return function
+
+    return register
+
+
+def words_of(function: Callable[..., Any]) -> str:
+    """Return a function's docstring without its sections (Parameters, Raises and so on), for `--help`.
+
+    Parameters
+    ----------
+    function : callable
+        A command.
+
+    Returns
+    -------
+    str
+        Summary and further paragraphs.
+    """
+    return re.split(r"\n\n?\w+\n-{3,}\n", inspect.getdoc(function) or "")[0]
+
+
+def arm_of(robot: str, tip: str | None = None, base: str | None = None) -> optik.Robot:
+    """Load a robot by its name or from a file.
+
+    Parameters
+    ----------
+    robot : str
+        What ``--robot`` was given.
+    tip, base : str, optional
+        Links of a URDF.
+
+    Returns
+    -------
+    Robot
+        The arm.
 
     Raises
     ------
     UnknownName, RobotModelError, InvalidInput
-        As `optik.load` and `Robot.from_urdf`.
+        As `optik.load`.
     """
-    return optik.Robot.from_urdf(robot) if robot.lower().endswith((".urdf", ".xml")) else optik.load(robot)
+    return optik.load(robot, tip=tip, base=base)
 
 
 def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -> Any:
     """Read a configuration given in degrees, sliding joints in millimetres; the middle of the ranges if empty.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    degrees : str
+        Joint values, separated by commas or spaces.
+    option : str
+        Which option they were given with, for messages.
+
+    Returns
+    -------
+    (n,) array
+        Configuration [rad, m].
 
     Raises
     ------
@@ -58,5 +134,11 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
 
 
 def print_json(data: Any) -> None:
-    """Print strict JSON for programs."""
+    """Print strict JSON for programs.
+
+    Parameters
+    ----------
+    data : object
+        Plain data.
+    """
     print(json.dumps(data, allow_nan=False, indent=1))

@@ -18,8 +18,7 @@ from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import plan
 
-_LINE = load_suite("paper").line
-assert _LINE is not None
+_LINE = load_suite("paper").of("plans")[0]
 START_DEG, MOVE_M = _LINE.start_deg, np.array(_LINE.move_m)
 """Start and displacement of the line in the suite ``paper``."""
 

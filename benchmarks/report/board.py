@@ -14,7 +14,7 @@ When = Mapping[str, Sequence[str]]
 
 @dataclass(frozen=True)
 class Control:
-    """A choice of the reader's."""
+    """A control with which the reader chooses what a board shows."""
 
     key: str
     label: str
@@ -24,12 +24,27 @@ class Control:
 
     @property
     def value(self) -> str:
-        """What is chosen first."""
+        """The value that is chosen at first."""
         return self.initial or self.options[0][0]
 
     @staticmethod
     def of(key: str, label: str, values: Sequence[str], initial: str = "") -> Control:
-        """A choice among values that are their own names."""
+        """A choice among values that are their own names.
+
+        Parameters
+        ----------
+        key, label : str
+            Name of the control, and what the page calls it.
+        values : sequence of str
+            What can be chosen.
+        initial : str
+            What is chosen first; the first value where empty.
+
+        Returns
+        -------
+        Control
+            The control.
+        """
         return Control(key, label, tuple((v, v) for v in values), initial)
 
 
@@ -68,7 +83,17 @@ class Plot:
     frames: list[Json] = field(default_factory=list)
 
     def add(self, trace: Json, when: When | None = None, variants: Sequence[tuple[When, Json]] = ()) -> None:
-        """Show a trace at some choices; variants change its look at others."""
+        """Show a trace at some choices; variants change its look at others.
+
+        Parameters
+        ----------
+        trace : dict
+            A trace of Plotly.
+        when : mapping
+            Values of controls at which it is shown; always where None.
+        variants : sequence of tuple
+            Values of controls, and what changes in the trace there.
+        """
         entry: Json = {"trace": trace}
         if when:
             entry["when"] = when
@@ -77,7 +102,15 @@ class Plot:
         self.traces.append(entry)
 
     def vary(self, when: When, layout: Json) -> None:
-        """Change the layout at some choices; later changes win."""
+        """Change the layout at some choices; later changes win.
+
+        Parameters
+        ----------
+        when : mapping
+            Values of controls.
+        layout : dict
+            What changes in the layout there.
+        """
         self.layouts.append({"when": when, "layout": layout})
 
 
@@ -93,7 +126,7 @@ class Board:
 
     @property
     def shown(self) -> tuple[Control, ...]:
-        """Controls that leave a choice."""
+        """Controls with more than one option."""
         return tuple(c for c in self.controls if len(c.options) > 1)
 
     @property
@@ -113,7 +146,18 @@ class Board:
 
 
 def strict(data: Any) -> str:
-    """JSON without NaN that is safe inside a script element and an attribute."""
+    """JSON without NaN that is safe inside a script element and an attribute.
+
+    Parameters
+    ----------
+    data : object
+        Dictionaries, lists, text, finite numbers, truth values and None.
+
+    Returns
+    -------
+    str
+        JSON.
+    """
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")

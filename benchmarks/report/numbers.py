@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+"""Digits and the minus sign, raised."""
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -56,5 +57,18 @@ def ratio(value: float) -> str:
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """Format a share given in percent."""
+    """Format a share given in percent.
+
+    Parameters
+    ----------
+    share : float
+        In percent.
+    digits : int
+        Decimals.
+
+    Returns
+    -------
+    str
+        With the sign; a dash for NaN.
+    """
     return "–" if math.isnan(share) else f"{share:.{digits}f} %"

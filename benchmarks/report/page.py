@@ -5,17 +5,19 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from benchmarks.kinds.base import Section
 from benchmarks.records import RunFolder
 from benchmarks.report.board import strict
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.overview import overview
 from benchmarks.report.run import Run
-from benchmarks.report.sections import SECTIONS
+from benchmarks.report.sections import built
 
-FILE = "report.html"
+PAGE = "report.html"
+"""Name of the page in the run folder."""
 
 
 def write_report(folder: RunFolder) -> Path:
@@ -38,14 +40,23 @@ def write_report(folder: RunFolder) -> Path:
     OutputError
         The page cannot be written.
     """
-    folder.write_text(FILE, render(Run(folder)))
-    return folder.path / FILE
+    folder.write_text(PAGE, render(Run(folder)))
+    return folder.path / PAGE
 
 
 def render(run: Run) -> str:
-    """The page as text."""
-    head = overview(run)
-    built = ((section, section.build(run)) for section in SECTIONS)
+    """The page as text.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
     environment = Environment(
         loader=PackageLoader("benchmarks.report"),
         autoescape=True,
@@ -54,13 +65,21 @@ def render(run: Run) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "percent": percent, "strict": strict}
+    placed = {place: built(run, place) for place in ("terms", "summary", "section")}
     return environment.get_template("page.html.j2").render(
-        head=head,
-        sections=[(section, context) for section, context in built if context is not None],
+        head=overview(run),
+        **placed,
+        template_of=lambda piece: _template(environment, piece),
         style=_asset("page.css"),
         script=_asset("page.js"),
         plotly=_plotly(),
     )
+
+
+def _template(environment: Environment, section: Section) -> Template:
+    """The template of a section: its file, or its text."""
+    text = section.template.read_text(encoding="utf-8") if isinstance(section.template, Path) else section.template
+    return environment.from_string(text)
 
 
 def _asset(name: str) -> Markup:

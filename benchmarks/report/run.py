@@ -1,28 +1,34 @@
-"""A run as the report reads it: its suite, the rows of its blocks, and one colour for every method and law."""
+"""A run as the report reads it: its suite, the rows of its blocks by kind, and one colour for every entry."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
-import polars as pl
-
 from benchmarks.experiments.base import Finding
-from benchmarks.metrics import paired
-from benchmarks.records import RunFolder
-from benchmarks.report.figures import colour, law_colours
-from benchmarks.speed import speed_facts, speed_rows
-from benchmarks.speed_suite import SpeedBlock
-from benchmarks.suite import Block, Suite, suite_of
-from benchmarks.timing import example_part
-from benchmarks.timing_rows import timing_facts, timing_rows
-from benchmarks.timing_suite import TimingBlock
+from benchmarks.kinds._stored import kind_or_stored
+from benchmarks.kinds.base import BlockRows
+from benchmarks.records import ARMS, RunFolder
+from benchmarks.report.figures import colour
+from benchmarks.suite import Suite, suite_of
+from benchmarks.targets import Outcome, outcomes
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.plugins.files import without_code
+from optik.plugins.used import reading
+from optik.registry import short_name
 
 
 @dataclass(frozen=True)
 class Run:
-    """What the sections are computed from; each part is read once."""
+    """What the sections are computed from; each part is read once.
+
+    Attributes
+    ----------
+    folder : RunFolder
+        The run.
+    """
 
     folder: RunFolder
 
@@ -33,65 +39,95 @@ class Run:
 
     @cached_property
     def suite(self) -> Suite:
-        """The suite that was run."""
-        return suite_of(self.manifest["suite"], self.manifest["settings"])
+        """The suite that was run; a kind that is not available here stands as what the run has stored of it."""
+        with reading(None), without_code():  # its files may be gone, and a report runs no code that a suite names
+            return suite_of(
+                self.manifest["suite"], self.manifest["settings"], find=partial(kind_or_stored, folder=self.folder)
+            )
 
     @cached_property
-    def blocks(self) -> list[BlockRows]:
-        """Blocks that have rows."""
-        out = []
-        for block in self.suite.blocks:
-            rows = self.folder.rows(block.id)
-            if rows is not None:
-                out.append(BlockRows(block, rows))
-        return out
+    def _arms(self) -> dict[str, Any]:
+        """Arms that did not come with optik, as plain data by what reports call them."""
+        return self.folder.read_json(ARMS) or {}
+
+    def robot(self, name: str) -> Robot:
+        """An arm of the suite: as the run has stored it, or one that comes with optik.
+
+        Parameters
+        ----------
+        name : str
+            As a block has it.
+
+        Returns
+        -------
+        Robot
+            The arm.
+
+        Raises
+        ------
+        UnknownName
+            This version has no such arm, and the run has not stored it.
+        """
+        stored = self._arms.get(short_name(name))
+        return load(name) if stored is None else Robot.from_dict(stored)
 
     @cached_property
-    def speed(self) -> list[SpeedRows]:
-        """Blocks of single calls that have rows."""
-        out = []
-        for block in self.suite.speed:
-            rows = speed_rows(self.folder, block)
-            if rows is not None:
-                out.append(SpeedRows(block, rows, speed_facts(self.folder, block)))
-        return out
+    def _read(self) -> dict[str, list[Any]]:
+        """Blocks that have rows, by kind."""
+        found: dict[str, list[Any]] = {}
+        for kind, block in self.suite.pairs():
+            read = kind.read(self.folder, block)
+            found.setdefault(kind.name, []).extend([] if read is None else [read])
+        return found
 
-    def speed_colour(self, label: str) -> str:
-        """Colour of a method or peer where calls are timed: ours first, then the peers, the same in every block."""
-        ours = dict.fromkeys(m.label for b in self.suite.speed for m in b.methods)
-        peers = dict.fromkeys(p.label for b in self.suite.speed for p in b.peers)
-        return colour(list(ours | peers).index(label))
+    def of(self, kind: str) -> list[Any]:
+        """Blocks of a kind that have rows.
 
-    @cached_property
-    def timing(self) -> list[TimingRows]:
-        """Blocks of timed lines that have rows."""
-        out = []
-        for block in self.suite.timing:
-            rows = timing_rows(self.folder, block)
-            if rows is not None:
-                out.append(TimingRows(block, rows, timing_facts(self.folder, block), self.folder))
-        return out
+        Parameters
+        ----------
+        kind : str
+            Name of the kind.
 
-    def timing_colour(self, label: str) -> str:
-        """Colour of a time law or peer on many lines: ours first, then the peers, the same in every block."""
-        ours = dict.fromkeys(law.label for b in self.suite.timing for law in b.laws)
-        peers = dict.fromkeys(peer.label for b in self.suite.timing for peer in b.peers)
-        return colour(list(ours | peers).index(label))
+        Returns
+        -------
+        list of BlockRows
+            In the order of the suite.
+        """
+        return self._read.get(kind, [])
 
     @cached_property
-    def comparisons(self) -> list[BlockRows]:
-        """Blocks that compare methods; where there are none, all: sweeps of one method's options are the others."""
-        return [b for b in self.blocks if not b.sweep] or self.blocks
+    def begun(self) -> list[BlockRows]:
+        """All blocks that have rows."""
+        return [b for found in self._read.values() for b in found]
+
+    def colour(self, kind: str, label: str) -> str:
+        """Colour of an entry: ours first, then the peers, the same in every block of a kind.
+
+        Parameters
+        ----------
+        kind : str
+            Name of the kind.
+        label : str
+            Of the entry.
+
+        Returns
+        -------
+        str
+            A variable of the page's style.
+        """
+        entries = [entry for block in self.suite.of(kind) for entry in block.entries]
+        labels = dict.fromkeys(e.label for peers in (False, True) for e in entries if (e.role == "peer") == peers)
+        return colour(list(labels).index(label))
 
     @cached_property
-    def plans(self) -> list[dict[str, Any]]:
-        """The line by every IK method and law."""
-        return list(self.folder.read_json("line/plans.json") or [])
+    def outcomes(self) -> list[Outcome]:
+        """Every target of the suite with its outcome."""
+        return outcomes(self.suite, self.folder)
 
     @cached_property
-    def solved_plans(self) -> list[dict[str, Any]]:
-        """Those that have a trajectory."""
-        return [p for p in self.plans if p["status"] == "solved"]
+    def on_paper(self) -> bool:
+        """Whether any block bears on the paper's claims."""
+        return any(kind.on_paper for kind, _ in self.suite.pairs())
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -99,96 +135,3 @@ class Run:
         from benchmarks.experiments.claims import judge
 
         return judge(self.folder)
-
-    @cached_property
-    def method_colours(self) -> dict[str, int]:
-        """Index of a method's colour and symbol, the same wherever it is shown."""
-        labels = dict.fromkeys(m.label for b in (*self.comparisons, *self.blocks) for m in b.block.methods)
-        return {label: i for i, label in enumerate(labels)}
-
-    def method_colour(self, label: str) -> str:
-        """Colour of a method."""
-        return colour(self.method_colours[label])
-
-    @cached_property
-    def law_colours(self) -> dict[str, str]:
-        """Colour of a time law."""
-        return law_colours(p["law"] for p in self.plans)
-
-
-@dataclass(frozen=True)
-class SpeedRows:
-    """A block of single calls, its rows, and the facts on who took part."""
-
-    block: SpeedBlock
-    rows: pl.DataFrame
-    facts: dict[str, Any]
-
-    @cached_property
-    def entries(self) -> dict[str, dict[str, Any]]:
-        """Facts on every method and peer by label, in the suite's order."""
-        known = self.facts["entries"]
-        return {label: known[label] for label in self.block.labels if label in known}
-
-
-@dataclass(frozen=True)
-class TimingRows:
-    """A block of timed lines, its rows, and the facts on who took part."""
-
-    block: TimingBlock
-    rows: pl.DataFrame
-    facts: dict[str, Any]
-    folder: RunFolder
-
-    @cached_property
-    def entries(self) -> dict[str, dict[str, Any]]:
-        """Facts on every law and peer by label, in the suite's order; the reference apart."""
-        known = self.facts["entries"]
-        return {label: known[label] for label in self.block.labels if label in known}
-
-    def example(self, name: str) -> pl.DataFrame | None:
-        """A part of the line that is looked at closely."""
-        return self.folder.read(example_part(self.block, name))
-
-
-@dataclass(frozen=True)
-class BlockRows:
-    """A block and its rows."""
-
-    block: Block
-    rows: pl.DataFrame
-
-    @property
-    def sweep(self) -> bool:
-        """Whether it varies the options of one method instead of comparing methods."""
-        return self.block.sweep
-
-    @cached_property
-    def methods(self) -> list[str]:
-        """Labels of the methods that have rows, in the suite's order."""
-        return self.rows["method"].unique(maintain_order=True).to_list()
-
-    @cached_property
-    def budget(self) -> int:
-        """The largest budget."""
-        return self.block.budgets[-1]
-
-    @cached_property
-    def last(self) -> pl.DataFrame:
-        """Rows at the largest budget."""
-        return self.rows.filter(pl.col("budget") == self.budget)
-
-    @cached_property
-    def paired(self) -> pl.DataFrame:
-        """Rows of the problems that every method was run on."""
-        return paired(self.rows)
-
-    @cached_property
-    def known(self) -> pl.DataFrame:
-        """Rows of the problems with a known solution."""
-        return self.rows.filter("known")
-
-    def problems(self) -> tuple[int, int]:
-        """How many problems, and how many of them have a known solution."""
-        first = self.rows.unique("problem")
-        return len(first), int(first["known"].sum())

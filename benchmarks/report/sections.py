@@ -1,56 +1,65 @@
-"""The sections of the page, in their order: a section is one object in one tuple."""
+"""The sections of the page, in their order: those of the kinds that were run, then what closes every page."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
 from typing import Any
 
-from benchmarks.report.accuracy import accuracy
-from benchmarks.report.arm import moving_arm
-from benchmarks.report.damping import damping
+from benchmarks.kinds.base import Section
 from benchmarks.report.findings import claims, limitations, misprints, provenance
-from benchmarks.report.laws import laws
-from benchmarks.report.methods import methods
-from benchmarks.report.motion import motion
+from benchmarks.report.rows import section_of
 from benchmarks.report.run import Run
-from benchmarks.report.speed import speed
-from benchmarks.report.timing import timing
-from benchmarks.report.workspace import maps
 
+_TEMPLATES = Path(__file__).parent / "templates"
+"""Where the templates of the frame are."""
 
-@dataclass(frozen=True)
-class Section:
-    """One section.
-
-    Attributes
-    ----------
-    title, anchor : str
-        Heading, and its address on the page.
-    build : callable
-        From the run to what the template shows; None where the run has no data for it: it is left out.
-    template : str
-        File in ``templates``.
-    """
-
-    title: str
-    anchor: str
-    build: Callable[[Run], dict[str, Any] | None]
-    template: str
-
-
-SECTIONS = (
-    Section("Speed of one call", "speed", speed, "speed.html.j2"),
-    Section("Time laws on many lines", "timing", timing, "timing.html.j2"),
-    Section("Methods", "methods", methods, "methods.html.j2"),
-    Section("Error against distance and budget", "error", accuracy, "accuracy.html.j2"),
-    Section("Which damping, where", "damping", damping, "damping.html.j2"),
-    Section("Workspace maps", "maps", maps, "maps.html.j2"),
-    Section("The line in space", "line", moving_arm, "arm.html.j2"),
-    Section("Joint and tool motion", "motion", motion, "motion.html.j2"),
-    Section("Time laws", "laws", laws, "laws.html.j2"),
-    Section("The paper's claims", "claims", claims, "claims.html.j2"),
-    Section("The paper's misprints", "misprints", misprints, "misprints.html.j2"),
-    Section("Known limitations", "limitations", limitations, "limitations.html.j2"),
-    Section("Provenance", "provenance", provenance, "provenance.html.j2"),
+CLOSING = (
+    Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
+    Section("The paper's misprints", "misprints", misprints, _TEMPLATES / "misprints.html.j2", 110),
+    Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
+    Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),
 )
+"""What closes every page, whatever kinds were run."""
+
+
+def all_sections(run: Run) -> list[Section]:
+    """Sections of all kinds that were run, and what closes the page.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Section
+        Each once, in the order of the page.
+    """
+    found: dict[Section, None] = {}
+    for kind in run.suite.kinds:
+        found |= dict.fromkeys(kind.sections() or (section_of(kind),))
+    return sorted((*found, *CLOSING), key=lambda section: section.order)
+
+
+def built(run: Run, place: str) -> list[tuple[Section, list[tuple[Section, dict[str, Any]]]]]:
+    """Sections that have something to show, each with its pieces: those that have the same anchor.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    place : str
+        Where on the page.
+
+    Returns
+    -------
+    list of tuple
+        The first piece, which has the heading, and all pieces with what their templates show.
+    """
+    shown = []
+    for _, group in groupby((s for s in all_sections(run) if s.place == place), key=lambda section: section.anchor):
+        pieces = [(section, context) for section in group if (context := section.build(run)) is not None]
+        if pieces:
+            shown.append((pieces[0][0], pieces))
+    return shown

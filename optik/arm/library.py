@@ -1,6 +1,6 @@
-"""Robots from TOML files: those that come with optik by name, and a user's own by path.
+"""Robots by name and from files: TOML, as those that come with optik, URDF, JSON or Python.
 
-A file describes one arm by a Denavit–Hartenberg table:
+A TOML file describes one arm by a Denavit–Hartenberg table:
 
     convention = "dh"                    # "dh" (standard, distal) or "mdh" (modified, Craig)
     source = "data sheet, revision 3"    # optional: where the numbers come from; by default the file's name
@@ -26,6 +26,8 @@ speed_mm [mm/s], in all rows or in none. Millimetres belong to prismatic joints,
 
 from __future__ import annotations
 
+import json
+import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from math import pi
@@ -43,8 +45,16 @@ from optik.arm.tables import DHRow
 from optik.check import check_number, check_words
 from optik.errors import InvalidInput
 from optik.files import content_of, text_of
-from optik.registry import data_file
+from optik.plugins.files import is_path, split_links
+from optik.plugins.used import file_of
+from optik.registry import data_file, load_method, own_names
 from optik.types import Array
+
+ROBOTS = "optik.robots"
+"""Group of the robots."""
+
+URDF = (".urdf", ".xml")
+"""Suffixes of URDF files."""
 
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
@@ -71,13 +81,17 @@ JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS
 """Keys of a row; which of them are required depends on the row."""
 
 
-def load(name: str) -> Robot:
-    """Load a robot that comes with optik, by name.
+def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> Robot:
+    """Load a robot by name, or from a file that is given as a path.
 
     Parameters
     ----------
-    name : str
-        One of `optik.robots()`.
+    name : str or path
+        A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file with
+        what `Robot.to_dict` returns, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). The links
+        of a URDF can stand behind its path: ``"./arm.urdf#tip=tool0&base=base_link"``.
+    tip, base : str, optional
+        For a URDF, the links of `Robot.from_urdf`.
 
     Returns
     -------
@@ -86,12 +100,60 @@ def load(name: str) -> Robot:
 
     Raises
     ------
-    InvalidInput
-        Not a name.
     UnknownName
         No such robot; the nearest names are offered.
+    InvalidInput
+        No such file, one that holds no robot, or a link asked of what is no URDF.
+    RobotModelError
+        As `Robot.from_urdf`.
     """
-    return robot_from_toml(data_file("optik.robots", name, "robot"))
+    if is_path(name):
+        path, links = split_links(os.fspath(name))
+        return _from_file(path, {**_links(links), **{k: v for k, v in (("tip", tip), ("base", base)) if v is not None}})
+    if tip is not None or base is not None:
+        raise InvalidInput("tip" if tip is not None else "base", repr(tip or base), f"none: {name!r} is no URDF file")
+    if name in own_names(ROBOTS):
+        return robot_from_toml(data_file(ROBOTS, str(name), "robot"))
+    return _robot_of(load_method(ROBOTS, name, "robot"), f"robot {name!r}")
+
+
+def _from_file(path: str, links: dict[str, str]) -> Robot:
+    suffix = Path(path).suffix.lower()
+    if suffix in URDF:  # it says its robot's own name, so its file may be called as one of ours is
+        return Robot.from_urdf(file_of(path, "robot"), **links)
+    if links:
+        raise InvalidInput(", ".join(links), ", ".join(links.values()), f"none: {path!r} is no URDF file")
+    if suffix == ".py":
+        return _robot_of(load_method(ROBOTS, path, "robot"), f"METHOD of {path}")
+    file = data_file(ROBOTS, path, "robot")
+    if suffix == ".json":
+        try:
+            return Robot.from_dict(json.loads(file.read_text(encoding="utf-8")))
+        except (OSError, ValueError, RecursionError) as error:
+            if isinstance(error, InvalidInput):
+                raise
+            raise InvalidInput(f"robot {path!r}", str(error)[:120], "JSON of Robot.to_dict()") from None
+    if suffix != ".toml":
+        raise InvalidInput("robot", repr(path), "a file that ends in .toml, .urdf, .json or .py")
+    return robot_from_toml(file)
+
+
+def _links(text: str) -> dict[str, str]:
+    """Links behind a URDF's path, ``tip=tool0&base=base_link``."""
+    links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
+    if not set(links) <= {"tip", "base"} or not all(links.values()):
+        raise InvalidInput("robot", repr(text), "links of a URDF: tip=LINK, base=LINK or tip=LINK&base=LINK")
+    return links
+
+
+def _robot_of(value: Any, where: str) -> Robot:
+    """Robot of a plug-in: a robot, what returns one, or the path of its file."""
+    if isinstance(value, str | os.PathLike):
+        return _from_file(os.fspath(value), {})
+    robot = value() if callable(value) and not isinstance(value, Robot | type) else value
+    if not isinstance(robot, Robot):
+        raise InvalidInput(where, repr(robot)[:60], "a Robot, a function that returns one, or the path of its file")
+    return robot
 
 
 def robot_from_toml(file: Path) -> Robot:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.content import content
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
-from optik.registry import build_method, load_method, names
+from optik.plugins.files import is_path
+from optik.registry import build_method, load_method, names, own_names
 
 if TYPE_CHECKING:
     from optik.ik.closed_form import ClosedForm
@@ -39,19 +41,33 @@ __all__ = [
 
 
 def solvers() -> tuple[str, ...]:
-    """Names of all IK methods."""
+    """Names of all IK methods, ours and those of installed packages; a file is a method by its path."""
     return names("optik.ik")
 
 
-def make_solver(robot: Robot, solver: str = "lm", **options: Any) -> IKSolver:
-    """Build a method by name for a robot.
+def make_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", **options: Any) -> IKSolver:
+    """Build a method for a robot, by its name or from a file that is given as a path.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    solver : str or path
+        A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
+    **options
+        Those of the method.
+
+    Returns
+    -------
+    IKSolver
+        Built for this robot.
 
     Raises
     ------
     UnknownName
         No such method; the nearest names are offered.
     InvalidInput
-        An option that the method does not have, or out of range.
+        An option that the method does not have, or out of range; a file that is no method.
     """
     built: IKSolver = build_method("optik.ik", solver, "IK method", robot, **options)
     return built
@@ -76,12 +92,25 @@ _NO_OPTIONS = _Options({})
 """The usual case, whose key need not be made anew in every call."""
 
 
+class _FromFile(Exception):
+    """A method was named by a path, which may mean another file in the next call: it is not kept by its name."""
+
+
 @lru_cache(maxsize=64)
-def _kept(robot: Robot, solver: str, options: _Options) -> IKSolver:
+def _kept(robot: Robot, solver: Any, options: _Options) -> IKSolver:
+    if is_path(solver):
+        raise _FromFile
     return make_solver(robot, solver, **options.given)
 
 
-def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "lm", **options: Any) -> IKResult:
+@lru_cache(maxsize=64)
+def _kept_from_file(robot: Robot, method: type[IKSolver], solver: Any, options: _Options) -> IKSolver:
+    return make_solver(robot, solver, **options.given)
+
+
+def solve_ik(
+    robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str | os.PathLike[str] = "lm", **options: Any
+) -> IKResult:
     """Find a configuration whose tool pose is the target; the solver is kept per robot and options.
 
     Parameters
@@ -92,8 +121,8 @@ def solve_ik(robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str = "lm",
         T_base_tool [m].
     q0 : (n,) array
         Start, inside the limits [rad, m].
-    solver : str
-        A name from `solvers`.
+    solver : str or path
+        A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     **options
         ``trace=True``, ``closest=True``, and the options of the method.
 
@@ -117,7 +146,7 @@ def solve_ik_batch(
     robot: Robot,
     targets: ArrayLike,
     starts: ArrayLike,
-    solver: str = "lm",
+    solver: str | os.PathLike[str] = "lm",
     *,
     threads: int | None = None,
     **options: Any,
@@ -135,8 +164,8 @@ def solve_ik_batch(
         T_base_tool [m].
     starts : (N, n) or (n,) array
         Starts, inside the limits [rad, m].
-    solver : str
-        A name from `solvers`.
+    solver : str or path
+        A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     threads : int, optional
         At most so many; by default all cores. The answers are the same for any number.
     **options
@@ -157,17 +186,36 @@ def solve_ik_batch(
     return solver_for(robot, solver, options).solve_batch(targets, starts, threads=threads)
 
 
-def solver_for(robot: Robot, solver: str = "lm", options: dict[str, Any] | None = None) -> IKSolver:
+def solver_for(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dict[str, Any] | None = None) -> IKSolver:
     """Return the solver that `solve_ik` keeps for a robot and options; built where it is not there yet.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    solver : str or path
+        As `make_solver` takes it. A file is checked in every call: build a solver once where a call must be fast.
+    options : dict, optional
+        Those of the method.
+
+    Returns
+    -------
+    IKSolver
+        The same object for the same robot, method and options.
 
     Raises
     ------
     UnknownName, InvalidInput
         As `make_solver`.
     """
+    name: Any = solver
     options = options or {}
     try:
-        return _kept(robot, solver, _Options(options) if options else _NO_OPTIONS)
+        key = _Options(options) if options else _NO_OPTIONS
+        try:
+            return _kept(robot, name, key)
+        except _FromFile:
+            return _kept_from_file(robot, load_method("optik.ik", solver, "IK method"), name, key)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -178,7 +226,7 @@ def __getattr__(name: str) -> Any:
     """Import a method's class (``optik.ik.DLS``), or its module (``optik.ik.dls``), when it is first asked for."""
     if name.startswith("_"):
         raise AttributeError(name)
-    for method in solvers():
+    for method in own_names("optik.ik"):
         if method.replace("_", "") == name.lower():
             found = load_method("optik.ik", method)
             if name == method:

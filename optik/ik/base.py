@@ -315,3 +315,7 @@ def _merit(result: IKResult, tolerance: Tolerance) -> float:
 
 def _built(kind: type[IKSolver], robot: Robot, options: dict[str, Any]) -> IKSolver:
     return kind(robot, **options)
+
+
+METHOD_BASE = IKSolver
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

@@ -9,39 +9,36 @@ type). A joint that slides adds R_j z q_j, by Leibniz's rule.
 from __future__ import annotations
 
 from functools import cached_property
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.types import Array
+from optik.types import Array, Flags, Indices
+from planners.curve import BINOMIAL, bell
 from planners.trajectory import Trajectory
 
-Bools = NDArray[np.bool_]
-
-BINOMIAL = np.array([[comb(k, i) for i in range(6)] for k in range(6)], dtype=np.float64)
-
 
 @compiled
-def bell(S: Array, B: Array) -> None:
-    """Complete Bell polynomials B (6,) of S (6,), S[0] not used: B_k = Σ_i C(k−1, i) B_{k−1−i} S_{i+1}."""
-    B[0] = 1.0
-    for k in range(1, 6):
-        B[k] = 0.0
-        for i in range(k):
-            B[k] += BINOMIAL[k - 1, i] * B[k - 1 - i] * S[i + 1]
+def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotation: Array, spin: Array) -> None:
+    """Bounds on the tool's derivatives within intervals, from bounds on the joints'.
 
-
-@compiled
-def tool_bounds(links: Array, prismatic: Bools, D: Array, position: Array, rotation: Array, spin: Array) -> None:
-    """Bounds of intervals from bounds D (k, 6, n) on |dⁱq/dtⁱ|, i = 0…5.
-
-    links (n + 1,) are the lengths of the fixed vectors, the base's first, the tool's last. Into position (k, 6) and
-    rotation (k, 6), |dⁱp/dtⁱ| and ‖dⁱR/dtⁱ‖₂ for i = 1…5, and spin (k,), |d⁴ω/dt⁴|.
+    Parameters
+    ----------
+    links : (n + 1,) array
+        Lengths of the fixed vectors, the base's first, the tool's last [m].
+    prismatic : (n,) array of bool
+        Which joints slide.
+    D : (k, 6, n) array
+        Bounds on the derivatives of the joints of order 0 to 5 [rad/s^i, m/s^i].
+    position : (k, 6) array
+        Filled with bounds on |dⁱp/dtⁱ|, i = 1 to 5 [m/s^i].
+    rotation : (k, 6) array
+        Filled with bounds on ‖dⁱR/dtⁱ‖₂ [1/s^i].
+    spin : (k,) array
+        Filled with bounds on |d⁴ω/dt⁴| [rad/s⁵].
     """
     n = prismatic.shape[0]
     S, B = np.empty(6), np.empty(6)
@@ -69,7 +66,17 @@ def tool_bounds(links: Array, prismatic: Bools, D: Array, position: Array, rotat
 
 @compiled
 def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
-    """Bounds D (k, 6, n) on |dⁱq/dtⁱ| over [t, t + h] from the derivatives (k, 6, n) of quintics at t: their Taylor sums."""
+    """Bounds on the derivatives of quintics over [t, t + h] from those at t: their Taylor sums.
+
+    Parameters
+    ----------
+    derivatives : (k, 6, n) array
+        Derivatives of order 0 to 5 at t [rad/s^i, m/s^i].
+    h : (k,) array
+        Durations [s].
+    D : (k, 6, n) array
+        Filled with the bounds [rad/s^i, m/s^i].
+    """
     for k in range(h.shape[0]):
         for i in range(6):
             for j in range(derivatives.shape[2]):
@@ -81,8 +88,20 @@ def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
 
 
 @compiled
-def instants(c: Array, piece: NDArray[np.int64], u: Array, out: Array) -> None:
-    """Derivatives of order 0 to 5 (k, 6, n) of quintic pieces c (6, m, n), highest power first, u (k,) after their start."""
+def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
+    """Derivatives of order 0 to 5 of quintic pieces at instants.
+
+    Parameters
+    ----------
+    c : (6, m, n) array
+        Coefficients, highest power first [rad/s^i, m/s^i].
+    piece : (k,) array of int
+        The piece of each instant.
+    u : (k,) array
+        Times since the pieces' starts [s].
+    out : (k, 6, n) array
+        Filled with the derivatives [rad/s^i, m/s^i].
+    """
     for k in range(u.shape[0]):
         for j in range(c.shape[2]):
             for order in range(6):
@@ -131,14 +150,40 @@ class MotionBounds:
         piece = np.arange(self.knots.size - 1)
         return self.at(piece, self.knots[:-1]), self.at(piece, self.knots[1:])
 
-    def joints_at(self, piece: NDArray[np.int64], t: Array) -> Array:
-        """Derivatives (k, 6, n) of the joints at t (k,), by given pieces."""
+    def joints_at(self, piece: Indices, t: Array) -> Array:
+        """Derivatives of the joints at instants of given pieces.
+
+        Parameters
+        ----------
+        piece : (k,) array of int
+            Pieces.
+        t : (k,) array
+            Instants [s].
+
+        Returns
+        -------
+        (k, 6, n) array
+            Orders 0 to 5 [rad/s^i, m/s^i].
+        """
         joints = np.empty((t.size, 6, self.robot.n))
         instants(self._c, piece, t - self.knots[piece], joints)
         return joints
 
-    def at(self, piece: NDArray[np.int64], t: Array) -> Instants:
-        """The motion at t (k,), by given pieces."""
+    def at(self, piece: Indices, t: Array) -> Instants:
+        """The motion at instants of given pieces.
+
+        Parameters
+        ----------
+        piece : (k,) array of int
+            Pieces.
+        t : (k,) array
+            Instants [s].
+
+        Returns
+        -------
+        Instants
+            Joints and tool.
+        """
         joints = self.joints_at(piece, t)
         robot = self.robot
         poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
@@ -148,7 +193,20 @@ class MotionBounds:
         return Instants(t, joints, poses, motion)
 
     def between(self, left: Instants, h: Array) -> tuple[Array, Array, Array]:
-        """Bounds over [t, t + h]: on |dⁱp/dtⁱ| and ‖dⁱR/dtⁱ‖₂ (k, 6), and on |d⁴ω/dt⁴| (k,)."""
+        """Bounds on the tool's derivatives over [t, t + h].
+
+        Parameters
+        ----------
+        left : Instants
+            The motion at t (k,).
+        h : (k,) array
+            Durations [s].
+
+        Returns
+        -------
+        tuple of arrays
+            On |dⁱp/dtⁱ| (k, 6) [m/s^i], on ‖dⁱR/dtⁱ‖₂ (k, 6) [1/s^i], and on |d⁴ω/dt⁴| (k,) [rad/s⁵].
+        """
         D = np.empty_like(left.joints)
         joint_bounds(left.joints, h, D)
         position, rotation, spin = np.empty((h.size, 6)), np.empty((h.size, 6)), np.empty(h.size)
@@ -157,10 +215,24 @@ class MotionBounds:
 
 
 def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: Array, fourth: Array) -> Array:
-    """Bound (k,) on the norm over [0, h] of curves with values and rates (k, d) at both ends and |f⁗| ≤ fourth (k,).
+    """Bound on the norm over [0, h] of curves with given values and rates at both ends and bounded fourth derivatives.
 
     A curve is within fourth · h⁴ / 384 of the cubic through its ends (de Boor, A Practical Guide to Splines, ch. IV; the
     bound holds for vectors, along every direction), and the cubic within the hull of its Bézier points.
+
+    Parameters
+    ----------
+    left, left_rate, right, right_rate : (k, d) arrays
+        Values and their rates in time at both ends [as the curves].
+    h : (k,) array
+        Durations [s].
+    fourth : (k,) array
+        Bounds on |f⁗| [as the curves over s⁴].
+
+    Returns
+    -------
+    (k,) array
+        [as the curves].
     """
     bound = np.empty(h.size)
     left, left_rate, right, right_rate = (np.ascontiguousarray(x) for x in (left, left_rate, right, right_rate))
@@ -170,7 +242,22 @@ def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array
 
 @compiled
 def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: float, fourth: float) -> float:
-    """`hermite_bound` of one curve, with values and rates (d,)."""
+    """`hermite_bound` of one curve, with values and rates (d,).
+
+    Parameters
+    ----------
+    left, left_rate, right, right_rate : (d,) arrays
+        Values and their rates in time at both ends [as the curve].
+    h : float
+        Duration [s].
+    fourth : float
+        Bound on |f⁗|.
+
+    Returns
+    -------
+    float
+        The bound.
+    """
     third, p0, p1, p2, p3 = h / 3.0, 0.0, 0.0, 0.0, 0.0
     for i in range(left.shape[0]):
         a, b = left[i], right[i]

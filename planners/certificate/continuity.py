@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from optik.types import Array
+from optik.types import Array, Flags
+from planners.certificate.failure import Failure
 from planners.trajectory import Trajectory
 
 JUMP = 1e-5
-"""A joint's derivative jumps where its one-sided values differ by more than this part of its own greatest value…"""
-ROUNDING = 1e-14
-"""…and by more than rounding can: this share of q, over the shorter piece's duration to the power of the derivative's order."""
-STILL = 1e-9
-"""A joint ends at rest where its velocity is below this part of its own greatest one, or below what rounding can make."""
+"""Difference of one-sided values, as a share of the joint's largest value of that derivative, above which it is a jump."""
+STEP_ROUNDING = 1e-14
+"""Rounding of a derivative: this share of q, over the shorter piece's duration to the power of the derivative's order."""
+AT_REST = 1e-9
+"""Final velocity, as a share of the joint's largest one, below which it is at rest; rounding is added to it."""
 
 
-def jumps(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """Where (4, m + 1, n) a joint's derivative of order 0 to 3 steps by more than rounding, each joint on its own scale."""
+def jumps(trajectory: Trajectory) -> Flags:
+    """Where a joint's derivative steps by more than rounding, each joint on its own scale.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+
+    Returns
+    -------
+    (4, m + 1, n) array of bool
+        For the derivatives of order 0 to 3 at the m + 1 knots.
+    """
     standing = rest(trajectory)
     size = np.abs(np.stack([steps(trajectory, order, standing) for order in range(4)]))
     worst = np.stack([trajectory.extrema(order).worst for order in range(4)])
@@ -28,26 +39,84 @@ def _rounding(trajectory: Trajectory) -> Array:
     """What rounding may make of derivatives (4, m + 1, n) at the knots, where the shorter piece's duration divides it."""
     h = np.diff(trajectory.knots)
     shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
-    return np.asarray(ROUNDING * trajectory.extrema(0).worst / (shorter[:, None] ** np.arange(4)).T[:, :, None])
+    return np.asarray(STEP_ROUNDING * trajectory.extrema(0).worst / (shorter[:, None] ** np.arange(4)).T[:, :, None])
 
 
 def rest(trajectory: Trajectory) -> tuple[bool, bool]:
     """Whether a motion starts and ends at rest, each joint on its own scale.
 
-    A start counts as rest only within rounding: a motion that has just begun, and is planned anew, is slow but moves.
+    A start counts as rest only within rounding: a motion that is planned anew just after its start is slow but moves.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+
+    Returns
+    -------
+    tuple of bool
+        For the start and for the end.
     """
     first, last = trajectory.ends(1)
     begin, end = _rounding(trajectory)[1, [0, -1]]
-    end = end + STILL * trajectory.extrema(1).worst
+    end = end + AT_REST * trajectory.extrema(1).worst
     return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 
 def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
-    """How far (m + 1, n) a derivative steps at all knots; an end at rest counts as standstill before or after it."""
+    """How far a derivative steps at all knots; an end at rest counts as standstill before or after it.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    order : int
+        Of the derivative, 0 to 3.
+    standing : (2,) tuple of bool, optional
+        What `rest` returned, where it is known.
+
+    Returns
+    -------
+    (m + 1, n) array
+        [rad/s^order, m/s^order].
+    """
     first, last = trajectory.ends(order)
-    start, end = (
-        (standing or rest(trajectory)) if order else (False, False)
-    )  # standstill is somewhere: q does not jump to it
+    # the position of a standstill is that of the end beside it: it cannot jump
+    start, end = (standing or rest(trajectory)) if order else (False, False)
     before = first[:1] if start else np.zeros_like(first[:1])
     after = -last[-1:] if end else np.zeros_like(last[-1:])
     return np.concatenate([before, trajectory.jumps(order), after])
+
+
+def continuous_order(jumping: Flags) -> int:
+    """How many derivatives of a motion are continuous.
+
+    Parameters
+    ----------
+    jumping : (4, m + 1, n) array of bool
+        What `jumps` returned.
+
+    Returns
+    -------
+    int
+        0 to 3; −1 where the position itself jumps.
+    """
+    return next((order - 1 for order in range(4) if jumping[order].any()), 3)
+
+
+def continuity_failures(continuous: int) -> list[Failure]:
+    """What jumps that no motion may make.
+
+    Parameters
+    ----------
+    continuous : int
+        What `continuous_order` returned.
+
+    Returns
+    -------
+    list of Failure
+        Empty where position and velocity are continuous.
+    """
+    if continuous >= 1:
+        return []
+    return [Failure(f"the {'position' if continuous < 0 else 'velocity'} jumps", 0.0)]

@@ -9,18 +9,24 @@ import numpy as np
 from optik import se3
 from optik.check import check_number
 from optik.errors import InvalidInput
+from planners.certificate.failure import Failure
 from planners.certificate.path_error import Passage
 from planners.paths.base import Path
 
 FALLS = 100
-"""Stretches between two instants on which a motion goes back that are measured, the longest first."""
+"""Stretches on which a motion goes back between two instants that are measured, the longest first: each costs 65 twists."""
+COVERED = (1e-5, 1e-5)
+"""How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given:
+the tolerance of `planners.plan`."""
+SIMPSON_INTERVALS = 64
+"""Intervals of Simpson's rule for the length of a stretch: an even number, exact to 1e-6 on any arc of these paths."""
 
 
 class Coverage(NamedTuple):
     """Which part of its path a motion runs through.
 
     ``begin`` and ``end`` are the places where it begins and ends, ``wanted`` those where it should; ``back`` and ``t_back`` are
-    the place that it goes back to farthest from one it had come to before, and when it is there [s]. ``missing`` says how far
+    the place at the end of its longest backward stretch, and when it is there [s]. ``missing`` says how far
     along the path [m, rad] it begins away from where it should, ends away from where it should, and goes back.
     """
 
@@ -31,9 +37,52 @@ class Coverage(NamedTuple):
     t_back: float
     missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
+    def failures(self, tolerance: tuple[float, float] | None, duration: float) -> list[Failure]:
+        """In which ways the motion does not run through its path, forwards.
+
+        Parameters
+        ----------
+        tolerance : (2,) tuple of float, or None
+            Largest length [m] and angle [rad] that may be missing; `COVERED` where no tolerance is set.
+        duration : float
+            Of the motion [s].
+
+        Returns
+        -------
+        list of Failure
+            Empty where it does.
+        """
+        late, early, back = (not np.less_equal(x, tolerance or COVERED).all() for x in self.missing)
+        found = []
+        if late:
+            words = f"the motion begins at s = {self.begin:.6g} of its path, not at {self.wanted[0]:.6g}"
+            found.append(Failure(words, 0.0))
+        if early:
+            words = f"the motion ends at s = {self.end:.6g} of its path, not at {self.wanted[1]:.6g}"
+            found.append(Failure(words, duration))
+        if back:
+            words = f"the motion goes back along its path, to s = {self.back:.6g} at t = {self.t_back:.6g} s"
+            found.append(Failure(words, self.t_back))
+        return found
+
 
 def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverage:
-    """Which part of its path a motion runs through, and how far it goes back on the way."""
+    """Find which part of its path a motion runs through, and how far it goes back on the way.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    passage : Passage
+        Where on it the motion is.
+    span : (2,) tuple of float
+        Places where the motion should begin and end [m, or rad].
+
+    Returns
+    -------
+    Coverage
+        The part, and what is missing of what was wanted.
+    """
     s = passage.s
     begin, end = float(s[0]), float(s[-1])
     top = np.maximum.accumulate(s)
@@ -54,16 +103,47 @@ def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverag
 
 
 def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
-    """How far the tool moves [m] and turns [rad] along a path between two places, by Simpson's rule."""
-    s = np.linspace(min(a, b), max(a, b), 65)
+    """How far the tool moves and turns along a path between two places, by Simpson's rule.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    a, b : float
+        The places [m, or rad], in any order.
+
+    Returns
+    -------
+    tuple of float
+        Length [m] and angle [rad].
+    """
+    s = np.linspace(min(a, b), max(a, b), SIMPSON_INTERVALS + 1)
     twist = path.twist(s)
-    weights = np.array([1.0, *[4.0, 2.0] * 31, 4.0, 1.0]) * (s[1] - s[0]) / 3.0
+    weights = np.array([1.0, *[4.0, 2.0] * (SIMPSON_INTERVALS // 2 - 1), 4.0, 1.0]) * (s[1] - s[0]) / 3.0
     moved, turned = (float(weights @ np.linalg.norm(part, axis=1)) for part in (twist[:, :3], twist[:, 3:]))
     return moved, turned
 
 
 def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
-    """Return the part of a path that a motion shall run through: two places, by default its ends."""
+    """Return the part of a path that a motion should run through.
+
+    Parameters
+    ----------
+    span : (2,) tuple of float, or None
+        Two places [m, or rad]; None for the whole path.
+    path : Path
+        The path.
+
+    Returns
+    -------
+    tuple of float
+        Where it begins and ends.
+
+    Raises
+    ------
+    InvalidInput
+        No two places on the path, or the second before the first.
+    """
     if span is None:
         return 0.0, path.end
     expected = f"two places on the path, in [0, {path.end:.9g}], the second not before the first"

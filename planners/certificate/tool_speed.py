@@ -5,20 +5,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.types import Array
+from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
+from planners.certificate.dividing import Closeness, Divided, tiled
 from planners.trajectory import Trajectory
 
-LOOSE = 1e-6
-"""A bound may be so much above the largest value found, as a share of it."""
-FLOOR = 1e-6
-"""…or this [m/s or rad/s]."""
-MOST = 200_000
-"""Intervals at most; a motion that needs more keeps the bound it has then."""
+SPEED_EXCESS = 1e-6
+"""Largest excess of the bound over the largest speed found, as a share of it."""
+SPEED_FLOOR = 1e-6
+"""Speed [m/s or rad/s] below which the excess is counted from here."""
+SPEED_INTERVALS = 200_000
+"""Most intervals: minutes of computing; a motion that needs more keeps the bound it has then."""
 
 
 class ToolSpeed(NamedTuple):
@@ -33,8 +33,8 @@ class ToolSpeed(NamedTuple):
 def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeed:
     """Bound the tool's speeds at every instant of a motion.
 
-    Between instants v and ω are bounded by their cubics and their fourth derivatives (`planners.certificate.bounds`); intervals
-    that may hold more than the largest value found are halved until they hold 1e-6 of it more at most.
+    Between instants v and ω are bounded by their cubics and their fourth derivatives (`planners.certificate.bounds`);
+    intervals are divided until they exceed the largest value found by 1e-6 of it at most.
 
     Parameters
     ----------
@@ -51,28 +51,30 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
         Bounds, and the instants of the largest values found.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    found, when, proved = np.zeros(2), np.zeros(2), np.zeros(2)
-    left, right = bounds.ends
-    for side in (left, right):
-        _largest(side.t, side.motion, found, when)
-    piece, kept, shortest = np.arange(trajectory.knots.size - 1), 0, 1e-9 * trajectory.end
-    while True:
-        between, loose = np.empty((piece.size, 2)), np.empty(piece.size, np.bool_)
-        _intervals(bounds.links, robot.prismatic, left, right, between)
-        kept += _passing(between, right.t - left.t, found, shortest, MOST - kept, proved, loose)
-        if not loose.any():
-            break
-        piece = piece[loose]
-        left, right = (Instants(*(x[loose] for x in side)) for side in (left, right))
-        middle = bounds.at(piece, 0.5 * (left.t + right.t))
-        _largest(middle.t, middle.motion, found, when)
-        piece = np.concatenate([piece, piece])
-        left, right = (
-            Instants(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
-            for a, b in ((left, middle), (middle, right))
-        )
-    proved = np.maximum(proved, found)
-    return ToolSpeed(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
+    speeds = _Speeds(bounds, trajectory.end)
+    proved = speeds.bound(np.arange(trajectory.knots.size - 1), *bounds.ends)
+    return ToolSpeed(float(proved[0]), float(proved[1]), float(speeds.when[0]), float(speeds.when[1]))
+
+
+class _Speeds(Divided[Instants]):
+    """|v| and |ω| of the tool."""
+
+    def __init__(self, bounds: MotionBounds, duration: float) -> None:
+        super().__init__(duration, Closeness(1.0 + SPEED_EXCESS, np.full(2, SPEED_FLOOR), SPEED_INTERVALS))
+        self._bounds = bounds
+
+    def between(self, left: Instants, right: Instants) -> Array:
+        out = np.empty((left.t.size, 2))
+        _intervals(self._bounds.links, self._bounds.robot.prismatic, left, right, out)
+        return out
+
+    def within(self, piece: Indices, left: Instants, right: Instants, shares: Array) -> Instants:
+        times = shares.size // piece.size
+        t = tiled(left.t, times) + shares * tiled(right.t - left.t, times)
+        return self._bounds.at(tiled(piece, times), t)
+
+    def note(self, side: Instants) -> None:
+        _largest(side.t, side.motion, self.found, self.when)
 
 
 @compiled
@@ -91,26 +93,7 @@ def _largest(t: Array, motion: Array, found: Array, when: Array) -> None:
 
 
 @compiled
-def _passing(
-    between: Array, h: Array, found: Array, shortest: float, room: int, proved: Array, loose: NDArray[np.bool_]
-) -> int:
-    """Which intervals may hold more than was found; the bounds of the others count. Returns how many these are."""
-    number = 0
-    for k in range(h.shape[0]):
-        loose[k] = h[k] > shortest and (
-            between[k, 0] > max(found[0] * (1.0 + LOOSE), FLOOR) or between[k, 1] > max(found[1] * (1.0 + LOOSE), FLOOR)
-        )
-        number += loose[k]
-    for k in range(h.shape[0]):
-        loose[k] = loose[k] and number <= room
-        if not loose[k]:
-            for i in range(2):
-                proved[i] = max(proved[i], between[k, i])
-    return len(h) - number
-
-
-@compiled
-def _intervals(links: Array, prismatic: NDArray[np.bool_], left: Instants, right: Instants, out: Array) -> None:
+def _intervals(links: Array, prismatic: Flags, left: Instants, right: Instants, out: Array) -> None:
     """Bounds (k, 2) on |v| and |ω| within intervals of time."""
     k = left.t.shape[0]
     h = right.t - left.t

@@ -19,7 +19,9 @@ def formats() -> tuple[str, ...]:
     return names("planners.files")
 
 
-def save(motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: str | None = None) -> None:
+def save(
+    motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None
+) -> None:
     """Write a motion, whole or not at all, in the format of the file's suffix or in one that is named.
 
     Every format holds the arm, the path, the limits, the law's name and promises, and the exact polynomials.
@@ -31,8 +33,8 @@ def save(motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: st
     file : str or path
         ``.npz``: arrays ``knots`` and ``coefficients``, the rest as JSON in ``header``. ``.json``: one key a line.
         ``.csv``: the same lines as comments, then a table of t, q, q̇, q̈ at the knots.
-    format : str, optional
-        Name of the format, for a file with another suffix; by default the suffix is the name.
+    format : str or path, optional
+        Name of the format, or a Python file such as ``"./tsv.py"``, which is run; by default the suffix is the name.
 
     Raises
     ------
@@ -52,15 +54,15 @@ def save(motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: st
     write_whole(file, lambda part: part.write_bytes(content))
 
 
-def load_motion(file: str | os.PathLike[str], *, format: str | None = None) -> Motion:
+def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> Motion:
     """Read a motion that `save` wrote, equal to the last bit; `Motion.certify` finds the same certificate.
 
     Parameters
     ----------
     file : str or path
         The file.
-    format : str, optional
-        Name of the format, for a file with another suffix; by default the suffix is the name.
+    format : str or path, optional
+        Name of the format, or a Python file such as ``"./tsv.py"``, which is run; by default the suffix is the name.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | None = None) -> M
         raise InvalidInput(str(file), str(error), "a whole motion") from None
 
 
-def _format(file: str | os.PathLike[str], name: str | None) -> Format:
+def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None) -> Format:
     """Build the format that is named, or that of the file's suffix."""
     if name is None:
         name = suffix_of(file, tuple(f".{known}" for known in formats()))[1:]

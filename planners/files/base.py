@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import PPoly
 
-from optik.arm.plain import numbers, plain_numbers, record, word, words
+from optik.arm.plain import numbers, record, word, words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from planners.limits import MotionLimits
 from planners.motion import Motion
 from planners.paths import path_of
 from planners.trajectory import Trajectory
@@ -176,15 +176,11 @@ def to_parts(motion: Motion) -> Parts:
     Parts
         Header, knots and coefficients.
     """
-    limits: dict[str, Any] = {}
-    for field in (*DERIVATIVES, *TOOL_SPEEDS):
-        value = getattr(motion.limits, field)
-        limits[field] = None if value is None else plain_numbers(value)
     header: dict[str, Any] = {
         "format": CONTENT,
         "robot": motion.robot.to_dict(),
         "path": motion.path.to_dict(),
-        "limits": limits,
+        "limits": motion.limits.to_plain(),
         "law": motion.law,
         "keeps": list(motion.keeps),
         "tolerance": None if motion.tolerance is None else list(motion.tolerance),
@@ -221,14 +217,10 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         raise InvalidInput("sha256", "content that is not what was written", "a file that nobody changed")
     header = parts.header
     robot = Robot.from_dict(header["robot"])
-    limits = record(header["limits"], (*DERIVATIVES, *TOOL_SPEEDS), "limits")
-    bounds: dict[str, Any] = {
-        f: _limit(limits[f], (robot.n,) if f in DERIVATIVES else (), f"limits.{f}") for f in limits
-    }
     return Motion(
         robot,
         path_of(header["path"], robot),
-        MotionLimits(**bounds),
+        MotionLimits.from_plain(header["limits"], robot.n),
         _trajectory(parts.knots, parts.coefficients, robot.n),
         word(header["law"], "law"),
         words(header["keeps"], "keeps"),
@@ -262,12 +254,6 @@ def _pair(value: Any, argument: str) -> tuple[float, float]:
     return first, second
 
 
-def _limit(value: Any, shape: tuple[int, ...], argument: str) -> Array | float | None:
-    if value is None:
-        return None
-    return numbers(value, shape, argument) if shape and isinstance(value, list) else float(numbers(value, (), argument))
-
-
 def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:
     if knots.ndim != 1 or knots.size < 2:
         raise InvalidInput("knots", f"shape {knots.shape}", "at least two times")
@@ -282,3 +268,7 @@ def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:
         power, piece, joint = np.argwhere(~np.isfinite(coefficients))[0]
         raise InvalidInput("coefficients", f"{coefficients[power, piece, joint]} in piece {piece}", "finite numbers")
     return Trajectory(PPoly(coefficients, knots))
+
+
+METHOD_BASE = Format
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

@@ -12,6 +12,7 @@ from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
 from planners.following.course import Course, unguided
+from planners.following.joint_path import smallest_singular_values
 from planners.following.singular import departures, roots
 from planners.following.track import Ended, Track, track
 from planners.paths.base import Path
@@ -119,7 +120,7 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
         end, ended = ends, Ended(march.LIMIT, ends, 0.0, joint)
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
-    sigma = robot.singular_values(way.q)[:, -1]
+    sigma = smallest_singular_values(robot, way.q)
     cost = (
         MOTION_WEIGHT * motion
         + posture

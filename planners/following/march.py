@@ -10,6 +10,7 @@ from optik.compiled import compiled
 from optik.kinematics import Chain, frames, tool_motion, tool_pose
 from optik.newton import derivatives_at, put_on
 from optik.types import Array
+from planners.curve import bell
 
 LARGEST_STEP = 0.25
 """Largest joint motion from one node to the next [rad or m]."""
@@ -110,10 +111,7 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
             continue
         for k in range(1, 5):
             m[k] += x[k]
-        B[1] = m[1]
-        B[2] = m[1] * m[1] + m[2]
-        B[3] = m[1] * m[1] * m[1] + 3.0 * m[1] * m[2] + m[3]
-        B[4] = m[1] * m[1] * m[1] * m[1] + 6.0 * m[1] * m[1] * m[2] + 3.0 * m[2] * m[2] + 4.0 * m[1] * m[3] + m[4]
+        bell(m, B)
     share = h * h * h * h / 384.0
     # between rotations by θ, ‖R₁ − R₂‖₂ = 2 sin(θ/2)
     return share * (p4 + fourth[0]), 2.0 * asin(min(1.0, 0.5 * share * (B[4] + fourth[1])))

@@ -1,4 +1,4 @@
-"""Redundancy resolution for arms of more than six joints: the null-space motion is chosen along the path, then kept exactly."""
+"""Redundancy resolution for arms of more than six joints: null-space motion chosen along the path, then kept exactly."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from optik.types import Array, Flags, Indices
 from planners.following import smoothing
 from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT
 from planners.following.course import Guide
+from planners.following.joint_path import smallest_singular_values
 from planners.following.smoothing import LARGEST_EDGE, LOG_EDGE, ROOM_WEIGHT, STATION_REACHED
 from planners.paths.base import Path
 
@@ -239,8 +240,7 @@ def _solver(robot: Robot) -> IKSolver:
 
 def _standing(robot: Robot, q: Array) -> Array:
     """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
-    sigma = np.empty(len(q))
-    kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), sigma)
+    sigma = smallest_singular_values(robot, q)
     x = np.minimum(np.abs(robot.limits.normalised(q)), LOG_EDGE)
     return np.asarray(-ROOM_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9)))
 

@@ -20,6 +20,7 @@ from optik.ik.closed_form import ClosedForm
 from optik.types import Array
 from planners.following import march
 from planners.following.course import Course
+from planners.following.joint_path import smallest_singular_values
 
 CLEAR = 1e-4
 """Least smallest singular value of a place ahead of a singular start: derivatives q'' are exact to 1e-3 / m² there."""
@@ -51,7 +52,7 @@ def smallest(robot: Robot, q: Array) -> float:
     float
         In metres and radians of the tool per radian or metre of the joints.
     """
-    return float(robot.singular_values(q)[-1])
+    return float(smallest_singular_values(robot, q[None])[0])
 
 
 def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At | None:

@@ -13,7 +13,7 @@ from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
 from planners.following.course import Course, Nodes, part
-from planners.following.joint_path import LEAST_SPACING, deviation_bounds
+from planners.following.joint_path import LEAST_SPACING, deviation_bounds, smallest_singular_values
 from planners.following.singular import At, beyond, departures, smallest
 
 LEAST_STEP = 1e-6
@@ -237,7 +237,7 @@ class _Tracker:
         """Step over the node after node i, with this singular value, between regular nodes or to the path's end."""
         # Returns whether the step was proved, and if not, whether a shorter one might be.
         middle, coarse, back = float(nodes.s[i + 1]), False, min(self.count, 64)
-        sigma = self.robot.singular_values(self.q[self.count - back : self.count])[:, -1]
+        sigma = smallest_singular_values(self.robot, self.q[self.count - back : self.count])
         for away in STEP_OVER_FROM:
             from_here = np.flatnonzero(sigma >= away)
             if not from_here.size:

@@ -2,24 +2,65 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput
-from optik.registry import load_method, names
+from optik.errors import InvalidInput, UnknownName
+from optik.registry import load_method, loaded, names, short_name
 from planners.paths.base import Path
 
-__all__ = ["Path", "path_of", "paths"]
+__all__ = ["Path", "make_path", "path_of", "paths"]
 
 
 def paths() -> tuple[str, ...]:
-    """Names of all paths."""
+    """Names of all paths, ours and those of installed packages.
+
+    Returns
+    -------
+    tuple of str
+        Sorted.
+    """
     return names("planners.paths")
 
 
+def make_path(path: str | os.PathLike[str], robot: Robot | None = None, **data: Any) -> Path:
+    """Build a path by its name, or from a file that is given as a path, out of plain data.
+
+    Parameters
+    ----------
+    path : str or path
+        A name from `paths`, or a Python file such as ``"./spiral.py"``, which is run.
+    robot : Robot, optional
+        The arm; a path that is given in the joints needs it.
+    **data
+        What its `Path.to_dict` returns, without ``path``.
+
+    Returns
+    -------
+    Path
+        As its ``from_dict`` builds it.
+
+    Raises
+    ------
+    InvalidInput
+        Data that describe no such path; a key that it does not have.
+    UnknownName
+        No such path; the nearest names are offered.
+    """
+    kind: type[Path] = load_method("planners.paths", path, "path")
+    built = kind.from_dict({"path": short_name(path)} | data, robot)
+    known = built.to_dict()
+    for key in data:
+        if key not in known:
+            keys = ", ".join(k for k in known if k != "path")
+            raise InvalidInput(key, repr(data[key])[:60], f"keys of the path {short_name(path)!r}: {keys}")
+    return built
+
+
 def path_of(data: Mapping[str, Any], robot: Robot | None = None) -> Path:
-    """Rebuild a path from the plain data that its `to_dict` wrote.
+    """Rebuild a path from the plain data that its `to_dict` wrote; no file is run that the data name.
 
     Parameters
     ----------
@@ -38,9 +79,12 @@ def path_of(data: Mapping[str, Any], robot: Robot | None = None) -> Path:
     InvalidInput
         Data that describe no path.
     UnknownName
-        No such path; the nearest names are offered.
+        No such path; the nearest names are offered. A path of a plug-in file is known once `make_path` has loaded it.
     """
-    if not isinstance(data, Mapping) or "path" not in data:
+    if not isinstance(data, Mapping) or not isinstance(data.get("path"), str):
         raise InvalidInput("data", repr(data)[:60], "a mapping with the name of a path in 'path'")
-    built: Path = load_method("planners.paths", data["path"], "path").from_dict(data, robot)
-    return built
+    name = data["path"]
+    kind: type[Path] | None = loaded("planners.paths", name)
+    if kind is None:
+        raise UnknownName("path", str(name), paths())
+    return kind.from_dict(data, robot)

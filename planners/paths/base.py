@@ -285,3 +285,7 @@ def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:
     if missing:
         raise InvalidInput("data", f"no {' and no '.join(missing)}", f"a {path} with {', '.join(names)}")
     return tuple(data[name] for name in names)
+
+
+METHOD_BASE = Path
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

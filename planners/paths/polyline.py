@@ -13,6 +13,7 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
+from planners.curve import bells
 from planners.paths._rotation import poses, shortest_turn
 from planners.paths.base import Path, fields
 
@@ -197,11 +198,9 @@ class Polyline(Path):
         g3 = twist * f2 + 2.0 * f1 * cross + 4.0 / 27.0 * n2 * cross
         g4 = twist * f3 + 3.0 * (f2 + f1**2) * cross + 3.0 * f1 * n2 * cross + 27.0 / 256.0 * n2**2 * cross
         g2, g3, g4 = (np.where(c.corner, g, 0.0) for g in (g2, g3, g4))
-        rotation = np.stack(
-            [g1, g1**2 + g2, g1**3 + 3.0 * g1 * g2 + g3,
-             g1**4 + 6.0 * g1**2 * g2 + 3.0 * g2**2 + 4.0 * g1 * g3 + g4], axis=1,
-        )  # fmt: skip
-        return np.stack([position, rotation], axis=1)
+        rotation = np.empty((g1.size, 5))
+        bells(np.stack([np.zeros(g1.size), g1, g2, g3, g4], axis=1), rotation)
+        return np.stack([position, rotation[:, 1:]], axis=1)
 
     def derivative_bounds(self) -> Array:
         """Bounds (2, 4): the greatest of all pieces."""

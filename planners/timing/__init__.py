@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from optik.registry import build_method, names
@@ -15,13 +16,13 @@ def laws() -> tuple[str, ...]:
     return names("planners.timing")
 
 
-def make_law(law: str, **options: Any) -> TimeLaw:
-    """Build a time law by name.
+def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
+    """Build a time law by its name, or from a file that is given as a path.
 
     Parameters
     ----------
-    law : str
-        A name from `laws`.
+    law : str or path
+        A name from `laws`, or a Python file such as ``"./law.py"``, which is run.
     **options
         Options of the law.
 
@@ -35,7 +36,7 @@ def make_law(law: str, **options: Any) -> TimeLaw:
     UnknownName
         No such law; the nearest names are offered.
     InvalidInput
-        An option that the law does not have, or out of range.
+        An option that the law does not have, or out of range; a file that is no law.
     """
     built: TimeLaw = build_method("planners.timing", law, "time law", **options)
     return built

@@ -8,18 +8,34 @@ from optik.compiled import compiled
 from optik.types import Array
 
 GROWTH = 1.25
-"""Times the length of its neighbour, at most, that a cell has."""
-FIRST = 0.01
+"""Largest ratio of the lengths of neighbouring cells."""
+FIRST_CELL = 0.01
 """Length of the first cell and of the last, over that of others: from rest, places go with the cube of time."""
 
 
 def graded(breaks: Array, end: float, count: int, per_piece: int) -> Array:
-    """Places (m,) from 0 to the end: cells of at least so many to the path, and to each piece between two breaks.
+    """Places from 0 to the end, with a least number of cells in the path and in each piece between two breaks.
 
     The first and the last cell are a hundredth of that, and neighbours differ little.
+
+    Parameters
+    ----------
+    breaks : (b,) array
+        Where pieces end [m, rad].
+    end : float
+        The path's length [m, rad].
+    count : int
+        Least number of cells of the path.
+    per_piece : int
+        Least number of cells of a piece.
+
+    Returns
+    -------
+    (m,) array
+        Places, all breaks among them [m, rad].
     """
     inner = breaks[(breaks > 0.0) & (breaks < end)]
-    return np.asarray(_graded(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST))
+    return np.asarray(_graded(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST_CELL))
 
 
 @compiled
@@ -47,9 +63,14 @@ def _cells(length: float, left: float, right: float, most: float, out: Array, be
 
 @compiled
 def _graded(breaks: Array, count: int, per_piece: int, first: float) -> Array:
-    """Places (m,) with all the breaks among them: cells of at least so many to the path and to each of its pieces.
+    """Places (m,), all breaks among them, with a least number of cells in the path and in each piece.
 
     They begin and end with a share `first` of that, and neighbours differ little.
+
+    Returns
+    -------
+    (m,) array
+        The places.
     """
     pieces = np.diff(breaks)
     k, most = pieces.shape[0], breaks[-1] / count

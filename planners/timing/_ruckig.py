@@ -12,9 +12,21 @@ def velocity_control(
 ) -> list[tuple[float, float]]:
     """Phases (duration, jerk) of the time-optimal motion between two states (Berscheid and Kröger, RSS 2021).
 
-    Ruckig's velocity interface: no position is asked for, so none can be overshot, and its roots stay well apart. The
+    Ruckig's velocity interface: it has no target position that could be overshot, and its polynomial roots stay well apart. The
     position interface ends the whole process where a distance is just the least one (0.19.4: an exception that cannot
     be caught).
+
+    Parameters
+    ----------
+    start, goal : (2,) tuple of float
+        Speed and acceleration.
+    acceleration, jerk : float
+        Their limits.
+
+    Returns
+    -------
+    list of tuple of float
+        Duration and jerk of each phase.
 
     Raises
     ------

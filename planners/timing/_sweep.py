@@ -1,7 +1,7 @@
 """A motion along a path that nearly keeps its limits of jerk: two sweeps, and a filter as wide as each place allows.
 
 On places s_i the greatest speeds are known. A sweep from either end lets the speed rise under what is left of the limits on
-acceleration and jerk; where it meets a bound, it goes on from there with no acceleration. The lower of both is a motion whose
+acceleration and jerk; where it meets a bound, it continues from there without acceleration. The lower of both is a motion whose
 acceleration jumps only where it is fastest. A mean over as much time as it would take to come to rest at that jerk rounds
 these tops: near a sharp corner that is short, on a long straight piece it is long. What is still too fast is slowed there,
 and only there.
@@ -18,7 +18,7 @@ from optik.compiled import compiled
 from optik.types import Array
 
 LEFT = 0.1
-"""Least share of a limit that is left to s̈ and s⃛, whatever the path's bends use of it."""
+"""Least share of a limit that remains for s̈ and s⃛ where the path's bends use the rest."""
 
 
 class Along(NamedTuple):
@@ -39,7 +39,17 @@ class Along(NamedTuple):
 
 @compiled
 def tops(along: Along, bends: float, twists: float, out: Array) -> None:
-    """Greatest speeds (m,) at which the bends of the path use a share of the limits on q̈ and on q⃛."""
+    """Greatest speeds at which the bends of the path use a share of the limits on q̈ and on q⃛.
+
+    Parameters
+    ----------
+    along : Along
+        The path at places (m,).
+    bends, twists : float
+        The shares [1].
+    out : (m,) array
+        Filled with ṡ [m/s, rad/s].
+    """
     for i in range(along.s.shape[0]):
         v = along.top[i]
         for n in range(along.q1.shape[1]):
@@ -108,7 +118,17 @@ def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
 
 @compiled
 def passed(s: Array, v: Array, t: Array) -> None:
-    """Times (m,) at which places are passed: speeds linear in time between, but for the first and the last: s̈ from 0."""
+    """Times at which places are passed: speeds linear in time between, but at both ends, where s̈ starts from 0.
+
+    Parameters
+    ----------
+    s : (m,) array
+        Places [m, rad].
+    v : (m,) array
+        ṡ there [m/s, rad/s].
+    t : (m,) array
+        Filled with the times [s].
+    """
     m = s.shape[0]
     t[0] = 0.0
     for i in range(m - 1):
@@ -221,7 +241,26 @@ def _slower(t: Array, half: Array, ratio: Array, slow: Array) -> None:
 
 @compiled
 def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
-    """A motion (4, m), into out: t, ṡ, s̈, and half the width of the mean; by how much it is too fast somewhere."""
+    """A motion that nearly keeps the limits, from rest to rest.
+
+    Parameters
+    ----------
+    along : Along
+        The path at places (m,).
+    top : (m,) array
+        Greatest ṡ [m/s, rad/s].
+    rounds : int
+        Most sweeps.
+    close : float
+        Excess of a limit, as a speed ratio, that is accepted [1].
+    out : (4, m) array
+        Filled with t [s], ṡ [m/s, rad/s], s̈ [m/s², rad/s²], and half the width of the mean [s].
+
+    Returns
+    -------
+    float
+        By what factor it is too fast at its worst place [1].
+    """
     m = along.s.shape[0]
     slow, v, ratio = np.ones(m), np.empty(m), np.empty(m)
     t, mean, a, half = out[0], out[1], out[2], out[3]
@@ -256,7 +295,7 @@ def _widen(t: Array, half: Array) -> None:
 def _changes(along: Along, motion: Array, out: Array) -> None:
     """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
 
-    Both are counted in their limits; q̈ in what the limit on jerk makes of it within half the width of the mean, if less.
+    Both are counted in their limits; q̈ in what the limit on jerk allows within half the width of the mean, if that is less.
     So is s̈ in the greatest one that counts: where speeds alone bind, ramps are changes too.
     """
     v, a, half = motion[1], motion[2], motion[3]
@@ -278,10 +317,30 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
 def spread(
     along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array
 ) -> float:
-    """How many intervals lie before each place (m,) of a swept motion: so many in all, and for each change of q̈ by its limit.
+    """Count the intervals before each place of a swept motion: some in all, and some for each change of q̈ by its limit.
 
-    These are as many as the first of `per_change` says for motions of few changes, and go down to the second for motions
+    The number for each change is the first of `per_change` for motions of few changes, and falls to the second for motions
     of far more than the third. None is briefer than the least; neighbours differ little.
+
+    Parameters
+    ----------
+    along : Along
+        The path at places (m,).
+    motion : (4, m) array
+        What `swept` made [s, m/s, m/s², s]; its last row is changed.
+    even : float
+        Intervals of any motion.
+    per_change : (3,) tuple of float
+        Intervals for each change: of few changes, of many, and how many are few.
+    least : float
+        Shortest interval [s].
+    share : (m,) array
+        Filled with the number of intervals before each place [1].
+
+    Returns
+    -------
+    float
+        All intervals.
     """
     t, half = motion[0], motion[3]
     m = t.shape[0]
@@ -308,9 +367,20 @@ def spread(
 
 @compiled
 def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
-    """s, ṡ and s̈ (3, k) of a swept motion at times, into out: ṡ a cubic between two places, from ṡ and s̈ there.
+    """s, ṡ and s̈ of a swept motion at times: ṡ a cubic between two places, from ṡ and s̈ there.
 
-    For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s goes on.
+    For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s does not decrease.
+
+    Parameters
+    ----------
+    s : (m,) array
+        Places [m, rad].
+    motion : (4, m) array
+        What `swept` made [s, m/s, m/s², s].
+    when : (k,) array
+        Times [s].
+    out : (3, k) array
+        Filled with s, ṡ, s̈ [m, m/s, m/s², or rad].
     """
     t, v, a = motion[0], motion[1], motion[2]
     for k in range(when.shape[0]):

@@ -1,20 +1,36 @@
-"""What every time law shares: the limits, what it promises, and the refit of a law on s to a trajectory."""
+"""What every time law shares: the limits that it needs and keeps, greatest speeds, and the refit of s(t) to q(t)."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
+from planners.curve import composed, passed_at
 from planners.following.follow import JointPath
 from planners.hermite import quintic
-from planners.limits import DERIVATIVES, MotionLimits
+from planners.limits import DERIVATIVES, MotionLimits, PathPoints
 from planners.trajectory import Trajectory
+
+NODE_APART, BRIEF_MOTION = 2e-3, 0.1
+"""Least time [s] between a knot for a node of the path and any other knot, and the duration [s] below which it shrinks with the
+motion: shorter pieces of a quintic amplify the rounding of q in the jerk."""
+SHORTEST_PIECE = 1e-3
+"""Pieces that are shorter [s] are not halved: rounding in q outweighs what a knot adds."""
+REFINEMENT_ROUNDS = 6
+"""Halvings of a piece at most: 64 parts bring the jerk's error down by 64³."""
+COMPARED_AT = np.array([0.0625, 0.3, 0.7, 0.9375])
+"""Shares of a piece at which refit and chain rule are compared: between the zeros of the error of a quintic Hermite piece."""
+POSITION_AGREES = 1e-9
+"""Difference of positions [rad or m] that counts as agreement: a hundredth of what a path may be off."""
+JERK_AGREES = 2e-3
+"""Difference of jerks, over the jerk's scale, that counts as agreement; the certificate judges the refit itself."""
 
 
 class PathState(NamedTuple):
@@ -42,6 +58,18 @@ class TimeLaw(ABC):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -51,7 +79,23 @@ class TimeLaw(ABC):
         """
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
-        """Time the rest of the joint path from a moving state to its end, or to rest as soon as may be.
+        """Time the rest of the joint path from a moving state to its end, or to rest as soon as possible.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+        state : PathState
+            Where the motion starts, and how fast.
+        stop : bool
+            Come to rest as soon as possible instead of at the path's end.
+
+        Returns
+        -------
+        Trajectory
+            From the state to rest.
 
         Raises
         ------
@@ -59,13 +103,31 @@ class TimeLaw(ABC):
             The law starts at rest only, or a limit that it needs is missing.
         NoSolution
             No timing exists within the limits from that state.
-        """
+        """  # noqa: DOC202
         raise InvalidInput("timing", self.name, "a law that can start from a moving state: optimal")
 
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
-        """Return the limits as arrays, or say which one the law needs and does not have."""
+        """Return the limits on the joints, of which the law needs those that it keeps.
+
+        Parameters
+        ----------
+        limits : MotionLimits
+            Limits of a motion.
+        robot : Robot
+            The arm.
+
+        Returns
+        -------
+        dict of (n,) arrays
+            Velocity, acceleration and jerk [rad/s, rad/s², rad/s³, or m], infinity where free.
+
+        Raises
+        ------
+        InvalidInput
+            A limit that the law needs is missing, or has another number of joints.
+        """
         bound = limits.arrays(robot.n)
-        missing = [f for f in self.keeps if f in DERIVATIVES and not np.isfinite(bound[f]).any()]
+        missing = [f for f in DERIVATIVES if f in self.keeps and not np.isfinite(bound[f]).any()]
         if missing:
             arguments = ", ".join(f"{f}=..." for f in missing)
             raise InvalidInput(
@@ -75,22 +137,52 @@ class TimeLaw(ABC):
             )
         return bound
 
+    def promises(self, limits: MotionLimits) -> tuple[str, ...]:
+        """Names of the limits that a plan of this law keeps.
+
+        A plan slows the law's motion until it keeps them, so a law that keeps any limit keeps the extra ones too.
+
+        Parameters
+        ----------
+        limits : MotionLimits
+            Limits of a motion.
+
+        Returns
+        -------
+        tuple of str
+            What the law keeps, and the extra limits.
+        """
+        return (*self.keeps, *(limits.extra or ())) if self.keeps else ()
+
 
 def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
-    """Greatest ṡ (k,) at s (k,) by the limits on joint velocity, tool speed and rotation speed; infinity where none binds."""
-    bound = limits.arrays(joint_path.robot.n)["velocity"]
-    tool_speed, rotation_speed = limits.tool
-    with np.errstate(divide="ignore", invalid="ignore"):
-        greatest = np.min(bound / np.abs(joint_path(s, 1)), axis=1)
-        if np.isfinite((tool_speed, rotation_speed)).any():
-            twist = joint_path.path.twist(s)
-            for speed, part in ((tool_speed, twist[:, :3]), (rotation_speed, twist[:, 3:])):
-                greatest = np.fmin(greatest, speed / np.linalg.norm(part, axis=1))
-    return np.asarray(greatest)
+    """Greatest ṡ by all limits of first order: joint velocity, tool speed, rotation speed and extra ones.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s : (k,) array
+        Places [m, or rad].
+
+    Returns
+    -------
+    (k,) array
+        [m/s, rad/s]; infinity where none binds.
+    """
+    at, bounds = PathPoints(joint_path, s), limits.bounds(joint_path.robot.n)
+    first = [kind for kind in limits.kinds if kind.order == 1 and np.isfinite(bounds[kind.name]).any()]
+    slowness = np.zeros(s.size)
+    for kind in first:
+        slowness = np.fmax(slowness, np.abs(kind.rows(at, bounds[kind.name])[:, :, 0]).max(axis=1))
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / slowness)
 
 
-def refit(joint_path: JointPath, law: Any, jerk_scale: ArrayLike = 1.0) -> Trajectory:
-    """Trajectory of q(s(t)): quintic Hermite through exact q, q̇, q̈, until it agrees with the chain rule.
+def refit(joint_path: JointPath, law: PPoly, jerk_scale: ArrayLike = 1.0) -> Trajectory:
+    """Trajectory of q(s(t)): quintic Hermite pieces through exact q, q̇, q̈ that agree with the chain rule between knots.
 
     q(s(t)) is of a higher degree than 5, so it is refitted with a knot at every switch of the law (one-sided
     accelerations there), at every knot of the path, and more between until position and jerk agree with the chain rule
@@ -112,31 +204,25 @@ def refit(joint_path: JointPath, law: Any, jerk_scale: ArrayLike = 1.0) -> Traje
     """
     t = _first_knots(joint_path, law)
     scale = np.asarray(jerk_scale, dtype=np.float64)
-    for _ in range(6):
+    for _ in range(REFINEMENT_ROUNDS):
         trajectory = _through(joint_path, law, t)
-        middle = t[:-1, None] + np.diff(t)[:, None] * np.array([0.0625, 0.3, 0.7, 0.9375])
-        q, jerk = _chain(joint_path, law, t, middle)
+        middle = t[:-1, None] + np.diff(t)[:, None] * COMPARED_AT
+        q, jerk = _exact(joint_path, law, t, middle)
         off = np.abs(trajectory(middle.ravel()) - q).max(axis=1).reshape(middle.shape)
         off_jerk = (np.abs(trajectory(middle.ravel(), 3) - jerk) / scale).max(axis=1).reshape(middle.shape)
-        wrong = (off.max(axis=1) > 1e-9) | (off_jerk.max(axis=1) > 2e-3)
-        wrong &= np.diff(t) > 1e-3  # below a millisecond rounding in q outweighs what a knot adds
+        wrong = (off.max(axis=1) > POSITION_AGREES) | (off_jerk.max(axis=1) > JERK_AGREES)
+        wrong &= np.diff(t) > SHORTEST_PIECE
         if not wrong.any():
             break
         t = np.sort(np.concatenate([t, 0.5 * (t[:-1] + t[1:])[wrong]]))
     return _through(joint_path, law, t)
 
 
-def _first_knots(joint_path: JointPath, law: Any) -> Array:
+def _first_knots(joint_path: JointPath, law: PPoly) -> Array:
     """Switches of the law, and the times at which the path's nodes are passed, where those stand well apart."""
     switches = law.x
-    nodes = joint_path.nodes
-    lo, hi = np.zeros(nodes.size), np.full(nodes.size, switches[-1])
-    for _ in range(60):  # s(t) increases: bisect all knots together
-        t = 0.5 * (lo + hi)
-        below = law(t) < nodes
-        lo, hi = np.where(below, t, lo), np.where(below, hi, t)
-    passed = t[1:-1]
-    apart = 2e-3 if switches[-1] > 0.1 else 2e-2 * switches[-1]
+    passed = passed_at(law, joint_path.nodes[1:-1], float(switches[-1]))
+    apart = NODE_APART if switches[-1] > BRIEF_MOTION else NODE_APART / BRIEF_MOTION * switches[-1]
     after = np.clip(np.searchsorted(switches, passed), 1, switches.size - 1)
     near = np.minimum(np.abs(passed - switches[after - 1]), np.abs(passed - switches[after]))
     passed = passed[near > apart]
@@ -144,7 +230,7 @@ def _first_knots(joint_path: JointPath, law: Any) -> Array:
     return np.sort(np.concatenate([switches, passed[keep]]))
 
 
-def _piecewise(law: Any, t: Array, x: Array, order: int) -> Array:
+def _piecewise(law: PPoly, t: Array, x: Array, order: int) -> Array:
     """The law's derivative at x (m, k), by the law's piece that holds each interval of t (so one-sided at its ends)."""
     p = law.derivative(order) if order else law
     i = np.clip(np.searchsorted(law.x, 0.5 * (t[:-1] + t[1:]), side="right") - 1, 0, law.x.size - 2)
@@ -155,21 +241,25 @@ def _piecewise(law: Any, t: Array, x: Array, order: int) -> Array:
     return np.asarray(value)
 
 
-def _through(joint_path: JointPath, law: Any, t: Array) -> Trajectory:
+def _through(joint_path: JointPath, law: PPoly, t: Array) -> Trajectory:
+    """Quintic Hermite pieces in time between knots t, through the exact q, q̇ and q̈ there, one-sided where s̈ jumps."""
     ends = np.stack([t[:-1], t[1:]], axis=1)
     s, v, a = (_piecewise(law, t, ends, order) for order in (0, 1, 2))
     s = np.clip(s, 0.0, joint_path.end)
     s[0, 0], s[-1, 1] = 0.0, joint_path.end
     q, q1, q2 = (joint_path(s.ravel(), order).reshape(*s.shape, -1) for order in (0, 1, 2))
-    v, a = v[..., None], a[..., None]
-    dq, ddq = q1 * v, q1 * a + q2 * v * v
+    dq, ddq = composed((q1, q2), (v[..., None], a[..., None]))
     q[1:, 0], dq[1:, 0] = q[:-1, 1], dq[:-1, 1]  # one value of q and q̇ at a knot, to the last bit
     return Trajectory(quintic(t, (q[:, 0], dq[:, 0], ddq[:, 0]), (q[:, 1], dq[:, 1], ddq[:, 1])))
 
 
-def _chain(joint_path: JointPath, law: Any, t: Array, x: Array) -> tuple[Array, Array]:
+def _exact(joint_path: JointPath, law: PPoly, t: Array, x: Array) -> tuple[Array, Array]:
     """Exact q and jerk at x (m, k) by the chain rule, flattened to (m·k, n)."""
     s, v, a, j = (_piecewise(law, t, x, order).ravel()[:, None] for order in (0, 1, 2, 3))
     at = np.clip(s[:, 0], 0.0, joint_path.end)
-    q, q1, q2, q3 = (joint_path(at, order) for order in (0, 1, 2, 3))
-    return q, q1 * j + 3.0 * q2 * v * a + q3 * v**3
+    q, *derivatives = (joint_path(at, order) for order in (0, 1, 2, 3))
+    return q, composed(derivatives, (v, a, j))[2]
+
+
+METHOD_BASE = TimeLaw
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

@@ -10,13 +10,14 @@ from scipy.interpolate import PPoly
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.curve import composed, passed_at
 from planners.fit import fitted, stretch
 from planners.following.follow import JointPath
 from planners.hermite import quintic, through
-from planners.limits import ALL_LIMITS, MotionLimits
+from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
-    SHORTEST,
+    SHORTEST_PHASE,
     Ramp,
     Table,
     Worst,
@@ -32,16 +33,17 @@ from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
-CELLS, PER_PIECE, STEEP = 1024, 16, 0.1
-"""Least intervals of the path and of each of its pieces, and what ln |v| may change over one, where s(x) is a spline."""
-SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
+DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 16, 0.1
+"""Least number of intervals of the path and of each of its pieces, and the largest change of ln |v| over one: the resolution of
+the spline s(x)."""
+RAMP_SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
     (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
 """Shares of a ramp in which its acceleration rises and falls."""
 CRAWL = 1e-3
-"""Share of the speed that half of the path allows, below which a corner is not passed at a speed that nobody gave: what
-could take a second would take a quarter of an hour."""
-ROOM = (0.999, 0.99, 0.97, 0.9)
+"""Share of the speed that half of the path allows, below which a corner is not passed unless a speed is given: a motion
+of a second would take a quarter of an hour."""
+LIMIT_SHARES = (0.999, 0.99, 0.97, 0.9)
 """Shares of the limits that ramps are made for, in turn, until the exact extrema agree."""
 
 
@@ -56,7 +58,7 @@ class ConstantSpeed(TimeLaw):
     speed : float, optional
         Tool speed [m/s; rad/s for a pure rotation]; by default the greatest that the limits allow everywhere, which the
         sharpest corner decides: no motion where a corner allows less than a thousandth of what half of the path does. A
-        speed that is given may be as low as one likes.
+        given speed may be arbitrarily low.
     ramp : float
         Largest share of the distance for each of the two ramps, up to a half.
     """
@@ -73,22 +75,34 @@ class ConstantSpeed(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
             Velocity, acceleration or jerk limits are missing.
         NoSolution
             The speed breaks a limit (with s, the joint and the greatest speed that would work), none was given and a corner
-            would make the whole motion a crawl, the tool's point stands still somewhere on the path, or no limit bounds a
-            joint that moves.
+            would slow the whole motion a thousandfold, the tool's point stands still somewhere on the path, or no limit bounds
+            a joint that moves.
         """
         self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
         distance = _distance(joint_path, limits)
-        slow = _widest(distance.table, self.ramp, min(SHORTEST, 0.01 * duration))
+        slow = _widest(distance.table, self.ramp, min(SHORTEST_PHASE, 0.01 * duration))
         built = _built(joint_path, limits, distance, slow)
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
-        fastest = fitted(joint_path.robot, built, limits, self.keeps)
+        fastest = fitted(joint_path.robot, built, limits, self.promises(limits))
         factor = fastest.duration / built.duration
         greatest = slow[0].v1 / factor
         if self.speed is None:
@@ -101,11 +115,11 @@ class ConstantSpeed(TimeLaw):
                 f"the limit on {found.limit} is passed at s = {found.s:.6g}",
                 s=found.s, joint=found.joint, advice=f"a speed of at most {_down(greatest):.6g}",
             )  # fmt: skip
-        for room in ROOM:
-            ramps = _shortest(distance.table, speed, self.ramp, room, min(SHORTEST, 0.01 * duration))
+        for room in LIMIT_SHARES:
+            ramps = _shortest(distance.table, speed, self.ramp, room, min(SHORTEST_PHASE, 0.01 * duration))
             if ramps is not None:
                 trajectory = _built(joint_path, limits, distance, ramps)
-                if stretch(joint_path.robot, trajectory, limits, self.keeps) <= 1.0:
+                if stretch(joint_path.robot, trajectory, limits, self.promises(limits)) <= 1.0:
                     return trajectory
         return fastest.slowed(greatest / speed)
 
@@ -113,7 +127,7 @@ class ConstantSpeed(TimeLaw):
 def _check_corners(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, slow: list[Ramp], greatest: float
 ) -> None:
-    """Refuse a speed that nobody asked for and that is only so low because of one corner: with the corner."""
+    """Raise NoSolution for a default speed that one corner makes a thousandth of what half of the path allows."""
     size = np.abs(distance.table.parts).max(axis=2)
     slowness = np.maximum(distance.table.slowness, np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
     if slowness.max() <= np.median(slowness) / CRAWL:
@@ -140,9 +154,19 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     """Count the path in the tool's own distance; s itself is that, but for a factor, on straight lines.
 
     With c = dx/ds the tool's speed at ṡ = 1: s' = 1 / c, s'' = −c' / c³, s''' = (3 c'² − c c'') / c⁵.
+
+    Returns
+    -------
+    _Distance
+        The path over that distance.
+
+    Raises
+    ------
+    NoSolution
+        The tool's point stands still somewhere.
     """
     path, end = joint_path.path, joint_path.end
-    s = path.places(CELLS, PER_PIECE)
+    s = path.places(DISTANCE_CELLS, DISTANCE_PER_PIECE)
     turning = path.turns_only or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
     while True:
         c, c1, c2 = _rates(joint_path, s, turning)
@@ -170,9 +194,9 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     at = np.clip(s_of_x(grid), 0.0, end)
     if not uniform:
         c, c1, c2 = _rates(joint_path, at, turning)
-    d1, d2, d3 = ((y[:, None]) for y in (1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5))
-    q1, q2, q3 = (joint_path(at, order) for order in (1, 2, 3))
-    along = parts(joint_path, limits, q1 * d1, q2 * d1**2 + q1 * d2, q3 * d1**3 + 3.0 * q2 * d1 * d2 + q1 * d3)
+    rates = [y[:, None] for y in (1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5)]
+    q, *derivatives = (joint_path(at, order) for order in range(4))
+    along = parts(limits, PathPoints(joint_path, at, (q, *composed(derivatives, rates))))
     return _Distance(s_of_x, Table(grid, 1.0 / (speed_bound(joint_path, limits, at) * c), along), uniform)
 
 
@@ -212,7 +236,7 @@ def _widest(what: Table, share: float, shortest: float) -> list[Ramp]:
         found = [
             (ratio_of(what, ramp), ramp)
             for length in end * share * np.array([1.0, 0.9, 0.75])
-            for shape in SHAPES
+            for shape in RAMP_SHAPES
             for ramp in [_ramp(what, last, length, 1.0, shape)]
         ]
         found = [(ratio, ramp) for ratio, ramp in found if not _quick(ramp, ratio, shortest)] or found
@@ -228,7 +252,7 @@ def _shortest(what: Table, speed: float, share: float, room: float, shortest: fl
     end, out = float(what.s[-1]), []
     for last in (False, True):
         best: Ramp | None = None
-        for shape in SHAPES:
+        for shape in RAMP_SHAPES:
             low, high = 0.0, share * end if best is None else (best.s1 - best.s0) * (1.0 - 1e-4)
             if not _good(what, _ramp(what, last, high, speed, shape), room, shortest):
                 continue
@@ -258,18 +282,13 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
     x_law = law_of(chain, [phases_of(ramp) for ramp in chain])
     if distance.uniform:
         return PPoly(x_law.c * distance.s_of_x.c[0, 0], x_law.x, extrapolate=True)
-    knots = distance.s_of_x.x[1:-1:4]
-    low, high = np.zeros(knots.size), np.full(knots.size, x_law.x[-1])
-    for _ in range(60):  # x(t) increases
-        middle = 0.5 * (low + high)
-        below = x_law(middle) < knots
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    low = passed_at(x_law, distance.s_of_x.x[1:-1:4], float(x_law.x[-1]))
     apart = 1e-3 * x_law.x[-1]
     low = low[np.abs(low[:, None] - x_law.x).min(axis=1) > apart]
     t = np.sort(np.concatenate([x_law.x, low]))
     x, v, a = (x_law(t, order) for order in (0, 1, 2))
-    s, s1, s2 = (distance.s_of_x(x, order) for order in (0, 1, 2))
-    state = tuple(y[:, None] for y in (s, s1 * v, s2 * v * v + s1 * a))
+    s, *derivatives = (distance.s_of_x(x, order) for order in (0, 1, 2))
+    state = tuple(y[:, None] for y in (s, *composed(derivatives, (v, a))))
     law = quintic(t, tuple(y[:-1] for y in state), tuple(y[1:] for y in state))
     return PPoly(law.c[..., 0], t, extrapolate=True)
 

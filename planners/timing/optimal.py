@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
+from planners.curve import composed
 from planners.fit import fitted
 from planners.following.follow import JointPath
 from planners.hermite import through
@@ -20,51 +21,52 @@ from planners.timing._optimal import iteration
 from planners.timing._optimal.derivatives import derivatives, distances
 from planners.timing._optimal.newton import Problem
 from planners.timing._optimal.programme import Programme, divided, gentle, programme
-from planners.timing._optimal.restart import ROUNDING, stopping_places, straight_stop
+from planners.timing._optimal.restart import LIMIT_ROUNDING, stopping_places, straight_stop
 from planners.timing._optimal.start import briefest, start
 from planners.timing.base import PathState, TimeLaw
 from planners.trajectory import Trajectory
 
 GAP = 1e-5
-"""How far from the optimum of the programme its answer may be, as a share of the duration."""
-PASSES = 4
-"""How often limits are tightened where the exact extrema pass them; what is left is a uniform slow-down."""
-FIRST, AGAIN = 0.01, 5e-4
-"""First barrier weights, from the start and from a motion that is nearly the answer, over the mean duration of intervals."""
-ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3), (10.0, 1.7), (1.0, 0.15), (1.0, 3.0))
-"""First barrier weights and numbers of intervals, over the usual ones, that are tried in turn: where the iteration gets stuck
-on one set of places, it seldom does on another."""
+"""Optimality gap of the programme, as a share of the duration: far below what a finer grid would gain."""
+TIGHTENINGS = 4
+"""Most rounds in which limits are tightened where exact extrema exceed them; a uniform slow-down does the rest."""
+FIRST_BARRIER, WARM_BARRIER = 0.01, 5e-4
+"""First barrier weights, cold and from a warm start, over the mean duration of intervals."""
+START_ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3), (10.0, 1.7), (1.0, 0.15), (1.0, 3.0))
+"""First barrier weights and numbers of intervals, over the usual ones, that are tried in turn: where the iteration fails
+on one set of places, it rarely fails on another."""
 GENTLE = (1.0, 100.0)
-"""First barrier weights, over the usual one, from one quintic in s: where no other start led on."""
+"""First barrier weights, over the usual one, for an initial guess of one quintic in s, where every other one failed."""
 SLOWER = 1.5
-"""By how much a start is slowed as a whole at most: one bad place shall not pace a long path."""
-MOST, FEW = 200, 50
-"""Iterations, and from a motion that is nearly the answer, which stands where they lead nowhere; 12 to 22 are usual."""
-CLOSE = 2e-4
-"""What may be left to the slow-down: a share of the duration."""
-OFF = 1e-7
-"""How far a joint may be from q(s) between the places [rad or m]; intervals where it is farther are halved."""
-COARSE, WORSE, HALVINGS = 1.05, 1.2, 2
-"""So are those in which a limit is passed by more, first and later, so many times; the former four times as many."""
-FINEST = 100_000
-"""Intervals that are not halved any more."""
-BETWEEN = 1.00005
-"""What tool speeds between four instants of a piece may be above them."""
+"""Largest factor by which an initial guess is slowed as a whole: one bad place should not slow a long path."""
+MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
+"""Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
+SLOWDOWN_LEFT = 2e-4
+"""Share of the duration that is left to the uniform slow-down."""
+OFF_JOINT_PATH = 1e-7
+"""How far a joint may be from q(s) between the places [rad or m]; intervals in which it is farther off are halved."""
+COARSE, WORSE, INTERVAL_HALVINGS = 1.05, 1.2, 2
+"""Intervals in which a limit is exceeded by these factors, early and later, are halved too, at most `INTERVAL_HALVINGS` times;
+those that leave the joint path four times as often."""
+FINEST_INTERVALS = 100_000
+"""Number of intervals from which on none is halved: minutes of computing."""
+BETWEEN_SAMPLES = 1.00005
+"""Largest ratio of the tool speed inside a piece to that at the four instants where it is sampled."""
 
 
 class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
 
-    The start is a motion that nearly keeps all limits already, made by two sweeps (`planners.timing._optimal.start`); the
+    The initial guess is a motion that nearly keeps all limits, made by two sweeps (`planners.timing._optimal.start`); the
     programme is solved by an interior-point iteration of its own (`planners.timing._optimal.iteration`). Then the motion is
     refitted, and where its exact extrema pass a limit between the places, the limit is tightened there and the programme
-    solved again from where it stands. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. The time of
+    solved again with a warm start. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. The time of
     both sweeps and iteration grows linearly with the length of the path.
 
     Parameters
     ----------
     intervals : int, optional
-        Of s; by default so many that the motion is within about 0.1 % of the optimum.
+        Number of intervals of s; the default brings the motion within about 0.1 % of the optimum.
 
     Raises
     ------
@@ -83,6 +85,18 @@ class Optimal(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path from rest to rest.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -92,13 +106,18 @@ class Optimal(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         for problem, weight in _problems(joint_path, limits, self.intervals):
-            trajectory = _solved(joint_path, problem, limits, CLOSE, weight)
+            trajectory = _solved(joint_path, problem, limits, SLOWDOWN_LEFT, weight)
             if trajectory is not None:
-                return fitted(joint_path.robot, trajectory, limits, self.keeps)
-        raise _none(joint_path, start(joint_path, limits, self.intervals))
+                return fitted(joint_path.robot, trajectory, limits, self.promises(limits))
+        limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
+        raise NoSolution(
+            f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
+            f"s = {place:.6g}",
+            s=place, joint=joint, advice="another number of intervals, or another law",
+        )  # fmt: skip
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
-        """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as may be.
+        """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as possible.
 
         A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly.
 
@@ -113,6 +132,11 @@ class Optimal(TimeLaw):
         stop : bool
             Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first, or Ruckig's stop where
             that is quicker or the only one.
+
+        Returns
+        -------
+        Trajectory
+            From the state to rest.
 
         Raises
         ------
@@ -140,64 +164,67 @@ class Optimal(TimeLaw):
 
 def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
-    for weight, more in ATTEMPTS:
+    for weight, more in START_ATTEMPTS:
         yield _finer(joint_path, limits, start(joint_path, limits, intervals, more)), weight
     for weight in GENTLE:
         yield gentle(joint_path, limits, intervals), weight
 
 
-def _none(joint_path: JointPath, given: Programme) -> NoSolution:
-    """That the iteration found no motion, and what its start asks most of: the likeliest reason."""
+def _most_violated(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
+    """Limit, joint, place and ratio of what an initial guess violates most: the likeliest reason of a failure."""
     K, n = given.problem.ds.size, joint_path.robot.n
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
     iteration.values(given.problem, given.start, g, c)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
     limit, joint = ("acceleration", "jerk", "jerk")[i // n], joint_path.robot.joint_names[i % n]
     place, ratio = float(given.s[k + i // (2 * n)]), float(np.abs(c[k, i]))  # the last third is at the interval's end
-    return NoSolution(
-        f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
-        f"s = {place:.6g}",
-        s=place, joint=joint, advice="another number of intervals, or another law",
-    )  # fmt: skip
+    return limit, joint, place, ratio
 
 
 def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
 ) -> Trajectory | None:
-    """The motion whose exact extrema pass the limits by a share `close` at most, or by more where it is slowed anyhow."""
+    """The motion whose exact extrema exceed the limits by a share `close` at most, or by more if it is slowed afterwards."""
     z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
-    weight, halvings, again, trajectory = weight * FIRST, 0, 0, None
-    while again < (PASSES if close else 2 * PASSES):
+    weight, halvings, again, trajectory = weight * FIRST_BARRIER, 0, 0, None
+    while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
         problem = given.problem
         K, n = problem.ds.size, problem.node.shape[1]
-        if iteration.solve(problem, z, weight, GAP / (6.0 * n), MOST if trajectory is None else FEW) < 0:
+        if (
+            iteration.solve(
+                problem, z, weight, GAP / (6.0 * n), MOST_ITERATIONS if trajectory is None else WARM_ITERATIONS
+            )
+            < 0
+        ):
             break
         motion = _motion(joint_path, given, z)
-        coarse = _off(joint_path, given, z) & (halvings < 4 * HALVINGS)
+        coarse = _off(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
             motion = begun(motion, given.moving.joints, limits)
         over = _over(joint_path, motion, limits)
-        often = 2 * HALVINGS if given.moving is not None else HALVINGS  # where nothing is slowed afterwards
+        often = (
+            2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
+        )  # where nothing is slowed afterwards
         coarse |= (over.max(axis=(0, 2)) > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
-        if coarse.any() and K < FINEST:
+        if coarse.any() and K < FINEST_INTERVALS:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.98)
-            weight, trajectory = FIRST if given.moving is not None else AGAIN, None
+            weight, trajectory = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
         trajectory, again = motion, again + 1
         if not _tighten(joint_path, problem, trajectory, over, limits, close):
             return trajectory
         if given.moving is None:
             z = _inside(problem, z, 0.995)
-        weight = AGAIN if given.moving is None else 4.0 * AGAIN  # which is not moved inside the limits
+        weight = WARM_BARRIER if given.moving is None else 4.0 * WARM_BARRIER  # which is not moved inside the limits
     return trajectory if close else None
 
 
 def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
     """The programme with those intervals halved in which its start would leave the joint path between the places."""
-    for _ in range(HALVINGS):
+    for _ in range(INTERVAL_HALVINGS):
         z = given.start
         coarse = _off(joint_path, given, z)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(limits.arrays(joint_path.robot.n)["jerk"])
@@ -208,13 +235,13 @@ def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Pro
 
 
 def _off(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]:
-    """Intervals (K,) in which the motion leaves the joint path by more than `OFF` between the places."""
+    """Intervals (K,) in which the motion leaves the joint path by more than `OFF_JOINT_PATH` between the places."""
     state, tau = _states(given, z)
-    return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF
+    return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF_JOINT_PATH
 
 
 def _inside(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
-    """The motion z, so much slower that it uses at most a share of every limit, up to a factor."""
+    """The motion z, slowed by at most `most` until it uses at most a share of every limit."""
     K, n = problem.ds.size, problem.node.shape[1]
     g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
     iteration.values(problem, z, g, c)
@@ -242,7 +269,7 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
     v, a = state[:, :1], state[:, 1:]
     t = np.concatenate([[0.0], np.cumsum(tau)])
     q, q1, q2, _ = derivatives(joint_path, given.s)
-    return Trajectory(through(t, q, q1 * v, q1 * a + q2 * v * v))
+    return Trajectory(through(t, q, *composed((q1, q2), (v, a))))
 
 
 def _tighten(
@@ -250,9 +277,9 @@ def _tighten(
     close: float,
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
-    tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN)
+    tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN_SAMPLES)
     slower = max(over[0].max(), over[1].max() ** (1.0 / 2.0), over[2].max() ** (1.0 / 3.0), tool.max())
-    if slower <= 1.0 + max(close, ROUNDING):
+    if slower <= 1.0 + max(close, LIMIT_ROUNDING):
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)

@@ -46,7 +46,20 @@ class Quintic(TimeLaw):
         self.segments = round(duration / step)
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path; the limits are not looked at."""
+        """Time the joint path; the limits are not looked at.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+        """
         t = np.linspace(0.0, self.duration, self.segments + 1)
         s = np.linspace(0.0, joint_path.end, self.segments + 1)
         q = joint_path(s)
@@ -55,11 +68,23 @@ class Quintic(TimeLaw):
         return Trajectory(through(t, q, velocity, np.zeros_like(q)))
 
     def least_duration(self, joint_path: JointPath, limits: MotionLimits) -> float:
-        """Least T [s] at which the law would break no limit, with the same number of segments.
+        """Least T at which the law would keep all limits, with the same number of segments.
 
         With the number of segments kept, and not Δt, another T is the same motion slower or faster: velocities go with
         1/T, accelerations with 1/T², jerks with 1/T³. So it is exact, from the extrema of one motion. All limits given
         count, those of the tool too; 0 where none is given.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        float
+            T [s].
         """
         return self.duration * stretch(joint_path.robot, self.run(joint_path, limits), limits)
 

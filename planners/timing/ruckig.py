@@ -23,7 +23,7 @@ from planners.trajectory import Trajectory
 
 
 class RuckigLaw(TimeLaw):
-    """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not pace the whole line.
+    """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not slow the whole path.
 
     Where the sections end, and how fast the motion is there, is found by dynamic programming over candidate places and
     speeds: a chain of ramps, each judged at sampled instants by what it asks of every joint, q̈ = q' s̈ + q'' ṡ² and
@@ -41,6 +41,18 @@ class RuckigLaw(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -52,7 +64,7 @@ class RuckigLaw(TimeLaw):
         duration = least_duration(joint_path, limits)
         ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
         law = law_of(ramps, [_solved(ramp) for ramp in ramps])
-        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.keeps)
+        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits))
 
     def stop(
         self, joint_path: JointPath, limits: MotionLimits, s: float, speed: float, acceleration: float = 0.0
@@ -96,6 +108,16 @@ def _solved(ramp: Ramp) -> Array:
 
     Speeds are counted from v0 in units of v1 − v0, and times in units of the ramp's duration: so Ruckig's numbers are
     of size 1, on any path. Between v0 and v1 the speed only rises or only falls, so the sections are never left.
+
+    Returns
+    -------
+    (3, 2) array
+        The phases.
+
+    Raises
+    ------
+    NoSolution
+        Ruckig left the section.
     """
     wanted = phases_of(ramp)
     if len(wanted) == 1:

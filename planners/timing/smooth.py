@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.curve import passed_at
 from planners.fit import fitted
 from planners.following.follow import JointPath
-from planners.limits import ALL_LIMITS, MotionLimits
-from planners.timing.base import TimeLaw, refit, speed_bound
+from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
+from planners.timing.base import TimeLaw, refit
 from planners.trajectory import Trajectory
 
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""
-NO_MOTION = 1e-11
-"""Joint motions below this are rounding [rad or m]: a limit on such a joint bounds no motion."""
+NO_JOINT_MOTION = 1e-11
+"""Joint motion [rad or m] that is rounding: a limit on such a joint bounds no motion."""
 
 
 class Smooth(TimeLaw):
@@ -34,6 +36,18 @@ class Smooth(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -45,11 +59,25 @@ class Smooth(TimeLaw):
         duration = least_duration(joint_path, limits)
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
         law = PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
-        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.keeps)
+        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits))
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:
-    """Shortest T [s] of one quintic in s that keeps the limits at so many instants, and wherever the path has a node.
+    """Shortest T of one quintic in s that keeps the limits at sampled instants and around every node of the path.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    instants : int
+        How many, equally spaced.
+
+    Returns
+    -------
+    float
+        T [s].
 
     Raises
     ------
@@ -60,19 +88,15 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     """
     if not joint_path.end > 0.0:
         raise InvalidInput("joint_path", "a length of 0", "a path whose ends differ")
-    moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
-    bound = {field: np.where(moving, of, np.inf) for field, of in limits.arrays(joint_path.robot.n).items()}
-    bounded = MotionLimits(bound["velocity"], None, None, limits.tool_speed, limits.rotation_speed)
+    moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
+    bound = limits.arrays(joint_path.robot.n)
+    free: dict[str, Any] = {field: np.where(moving, of, np.inf) for field, of in bound.items()}
+    limits = replace(limits, **free)
     u = np.union1d(np.linspace(0.0, 1.0, instants), _when(joint_path.nodes / joint_path.end))
-    s, v, a, j = (joint_path.end * np.polyval(np.polyder(QUINTIC, order), u) for order in range(4))
-    s = np.clip(s, 0.0, joint_path.end)
-    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
-    v1, a1, j1 = v[:, None], a[:, None], j[:, None]
-    duration: float = max(
-        float((v / speed_bound(joint_path, bounded, s)).max()),
-        float((np.abs(q1 * a1 + q2 * v1**2) / bound["acceleration"]).max()) ** (1.0 / 2.0),
-        float((np.abs(q1 * j1 + 3.0 * q2 * v1 * a1 + q3 * v1**3) / bound["jerk"]).max()) ** (1.0 / 3.0),
-    )
+    s, *rates = (np.asarray(joint_path.end * np.polyval(np.polyder(QUINTIC, k), u)) for k in range(4))
+    at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
+    ratios = [(float(limits.ratios(kind.name, at, rates).max()), kind.order) for kind in limits.kinds]
+    duration: float = max(ratio ** (1.0 / order) for ratio, order in ratios)
     if not 0.0 < duration < np.inf:
         names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
         raise NoSolution("nothing limits this motion", s=0.0, advice=f"a finite limit on a joint that moves: {names}")
@@ -80,12 +104,8 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
 
 
 def _when(part: Array) -> Array:
-    """Shares u (k,) of the duration after which the quintic has come to parts of the way, and between, in thirds."""
-    low, high = np.zeros(part.size), np.ones(part.size)
-    for _ in range(50):
-        u = 0.5 * (low + high)
-        before = np.polyval(QUINTIC, u) < part
-        low, high = np.where(before, u, low), np.where(before, high, u)
+    """Shares u (k,) of the duration at which the quintic reaches given parts of the way, and thirds between them."""
+    low = passed_at(lambda u: np.polyval(QUINTIC, u), part, 1.0)
     return np.concatenate([low[:-1] + np.diff(low) * share for share in (0.0, 1.0 / 3.0, 2.0 / 3.0)])
 
 

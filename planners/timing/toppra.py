@@ -15,28 +15,28 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import TOOL_SPEEDS, MotionLimits
+from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
 from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
-BETWEEN = 1e-5
-"""By how much limits may be passed between grid points before the grid is made finer there."""
+GRID_EXCESS = 1e-5
+"""Excess of a limit between grid points above which the grid is refined there."""
 REFINEMENTS = 5
-"""How often it is made finer."""
-APART = 1e-5
+"""Most refinements of a grid."""
+GRID_APART = 1e-5
 """Least distance of grid points over the path's length: nearer ones make TOPP-RA's steps ill-conditioned."""
-BRIEFEST = 2e-5
-"""Least mean time [s] between grid points: rounding in q drowns the accelerations of shorter pieces."""
+BRIEFEST_PIECE = 2e-5
+"""Least mean time [s] between grid points: in shorter pieces rounding in q dominates the accelerations."""
 GRIDS = (1.0, 2.37, 0.53, 5.11)
-"""Numbers of intervals, over the one asked for, that are tried in turn where TOPP-RA finds no motion."""
+"""Numbers of intervals, over the requested one, that are tried in turn where TOPP-RA finds no motion."""
 
 
 class Toppra(TimeLaw):
     """Reachability analysis on a grid over s (Pham and Pham, IEEE T-RO 2018), constant s̈ between grid points.
 
     Limits on velocities, of the joints and of the tool, are bounds on ṡ² at the grid points. Between grid points limits
-    may be exceeded a little: the grid is made finer where that shows, and the certificate says the rest. The
+    may be exceeded a little: the grid is refined where that happens, and the certificate reports what remains. The
     acceleration jumps at every grid point.
 
     Parameters
@@ -47,7 +47,7 @@ class Toppra(TimeLaw):
     Attributes
     ----------
     retries : int
-        How many grids the last run tried in vain before the one that gave its motion.
+        Number of grids without a solution before the one that gave the last run's motion.
     """
 
     name: ClassVar[str] = "toppra"
@@ -61,6 +61,18 @@ class Toppra(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path.
 
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        Trajectory
+            From rest to rest.
+
         Raises
         ------
         InvalidInput
@@ -69,8 +81,8 @@ class Toppra(TimeLaw):
             No limit bounds a joint that moves, or TOPP-RA finds no motion on any of its grids.
         """
         self.need(limits, joint_path.robot)
-        bounded = MotionLimits(limits.velocity, limits.acceleration, None, limits.tool_speed, limits.rotation_speed)
-        most = least_duration(joint_path, bounded) / BRIEFEST
+        bounded = limits.only(tuple(kind.name for kind in limits.kinds if kind.order <= 2))
+        most = least_duration(joint_path, bounded) / BRIEFEST_PIECE
         sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
         for self.retries, size in enumerate(sizes):
             s = _grid(joint_path, size)
@@ -87,8 +99,8 @@ def _grid(joint_path: JointPath, intervals: int) -> Array:
     """Equally spaced, with the path's breaks, without points that nearly coincide."""
     end = joint_path.end
     s = np.union1d(np.linspace(0.0, end, intervals + 1), joint_path.path.breaks[1:-1])
-    s = s[(s > APART * end) & (s < (1.0 - APART) * end)]
-    s = s[np.diff(s, prepend=0.0) > APART * end]
+    s = s[(s > GRID_APART * end) & (s < (1.0 - GRID_APART) * end)]
+    s = s[np.diff(s, prepend=0.0) > GRID_APART * end]
     return np.concatenate([[0.0], s, [end]])
 
 
@@ -116,11 +128,11 @@ def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | No
 def _finer(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
     """Grid and speeds after bisecting the intervals inside of which a limit is passed; the best that TOPP-RA solved."""
     for _ in range(REFINEMENTS):
-        wrong = (_inside(joint_path, limits, s, speed) > 1.0 + BETWEEN) & (np.diff(s) > 2.0 * APART * s[-1])
+        wrong = (_inside(joint_path, limits, s, speed) > 1.0 + GRID_EXCESS) & (np.diff(s) > 2.0 * GRID_APART * s[-1])
         if not wrong.any():
             break
         wrong |= np.roll(wrong, 1) | np.roll(wrong, -1)  # its neighbours decide what happens at its ends
-        finer = np.sort(np.concatenate([s, (0.5 * (s[:-1] + s[1:]))[wrong & (np.diff(s) > 2.0 * APART * s[-1])]]))
+        finer = np.sort(np.concatenate([s, (0.5 * (s[:-1] + s[1:]))[wrong & (np.diff(s) > 2.0 * GRID_APART * s[-1])]]))
         found = _speeds(joint_path, limits, finer)
         if found is None:
             break
@@ -134,14 +146,27 @@ def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array)
     at = (s[:-1, None] + np.diff(s)[:, None] * u).ravel()
     square = (speed[:-1, None] ** 2 + np.diff(speed**2)[:, None] * u).ravel()
     acceleration = np.repeat(0.5 * np.diff(speed**2) / np.diff(s), u.size)
-    bound = limits.arrays(joint_path.robot.n)["acceleration"]
-    asked = np.abs(joint_path(at, 1) * acceleration[:, None] + joint_path(at, 2) * square[:, None]) / bound
-    ratio = np.maximum(asked.max(axis=1), np.sqrt(square) / speed_bound(joint_path, limits, at))
+    rates = np.sqrt(square), acceleration
+    asked = limits.ratios("acceleration", PathPoints(joint_path, at), rates)
+    ratio = np.maximum(asked.max(axis=1), rates[0] / speed_bound(joint_path, limits, at))
     return np.asarray(ratio.reshape(-1, u.size).max(axis=1))
 
 
 def constant_acceleration(s: Array, speed: Array) -> Any:
-    """s(t) through grid points (k,) with speeds ṡ (k,): piecewise quadratic, its s̈ constant between them."""
+    """s(t) through grid points, its s̈ constant between them.
+
+    Parameters
+    ----------
+    s : (k,) array
+        Grid points [m, rad].
+    speed : (k,) array
+        ṡ there [m/s, rad/s].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        Piecewise quadratic.
+    """
     h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
     t = np.concatenate([[0.0], np.cumsum(h)])
     return PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)
@@ -159,7 +184,7 @@ class _Speed(toppra.constraint.LinearConstraint):  # type: ignore[misc]
 
 
 class _Geometry(AbstractGeometricPath):  # type: ignore[misc]
-    """A joint path as TOPP-RA wants it."""
+    """A joint path with TOPP-RA's interface."""
 
     def __init__(self, joint_path: JointPath) -> None:
         self._joint_path = joint_path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.lines import KINDS, LENGTHS, TURNS, draw_line, draw_lines
+from benchmarks.kinds.laws.lines import LINE_KINDS, LINE_LENGTHS, LINE_TURNS, draw_line
 from optik import se3
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
@@ -16,11 +16,15 @@ from planners.following.follow import follow
     ("robot", "kind"), [("paper6r", "regular"), ("paper6r", "near_singular"), ("ur5e", "regular"), ("panda", "regular")]
 )
 def test_every_line_is_followed_whole_by_another_way_and_is_of_its_kind(robot: str, kind: str) -> None:
-    low, high = KINDS[kind]
-    for line in draw_lines(robot, kind, 4, seed=5):
-        assert LENGTHS[0] <= line.path.end <= LENGTHS[1]
+    low, high = LINE_KINDS[kind]
+    for line in (draw_line(robot, kind, index, seed=5) for index in range(4)):
+        assert LINE_LENGTHS[0] <= line.path.end <= LINE_LENGTHS[1]
         angle = float(np.linalg.norm(se3.error(line.path.start, line.path.goal)[3:]))
-        assert angle == pytest.approx(0.0, abs=1e-9) if line.index % 2 == 0 else TURNS[0] <= angle <= TURNS[1] + 1e-9
+        assert (
+            angle == pytest.approx(0.0, abs=1e-9)
+            if line.index % 2 == 0
+            else LINE_TURNS[0] <= angle <= LINE_TURNS[1] + 1e-9
+        )
         np.testing.assert_allclose(line.robot.fk(line.q_start), line.path.start, atol=1e-12)
         followed = follow(make_solver(line.robot, "lm"), line.path, line.q_start)
         assert followed, followed.stop
@@ -30,8 +34,8 @@ def test_every_line_is_followed_whole_by_another_way_and_is_of_its_kind(robot: s
 
 
 def test_a_line_depends_on_its_seed_robot_kind_and_index_alone() -> None:
-    some = draw_lines("ur5e", "regular", 3, seed=2)
-    again = draw_lines("ur5e", "regular", 1, seed=2, first=2)[0]
+    some = [draw_line("ur5e", "regular", index, seed=2) for index in range(3)]
+    again = draw_line("ur5e", "regular", 2, seed=2)
     np.testing.assert_array_equal(again.q_start, some[2].q_start)
     np.testing.assert_array_equal(again.path.goal, some[2].path.goal)
     assert (again.index, again.draws) == (2, some[2].draws)

@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from benchmarks.kinds.budgets.report.damping import choose
+from benchmarks.kinds.calls.run import read_rows
 from benchmarks.records import RunFolder
-from benchmarks.report.damping import choose
-from benchmarks.report.speed import share
+from benchmarks.report.tables import share
 from benchmarks.run import run_suite
-from benchmarks.speed import speed_rows
 from benchmarks.suite import suite_of
 from tests.benchmarks.conftest import hide, small
 from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
@@ -59,7 +59,7 @@ def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
 
 
 def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
-    rows = speed_rows(speed_run, suite_of("speed", SPEED).speed[0])
+    rows = read_rows(speed_run, suite_of("speed", SPEED).of("calls")[0])
     assert rows is not None
     found, method = {}, ""
     for tag, attrs in page.tags:
@@ -155,4 +155,4 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
 
 
 def test_a_run_without_a_damping_block_has_no_such_section() -> None:
-    assert "damping" not in {b.id for b in small().blocks}
+    assert "damping" not in {b.id for b in small().of("budgets")}

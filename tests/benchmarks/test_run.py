@@ -14,9 +14,10 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from benchmarks.kinds.budgets.run import at_budget
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
-from benchmarks.run import at_budget, run_suite
+from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
 from optik import load
 from optik.arm.robot import Robot
@@ -82,7 +83,7 @@ def test_the_row_of_a_budget_counts_rises_and_the_peak() -> None:
     result = solver.solve(robot.fk(q + 0.8), q, trace=True)
     assert result.trace is not None
     size = [float(np.linalg.norm(e)) for e in result.trace]
-    row = at_budget(result, solver, 6)
+    row = at_budget(result, 6)
     assert row["peak"] == pytest.approx(max(size[:7]) / size[0])
     assert row["rises"] == sum(b > a for a, b in pairwise(size[:7]))
 
@@ -166,7 +167,7 @@ def test_nothing_is_written_where_a_set_or_the_line_cannot_be_made(changes: dict
 
 @cache
 def graph_paper() -> tuple[Robot, ProblemSet]:
-    return problem_set(load_suite("paper").blocks[0], 0)
+    return problem_set(load_suite("paper").of("budgets")[0], 0)
 
 
 def test_no_target_lies_on_two_sheets_of_graph_paper() -> None:
@@ -190,7 +191,7 @@ def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
 
 def test_a_wrong_option_of_a_set_is_named() -> None:
     suite = small()
-    block = suite.blocks[1]
+    block = suite.of("budgets")[1]
     block.options["counts"] = 3
     with pytest.raises(InvalidInput, match="counts"):
         problem_set(block, 0)
@@ -200,7 +201,7 @@ def test_nothing_half_written_is_left(small_run: RunFolder) -> None:
     assert not list(small_run.path.rglob("*.part"))
 
 
-@pytest.mark.parametrize("block", load_suite("paper").blocks, ids=lambda b: b.id)
+@pytest.mark.parametrize("block", load_suite("paper").of("budgets"), ids=lambda b: b.id)
 def test_problem_sets_of_the_paper_suite_are_what_they_say(block: object) -> None:
     robot, problems = problem_set(block, 2026)  # type: ignore[arg-type]
     assert isinstance(problems, ProblemSet)

@@ -14,21 +14,24 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks import first_use as first_use_module
-from benchmarks.batch import batch_rows
-from benchmarks.first_use import first_use_rows, run_first_use
-from benchmarks.fresh import ProcessFailed, fresh
-from benchmarks.judgement import judged, wrapped
+from benchmarks.kinds._contest import read_facts, timed
+from benchmarks.kinds._fresh import ProcessFailed, fresh
+from benchmarks.kinds.base import load_kind
+from benchmarks.kinds.batch.measures import judge as judge_batch
+from benchmarks.kinds.calls.judgement import judged, wrapped
+from benchmarks.kinds.calls.measures import MEASURES, judge, median_ratio, shared
+from benchmarks.kinds.calls.run import Caller, facts_file, read_rows, timed_part
+from benchmarks.kinds.first_use import run as first_use_module
+from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik._urdf import roll_pitch_yaw, urdf
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
-from benchmarks.speed import Contestant, shared, speed_facts, speed_rows, timed, timed_part
-from benchmarks.speed_suite import PEERS, Target
+from benchmarks.settings import Target
 from benchmarks.suite import suite_of
-from benchmarks.targets import Outcome, measure_batch, measure_calls, median_ratio, outcomes
+from benchmarks.targets import Outcome, measure_named, outcomes
 from optik.errors import InvalidInput
 from optik.registry import load_method, names
 from optik.se3 import from_xyz_rpy
@@ -75,7 +78,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 def rows_of(folder: RunFolder, index: int = 0) -> pl.DataFrame:
     suite = suite_of("quick", copy.deepcopy(QUICK))
-    rows = speed_rows(folder, suite.speed[index])
+    rows = read_rows(folder, suite.of("calls")[index])
     assert rows is not None
     return rows
 
@@ -94,8 +97,8 @@ def test_rows_hold_every_problem_of_every_method(quick: RunFolder) -> None:
 
 
 def test_an_absent_peer_is_a_row_that_says_how_to_install_it(quick: RunFolder) -> None:
-    block = suite_of("quick", copy.deepcopy(QUICK)).speed[0]
-    entries = speed_facts(quick, block)["entries"]
+    block = suite_of("quick", copy.deepcopy(QUICK)).of("calls")[0]
+    entries = read_facts(quick, facts_file(block), block.id)["entries"]
     assert entries["eaik"]["absent"] == "not installed: pip install EAIK"
     assert "absent" not in entries["plain"]
     assert entries["dls"]["kind"] == "ours"
@@ -118,7 +121,7 @@ def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
 
 
 def test_a_batch_is_counted_by_our_own_kinematics(quick: RunFolder) -> None:
-    rows = batch_rows(quick, suite_of("quick", copy.deepcopy(QUICK)).batch[0])
+    rows = load_kind("batch").rows(quick, suite_of("quick", copy.deepcopy(QUICK)).of("batch")[0])
     assert rows is not None
     assert rows["count"].to_list() == [300, 300]
     assert rows["solved"].to_list() == rows["claimed"].to_list()
@@ -150,7 +153,7 @@ def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None
     shutil.copytree(quick.path, tmp_path / "run")
     (tmp_path / "run" / "speed" / "warm.json").unlink()
     with pytest.raises(InvalidInput, match="warm"):
-        speed_facts(RunFolder(tmp_path / "run"), suite_of("quick", copy.deepcopy(QUICK)).speed[0])
+        load_kind("calls").read(RunFolder(tmp_path / "run"), suite_of("quick", copy.deepcopy(QUICK)).of("calls")[0])
 
 
 # ---------------------------------------------------------------- timing and judgement
@@ -165,12 +168,12 @@ def test_every_contestant_takes_all_problems_in_every_round() -> None:
     robot, problems = problems_of(6)
     seen: list[str] = []
 
-    def called(label: str) -> Contestant:
+    def called(label: str) -> Caller:
         def call(target: Any, q0: Any) -> Any:
             seen.append(label)
             return q0
 
-        return Contestant(label, call, True, lambda raw: raw[None], lambda raw: (1, 2), False, None)
+        return Caller(label, call, True, lambda raw: raw[None], lambda raw: (1, 2), False, None)
 
     rows = timed_part(robot, problems, np.arange(6), [called("a"), called("b")], rounds=3)
     blocks = seen[12:]  # after the warm-up of both
@@ -235,7 +238,7 @@ def test_measures_are_what_their_names_say() -> None:
         "p90_us": np.percentile(np.arange(1, 101), 90), "p99_us": np.percentile(np.arange(1, 101), 99),
     }  # fmt: skip
     for measure, value in expect.items():
-        found, note = measure_calls(table, Target(measure, "a", at_most=1.0))
+        found, note = judge(table, Target(measure, "a", at_most=1.0))
         assert found == pytest.approx(value)
         assert note.startswith("100 calls")
 
@@ -247,7 +250,7 @@ def test_a_ratio_is_on_the_problems_that_both_were_given() -> None:
     assert median_ratio(table, "a", "b") == pytest.approx(np.median([300, 9000]) / np.median([100, 1000]))
     assert np.isnan(median_ratio(table, "a", "c"))
     assert set(shared(table, ("a", "b"))["problem"]) == {1, 2}
-    assert measure_calls(table, Target("median_ratio", "a", "b", at_most=1.0))[1] == "2 problems, both"
+    assert judge(table, Target("median_ratio", "a", "b", at_most=1.0))[1] == "2 problems, both"
 
 
 @pytest.mark.parametrize(
@@ -261,7 +264,7 @@ def test_a_ratio_is_on_the_problems_that_both_were_given() -> None:
     ],
 )
 def test_a_bound_is_held_at_the_bound(value: float, bounds: dict[str, float], held: bool | None, asked: str) -> None:
-    outcome = Outcome("x", "X", Target("success", "a", **bounds), value, "")  # type: ignore[arg-type]
+    outcome = Outcome("x", "X", Target("success", "a", **bounds), measure_named(MEASURES, "success", "x"), value, "")  # type: ignore[arg-type]
     assert outcome.held is held
     assert outcome.asked == asked
 
@@ -273,12 +276,12 @@ def test_a_batch_is_judged_at_its_largest_number_of_threads() -> None:
             "extra_memory_mb": [900.0, 1.0, 5.0, 3.0],
         }
     )  # fmt: skip
-    assert measure_batch(table, Target("success"))[0] == 98.0
-    assert measure_batch(table, Target("million_per_second"))[0] == pytest.approx(49e-6)
-    assert measure_batch(table, Target("extra_memory_mb"))[0] == 5.0
+    assert judge_batch(table, Target("success"))[0] == 98.0
+    assert judge_batch(table, Target("million_per_second"))[0] == pytest.approx(49e-6)
+    assert judge_batch(table, Target("extra_memory_mb"))[0] == 5.0
     silent = table.with_columns(extra_memory_mb=pl.lit(None))
-    assert measure_batch(silent, Target("extra_memory_mb"))[1] == "the system does not say"
-    assert measure_batch(None, Target("success"))[1] == "it was not run"
+    assert judge_batch(silent, Target("extra_memory_mb"))[1] == "the system does not say"
+    assert judge_batch(None, Target("success"))[1] == "it was not run"
 
 
 # ---------------------------------------------------------------- peers
@@ -357,7 +360,9 @@ def test_the_urdf_of_an_arm_has_its_numbers() -> None:
 
 
 def test_a_fresh_process_prints_json_or_its_last_words_are_told() -> None:
-    assert fresh(["-c", "import benchmarks.fresh, json, os; print(json.dumps(os.environ['A']))"], "x", A="b") == "b"
+    assert (
+        fresh(["-c", "import benchmarks.kinds._fresh, json, os; print(json.dumps(os.environ['A']))"], "x", A="b") == "b"
+    )
     with pytest.raises(ProcessFailed, match=r"^batch 'x': ValueError: no"):
         fresh(["-c", "raise ValueError('no')"], "batch 'x'")
 
@@ -371,14 +376,14 @@ def test_first_use_compiles_once_and_then_starts_from_that(tmp_path: Path, monke
         return [0.1 * len(caches), 10.0 / len(caches)]
 
     monkeypatch.setattr(first_use_module, "fresh", process)
-    task = suite_of("x", {"first_use": {"robot": "paper6r", "solver": "dls", "repeats": 2}}).first_use
-    assert task is not None
-    folder = RunFolder(tmp_path)
-    (tmp_path / "speed").mkdir()
-    run_first_use(task, folder)
-    run_first_use(task, folder)  # what is there stays
+    task = suite_of("x", {"first_use": {"robot": "paper6r", "solver": "dls", "repeats": 2}}).of("first_use")[0]
+    folder, kind = RunFolder(tmp_path), load_kind("first_use")
+    kind.run(task, 0, folder, lambda what: None)
+    kind.run(task, 0, folder, lambda what: None)  # what is there stays
     assert len(set(caches)) == 1
     assert len(caches) == 3
-    assert first_use_rows(folder) == {
+    rows = kind.rows(folder, task)
+    assert rows is not None
+    assert dict(rows.group_by("measure").agg("seconds").iter_rows()) == {
         "compile_s": [10.0], "import_s": pytest.approx([0.2, 0.3]), "first_solve_s": pytest.approx([5.0, 10.0 / 3.0]),
     }  # fmt: skip

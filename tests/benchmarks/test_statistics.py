@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from scipy.stats import binomtest
 
-from benchmarks.metrics import METRICS, paired, succeeded, success
+from benchmarks.kinds.budgets.measures import MEASURES, paired, succeeded, success
 from benchmarks.statistics import binned, quantiles, wilson
 
 
@@ -65,7 +65,7 @@ def test_pairs_are_the_problems_that_every_method_was_run_on() -> None:
 
 def test_metrics_of_no_rows_are_undefined() -> None:
     schema = {"position_error": float, "rotation_error": float, "status": str, "iterations": int, "seconds": float}
-    for metric in METRICS:
+    for metric in MEASURES:
         values = metric.compute(pl.DataFrame(schema=schema))
         assert len(values) == len(metric.parts)
         assert all(math.isnan(v) for v in values)

@@ -18,7 +18,7 @@ from tests.benchmarks.conftest import SMALL
 def test_every_suite_that_comes_along_loads(name: str) -> None:
     suite = load_suite(name)
     assert suite.name == name
-    assert suite.blocks or suite.line or suite.speed or suite.timing
+    assert list(suite.pairs())
     assert suite.robots
 
 
@@ -29,8 +29,7 @@ def test_a_suite_is_read_from_a_file(tmp_path: Path) -> None:
     )
     suite = load_suite(str(file))
     assert suite.name == "mine"
-    assert suite.line is not None
-    assert suite.line.samples == 151
+    assert suite.of("plans")[0].samples == 151
 
 
 def test_the_fingerprint_depends_on_the_settings_alone() -> None:
@@ -178,18 +177,18 @@ def test_a_wrong_setting_of_timing_is_named(path: list[Any], value: Any, error: 
 
 def test_a_timing_block_looks_closely_at_its_first_line_that_is_near_singular() -> None:
     suite = suite_of("timing", copy.deepcopy(TIMING))
-    assert suite.timing[0].labels == ("ruckig", "toppra", "toppra spline")
-    assert (suite.timing[0].plan, suite.timing[0].example.kind) == ("ruckig", "regular")
+    assert suite.of("laws")[0].labels == ("ruckig", "toppra", "toppra spline")
+    assert (suite.of("laws")[0].plan, suite.of("laws")[0].example.kind) == ("ruckig", "regular")
     lines = TIMING["timing"][0]["lines"]
     more = _changed(["timing", 0, "lines"], [*lines, {"robot": "ur5e", "kind": "near_singular", "count": 1}], TIMING)
-    example = suite_of("timing", more).timing[0].example
+    example = suite_of("timing", more).of("laws")[0].example
     assert (example.robot, example.kind, example.limits) == ("ur5e", "near_singular", "2.0, 10.0, 100.0")
 
 
 def test_labels_of_peers_are_their_names_and_targets_ask_of_the_first_method() -> None:
     suite = suite_of("speed", copy.deepcopy(SPEED))
-    assert suite.speed[0].labels == ("dls", "plain casadi")
-    assert suite.speed[0].targets[0].method == suite.speed[0].reference == "dls"
+    assert suite.of("calls")[0].labels == ("dls", "plain casadi")
+    assert suite.of("calls")[0].targets[0].method == suite.of("calls")[0].reference == "dls"
 
 
 def test_an_empty_suite_is_refused() -> None:
@@ -215,4 +214,4 @@ def test_blocks_of_different_kinds_have_files_of_their_own_too() -> None:
     with pytest.raises(InvalidInput, match="ids 'near é start' and 'Near-Start'"):
         suite_of("both", data)
     data["speed"][0]["id"] = "near e start"
-    assert suite_of("both", data).speed[0].id == "near e start"
+    assert suite_of("both", data).of("calls")[0].id == "near e start"

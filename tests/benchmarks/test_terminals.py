@@ -71,7 +71,7 @@ INTERRUPTED = """
 import json, os, sys
 from pathlib import Path
 from benchmarks import suite
-from benchmarks.cli import app as cli
+from benchmarks.cli import bench as cli
 from tests.benchmarks.conftest import SMALL
 
 out, number, after = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])

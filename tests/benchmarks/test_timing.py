@@ -13,8 +13,16 @@ import polars as pl
 import pytest
 from scipy.optimize import linprog
 
-from benchmarks.lines import DrawnLine, draw_line
+from benchmarks.kinds._contest import read_facts
+from benchmarks.kinds.base import load_kind
+from benchmarks.kinds.laws.example import maximum_velocity
+from benchmarks.kinds.laws.facts import SCHEMA, blank
+from benchmarks.kinds.laws.lines import DrawnLine, draw_line
+from benchmarks.kinds.laws.measures import judge
+from benchmarks.kinds.laws.rows import read_rows
+from benchmarks.kinds.laws.run import example_file, facts_file, part_files
 from benchmarks.peers.ik.base import Absent
+from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer
 from benchmarks.records import RunFolder
 from benchmarks.report.numbers import ratio
@@ -22,11 +30,6 @@ from benchmarks.run import run_suite
 from benchmarks.settings import Target
 from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import outcomes
-from benchmarks.timing import example_part, timing_parts
-from benchmarks.timing_example import maximum_velocity
-from benchmarks.timing_facts import SCHEMA, blank
-from benchmarks.timing_rows import measure_timing, timing_facts, timing_rows
-from benchmarks.timing_suite import TIMING_PEERS
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
@@ -81,7 +84,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 
 def rows_of(folder: RunFolder) -> pl.DataFrame:
-    rows = timing_rows(folder, quick_suite().timing[0])
+    rows = read_rows(folder, quick_suite().of("laws")[0])
     assert rows is not None
     return rows
 
@@ -102,7 +105,7 @@ def test_every_law_has_every_line_and_a_peer_the_first_of_each_set(quick: RunFol
 
 
 def test_an_absent_peer_says_how_to_install_it(quick: RunFolder) -> None:
-    entries = timing_facts(quick, quick_suite().timing[0])["entries"]
+    entries = read_facts(quick, facts_file(quick_suite().of("laws")[0]), "few lines")["entries"]
     assert entries["copp"]["absent"] == "not installed: pip install copp-py"
     assert "absent" not in entries["splines"]
     assert entries["reference"]["kind"] == "reference"
@@ -148,7 +151,7 @@ def test_the_quintic_breaks_nothing_at_its_least_duration(quick: RunFolder) -> N
 
 def test_a_stopped_run_is_continued_with_the_same_answers(quick: RunFolder, tmp_path: Path) -> None:
     shutil.copytree(quick.path, tmp_path / "run")
-    parts = timing_parts(quick_suite().timing[0])
+    parts = part_files(quick_suite().of("laws")[0])
     assert len(parts) == 2
     (tmp_path / "run" / parts[1]).unlink()
     kept = (tmp_path / "run" / parts[0]).stat().st_mtime_ns
@@ -176,7 +179,7 @@ def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None
     shutil.copytree(quick.path, tmp_path / "run")
     (tmp_path / "run" / "timing" / "few-lines.json").unlink()
     with pytest.raises(InvalidInput, match="few lines"):
-        timing_facts(RunFolder(tmp_path / "run"), quick_suite().timing[0])
+        load_kind("laws").read(RunFolder(tmp_path / "run"), quick_suite().of("laws")[0])
 
 
 # ---------------------------------------------------------------- T* and targets
@@ -236,11 +239,11 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
         "truth_over_bound": 2.0, "bound_over_truth": 1.0 / 0.99,
     }  # fmt: skip
     for measure, value in wanted.items():
-        assert measure_timing(table, Target(measure, "a"))[0] == pytest.approx(value), measure
-    assert measure_timing(table, Target("worst_optimum", "a", group="regular"))[0] == pytest.approx(1.5)
-    assert measure_timing(table, Target("worst_ratio", "a", group="near_singular")) == (1.2, "1 motions")
-    assert measure_timing(table, Target("worst_ratio", "a"))[1] == "3 motions of 4 asked"
-    assert np.isnan(measure_timing(table, Target("worst_ratio", "b"))[0])
+        assert judge(table, Target(measure, "a"))[0] == pytest.approx(value), measure
+    assert judge(table, Target("worst_optimum", "a", group="regular"))[0] == pytest.approx(1.5)
+    assert judge(table, Target("worst_ratio", "a", group="near_singular")) == (1.2, "1 motions")
+    assert judge(table, Target("worst_ratio", "a"))[1] == "3 motions of 4 asked"
+    assert np.isnan(judge(table, Target("worst_ratio", "b"))[0])
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
@@ -294,9 +297,9 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
 
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
 
-    monkeypatch.setattr("benchmarks.timing.build_timing_peer", lambda *a: Failing({}))
+    monkeypatch.setattr("benchmarks.kinds.laws.run.build_timing_peer", lambda *a: Failing({}))
     settings = copy.deepcopy(QUICK)
-    settings["timing"][0] |= {"lines": QUICK["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
+    settings["timing"][0] |= {"lines": settings["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
     settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}
     settings["timing"][0]["lines"][0]["count"] = 1
     suite = suite_of("quick", settings)
@@ -323,8 +326,8 @@ def test_the_maximum_velocity_curve_is_the_optimum_of_a_linear_programme() -> No
 
 
 def test_speeds_of_laws_that_keep_their_limits_stay_below_the_curves(quick: RunFolder) -> None:
-    block = quick_suite().timing[0]
-    motions, curve, binding = (quick.read(example_part(block, name)) for name in ("motions", "curve", "binding"))
+    block = quick_suite().of("laws")[0]
+    motions, curve, binding = (quick.read(example_file(block, name)) for name in ("motions", "curve", "binding"))
     assert motions is not None
     assert curve is not None
     assert binding is not None
@@ -383,7 +386,7 @@ def test_an_absent_peer_stays_in_the_tables_and_verdicts_are_shown(page: Page) -
     assert page.text.count("not installed: pip install copp-py") >= 2
     looks = [a["class"] for t, a in page.tags if t == "span" and "badge" in a.get("class", "")]
     assert looks == [f"badge {look}" for look in ("good", "good", "bad", "none", "good", "none")]
-    assert "T that would break nothing" in page.text
+    assert "T without violation" in page.text
 
 
 def test_a_ratio_shows_on_which_side_of_one_it_is() -> None:

@@ -1,4 +1,4 @@
-"""What every IK method owes its caller; a new file in optik/ik is in here at once."""
+"""What every IK method owes its caller; a new file in optik/ik is in here at once, and so is a plug-in."""
 
 import pickle
 import subprocess
@@ -12,19 +12,23 @@ import optik
 from optik import IKResult, IKStatus, Tolerance
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik import IKSolver, make_solver
+from optik.plugins.files import is_path
+from optik.registry import load_method, short_name
 from tests import oracles
+from tests.outside import everything
 
 ROBOT, ARM = optik.load("paper6r"), oracles.table("paper6r")
 START = np.radians([20, -35, 40, 25, 50, -30])
 
 
 class Method(NamedTuple):
+    asked: str  # a name, or the path of a plug-in
     name: str
     build: Any
     solver: IKSolver
 
 
-@pytest.fixture(scope="module", params=optik.ik.solvers())
+@pytest.fixture(scope="module", params=everything("optik.ik"), ids=short_name)
 def method(request):
     """One method by its name, built for the paper's arm."""
 
@@ -32,7 +36,7 @@ def method(request):
         return make_solver(ROBOT, request.param, **options)
 
     try:
-        return Method(request.param, build, build())
+        return Method(request.param, short_name(request.param), build, build())
     except MissingDependency as error:
         pytest.skip(str(error))
 
@@ -212,13 +216,15 @@ def test_restarts_solve_more_and_the_same_in_every_solver(method):
 
 def test_solve_ik_answers_as_the_class_does(method):
     kind = type(method.solver)
-    assert getattr(optik.ik, kind.__name__) is kind
+    assert load_method("optik.ik", method.asked) is kind
+    if not is_path(method.asked):
+        assert getattr(optik.ik, kind.__name__) is kind
     assert kind.name == method.name
     for target, start in anywhere(6, 77):
         expected = kind(ROBOT).solve(target, start, trace=True)
-        same(optik.solve_ik(ROBOT, target, start, solver=method.name, trace=True), expected)
+        same(optik.solve_ik(ROBOT, target, start, solver=method.asked, trace=True), expected)
     few = kind(ROBOT, max_iterations=1, max_restarts=2).solve(target, start)
-    same(optik.solve_ik(ROBOT, target, start, method.name, max_iterations=1, max_restarts=2), few)
+    same(optik.solve_ik(ROBOT, target, start, method.asked, max_iterations=1, max_restarts=2), few)
 
 
 @pytest.mark.parametrize("name", optik.robots())
@@ -298,7 +304,7 @@ BAD = {
 
 @pytest.mark.parametrize(("target", "start", "argument"), BAD.values(), ids=BAD.keys())
 def test_what_cannot_be_meant_is_refused_by_name(method, target, start, argument):
-    for call in (method.solver.solve, lambda T, q: optik.solve_ik(ROBOT, T, q, solver=method.name)):
+    for call in (method.solver.solve, lambda T, q: optik.solve_ik(ROBOT, T, q, solver=method.asked)):
         with pytest.raises(InvalidInput) as caught:
             call(target, start)
         assert caught.value.argument == argument
@@ -323,6 +329,6 @@ def test_a_method_says_nothing_aloud(method, capfd):
 
 def test_a_method_has_a_name_a_docstring_and_one_class(method):
     kind = type(method.solver)
-    assert kind.__module__ == f"optik.ik.{method.name}"
+    assert is_path(method.asked) or kind.__module__ == f"optik.ik.{method.name}"
     assert kind.__doc__
     assert issubclass(kind, IKSolver)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import sys
 from functools import cache
 from textwrap import dedent
 from typing import Any
@@ -15,11 +16,13 @@ from scipy.spatial.transform import Rotation
 from optik.arm.library import load
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
+from optik.registry import load_method, short_name
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, Polyline, follow, path_of, paths, plan
+from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, path_of, plan
 from tests import oracles
 from tests.contract import test_plans
 from tests.oracles import PAPER
+from tests.outside import everything, outside
 from tests.planners.cases import START, paper6r
 
 TURN = 1e-3
@@ -88,9 +91,17 @@ def _joint_lines() -> dict[str, Path]:
     }
 
 
+def _plugin(file: str) -> dict[str, Path]:
+    """Paths of a plug-in, from the data in its EXAMPLES, with their start where the others have theirs."""
+    module = sys.modules[load_method("planners.paths", file).__module__]
+    start = {"start": reached((0, 0, 0)).tolist()}
+    return {kind: make_path(file, paper6r(), **(start | data)) for kind, data in module.EXAMPLES.items()}
+
+
 @cache
 def examples() -> dict[str, dict[str, Path]]:
-    return {"arc": _arcs(), "joint_line": _joint_lines(), "line": _lines(), "polyline": _polylines()}
+    ours = {"arc": _arcs(), "joint_line": _joint_lines(), "line": _lines(), "polyline": _polylines()}
+    return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
 
 
 CASES = [(name, kind) for name, kinds in examples().items() for kind in kinds]
@@ -113,7 +124,7 @@ def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
 
 
 def test_every_file_has_examples_here_and_is_a_path() -> None:
-    assert set(examples()) == set(paths())
+    assert set(examples()) == set(map(short_name, everything("planners.paths")))
     for name, kinds in examples().items():
         for path in kinds.values():
             assert isinstance(path, Path)
@@ -175,7 +186,7 @@ def test_plain_data_give_the_same_path_to_the_last_bit(name: str, kind: str) -> 
         np.testing.assert_array_equal(again(s, order), path(s, order))
 
 
-@pytest.mark.parametrize("name", paths())
+@pytest.mark.parametrize("name", map(short_name, everything("planners.paths")))
 def test_data_that_describe_no_such_path_are_refused(name: str) -> None:
     path = next(iter(examples()[name].values()))
     good = path.to_dict()
@@ -308,7 +319,7 @@ def test_the_bounds_that_a_certificate_rests_on_are_not_far_above_the_truth(name
     path = examples()[name][kind]
     found, slack = largest(path, 301).max(axis=0), 1e-9 + rounding(path).max(axis=0)
     with np.errstate(invalid="ignore"):
-        assert (path.derivative_bounds() <= np.array(TIGHT[name]) * (found + slack)).all()
+        assert (path.derivative_bounds() <= np.array(TIGHT.get(name, TIGHT["polyline"])) * (found + slack)).all()
 
 
 # ---------------------------------------------------------------- nearest

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from optik.errors import InvalidInput, NoSolution
+from optik.registry import short_name
 from optik.types import Array
-from planners import JointPath, Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, laws, make_law, plan
+from planners import JointPath, Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, make_law, plan
 from planners.limits import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
 from tests import oracles
 from tests.oracles import PAPER
+from tests.outside import everything
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, paper6r, random_joint_paths
 
@@ -25,7 +27,7 @@ PROMISE = {"toppra": 1.0 + 2e-5}
 ON_PATH = {"quintic": 2e-5}
 """Largest distance to the path [m]; the paper's law leaves it between its samples."""
 
-every_law = pytest.mark.parametrize("law", laws())
+every_law = pytest.mark.parametrize("law", everything("planners.timing"), ids=short_name)
 every_line = pytest.mark.parametrize("line", LINES, ids="line{}".format)
 every_set = pytest.mark.parametrize("limits", SETS)
 
@@ -55,7 +57,7 @@ def instants(trajectory: Trajectory, count: int) -> Array:
 def test_a_law_says_its_name_and_what_it_keeps(law: str) -> None:
     built = make_law(law)
     assert isinstance(built, TimeLaw)
-    assert built.name == law
+    assert built.name == short_name(law)
     assert isinstance(built.keeps, tuple)
     assert set(built.keeps) <= set(ALL_LIMITS)
     assert built.keeps == joint_limits(law) + tuple(f for f in TOOL_SPEEDS if f in built.keeps)
@@ -336,7 +338,7 @@ def sharp_corners() -> Plan:
     return plan(robot, Polyline(poses, blend=1e-4), cases.START, limits=MotionLimits(2.0, 10.0, 100.0))
 
 
-@pytest.mark.parametrize("law", [law for law in laws() if make_law(law).keeps])
+@pytest.mark.parametrize("law", [law for law in everything("planners.timing") if make_law(law).keeps], ids=short_name)
 def test_sharp_corners_are_kept_to_and_certified(law: str) -> None:
     followed = sharp_corners().joint_path
     assert followed is not None

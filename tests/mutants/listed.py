@@ -40,6 +40,7 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
+LIMITS = "tests/planners/test_limits.py"
 FILES = (
     "tests/contract/test_file_formats.py",
     "tests/planners/test_export.py",
@@ -52,6 +53,17 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/continuity.py": CERTIFICATE[1:],
     "planners/certificate/coverage.py": (CERTIFICATE[3], *CERTIFICATE[1:3]),
     "planners/certificate/path_error.py": CERTIFICATE,
+    "planners/certificate/path_bounds.py": CERTIFICATE,
+    "planners/certificate/dividing.py": CERTIFICATE,
+    "planners/certificate/nearest.py": (CERTIFICATE[4], *CERTIFICATE[1:4], CERTIFICATE[5]),
+    "planners/certificate/active.py": CERTIFICATE[1:],
+    "planners/certificate/singularity.py": CERTIFICATE[1:],
+    "planners/limits/base.py": (LIMITS, *CERTIFICATE),
+    "planners/limits/_derivative.py": (LIMITS, *CERTIFICATE),
+    "planners/limits/_tool.py": (LIMITS, *CERTIFICATE),
+    "planners/limits/_motion_limits.py": (LIMITS, "tests/planners/test_plan.py"),
+    "planners/curve.py": (LIMITS, *LAWS[::-1]),
+    "planners/fit.py": (LIMITS, *LAWS[::-1]),
     "planners/certificate/bounds.py": CERTIFICATE,
     "planners/certificate/progress.py": (CERTIFICATE[4], *CERTIFICATE[1:4], CERTIFICATE[5]),
     "planners/certificate/tool_speed.py": CERTIFICATE,
@@ -86,9 +98,15 @@ DRAWN = (
     "planners/certificate/continuity.py",
     "planners/certificate/coverage.py",
     "planners/certificate/path_error.py",
+    "planners/certificate/path_bounds.py",
+    "planners/certificate/dividing.py",
+    "planners/certificate/nearest.py",
     "planners/certificate/bounds.py",
     "planners/certificate/progress.py",
     "planners/certificate/tool_speed.py",
+    "planners/limits/base.py",
+    "planners/limits/_derivative.py",
+    "planners/limits/_tool.py",
     "planners/extrema.py",
     "planners/following/follow.py",
     "planners/following/track.py",
@@ -111,18 +129,18 @@ DRAWN = (
 
 LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/certificate/bounds.py", "fourth * h**4 / 384.0)", "fourth * h**4 / 3840.0)"),
-    ("planners/certificate/path_error.py", "6.0 * a[2] * b[2]", "3.0 * a[2] * b[2]"),
-    ("planners/certificate/path_error.py", "float(np.sqrt(3.0) * fourth)", "float(fourth)"),
-    ("planners/certificate/path_error.py", "max(abs(v0), abs(v1)) + j * h * h / 8.0", "max(abs(v0), abs(v1))"),
-    ("planners/certificate/path_error.py", "3.0 * b2 * v * a", "b2 * v * a"),
-    ("planners/certificate/certificate.py", "EXACT = 1e-12", "EXACT = 1e-4"),
+    ("planners/certificate/path_bounds.py", "6.0 * a[2] * b[2]", "3.0 * a[2] * b[2]"),
+    ("planners/certificate/path_bounds.py", "float(np.sqrt(3.0) * fourth)", "float(fourth)"),
+    ("planners/certificate/path_bounds.py", "max(abs(v0), abs(v1)) + j * h * h / 8.0", "max(abs(v0), abs(v1))"),
+    ("planners/certificate/path_bounds.py", "3.0 * b2 * v * a", "b2 * v * a"),
+    ("planners/certificate/certificate.py", "RATIO_ROUNDING = 1e-12", "RATIO_ROUNDING = 1e-4"),
     (
-        "planners/certificate/certificate.py",
-        "for field in DERIVATIVES[order:]:",
-        "for field in DERIVATIVES[order : order + 1]:",
+        "planners/limits/_derivative.py",
+        "for order in range(self.order):",
+        "for order in range(self.order - 1, self.order):",
     ),
-    ("planners/certificate/certificate.py", "speed = np.maximum(", "speed = np.minimum("),
-    ("planners/certificate/certificate.py", "if high - low <= 1e-4 *", "if high - low <= 1e-1 *"),
+    ("planners/limits/_tool.py", "speed = np.maximum(", "speed = np.minimum("),
+    ("planners/certificate/singularity.py", "GRID_WIDTH = 1e-4", "GRID_WIDTH = 1e-1"),
     ("planners/following/follow.py", "np.abs(x[0] - tracked).max() <= 1e-6", "np.abs(x[0] - tracked).max() <= 0.1"),
     (
         "planners/following/follow.py",
@@ -131,7 +149,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ),
     ("planners/timing/_optimal/newton.py", "TERMINAL = 1e4", "TERMINAL = 1e-1"),
     ("planners/timing/_optimal/iteration.py", "if product < 1e-150 or product > 1e150:", "if product > 1e150:"),
-    ("planners/timing/base.py", "3.0 * q2 * v * a", "2.0 * q2 * v * a"),
+    ("planners/curve.py", "(1.0, 3.0, 1.0))", "(1.0, 2.0, 1.0))"),
     ("optik/task.py", "c = 1.0 / 12.0 if", "c = 1.0 / 6.0 if"),
     ("benchmarks/records.py", 'known=pl.col("known") | solved', 'known=pl.col("known")'),
 )
@@ -139,14 +157,14 @@ LISTED: tuple[tuple[str, str, str], ...] = (
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
-        "planners/certificate/tool_speed.py",
+        "planners/certificate/dividing.py",
         "loose[k] = loose[k] and number <= room",
         "loose[k] = loose[k] and number < room",
     ): "one interval more or fewer of 200,000: the bound is proved with either",
     (
-        "planners/certificate/certificate.py",
-        "low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], 9",
-        "low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], 8",
+        "planners/certificate/singularity.py",
+        "GRID_INSTANTS, FINER_INSTANTS = 121, 9",
+        "GRID_INSTANTS, FINER_INSTANTS = 121, 8",
     ): "eight places or nine around the least: the least of them is the same to 1e-8",
     (
         "planners/certificate/bounds.py",

@@ -410,9 +410,12 @@ def test_an_unknown_solver_is_answered_with_the_nearest_names():
     assert caught.value.kind == "IK method"
     assert caught.value.nearest[0] == "ipopt"
     assert caught.value.known == optik.ik.solvers()
-    for hidden in ("base", "_casadi", "__init__", "", "../ik/dls", "dls.py"):
+    for hidden in ("base", "_casadi", "__init__", ""):
         with pytest.raises(UnknownName):
             optik.solve_ik(PAPER, TARGET, START, solver=hidden)
+    for path in ("../ik/dls", "dls.py"):
+        with pytest.raises(InvalidInput, match=r"^IK method: expected a file"):
+            optik.solve_ik(PAPER, TARGET, START, solver=path)
 
 
 def test_an_unknown_option_is_refused_by_name():

@@ -20,8 +20,10 @@ from optik.types import Array
 from planners import Arc, Line, Path, Polyline, Trajectory
 from planners.certificate import path_error as deviation
 from planners.certificate import tool_speed as speeds
-from planners.certificate.bounds import bell, hermite_bound, joint_bounds, tool_bounds
-from planners.certificate.path_error import PieceBounds, path_error, path_rates, product_bound
+from planners.certificate.bounds import hermite_bound, joint_bounds, tool_bounds
+from planners.certificate.path_bounds import PieceBounds, path_rates, product_bound
+from planners.certificate.path_error import path_error
+from planners.curve import bell
 from planners.hermite import through
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
@@ -198,7 +200,7 @@ def cubic(s0: float, v0: float, s1: float, v1: float, h: float) -> Polynomial:
 
 def rates(limits: PieceBounds, s0: float, s1: float, v0: float, v1: float, h: float) -> Array:
     out = np.empty((2, 5))
-    path_rates(limits, s0, s1, v0, v1, h, out)
+    path_rates(limits, (s0, s1), (v0, v1), h, out)
     return out
 
 
@@ -333,9 +335,9 @@ def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
         pieces = bounds.knots.size - 1
         return np.arange(pieces), *bounds.ends, np.ones(pieces + 1, np.bool_)
 
-    monkeypatch.setattr(deviation, "MOST", 0)
+    monkeypatch.setattr(deviation, "ERROR_INTERVALS", 0)
     monkeypatch.setattr(deviation, "_first_look", whole)
-    monkeypatch.setattr(speeds, "MOST", 0)
+    monkeypatch.setattr(speeds, "SPEED_INTERVALS", 0)
 
 
 def one_joint(robot: Robot, q: Array, joint: int, c: Array, h: float) -> Trajectory:

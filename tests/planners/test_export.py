@@ -112,7 +112,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "a robot that is none": (set_to("robot", "fixed", 2, 0, 0, value=7.0), "joint 3"),
     "two joints of a name": (set_to("robot", "joint_names", 1, value="joint1"), "different names"),
     "crossed limits": (set_to("robot", "limits", "lower", 0, value=99.0), "lower ≤ upper"),
-    "a path of no kind": (set_to("path", "path", value="spiral"), "path"),
+    "a path of no kind": (set_to("path", "path", value="no_such_path"), "path"),
     "a path without its goal": (lambda d: d["path"].pop("goal"), "goal"),
     "a path from no pose": (set_to("path", "start", value=[[1.0]]), "start"),
     "no path": (set_to("path", value=[]), "path"),

@@ -209,7 +209,7 @@ def test_intervals_that_cannot_be_meant_are_refused(wrong: Any) -> None:
 
 def test_a_gentle_start_leads_to_the_same_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = make_law("optimal").run(default_joint_path(), LIMITS)
-    monkeypatch.setattr(optimal, "ATTEMPTS", ())
+    monkeypatch.setattr(optimal, "START_ATTEMPTS", ())
     gentle = make_law("optimal").run(default_joint_path(), LIMITS)
     assert gentle.duration == pytest.approx(usual.duration, rel=5e-3)
     assert not np.array_equal(gentle.knots, usual.knots)

@@ -14,7 +14,8 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc, Line, Polyline
 from planners.certificate.bounds import Instants
-from planners.certificate.progress import Nearest, places_along
+from planners.certificate.nearest import Nearest
+from planners.certificate.progress import places_along
 from planners.paths.base import Path
 
 quick = settings(
@@ -145,5 +146,5 @@ def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: An
     points += 0.15 / count * rng.normal(size=(count, 3))
     path = Polyline([se3.pose(np.eye(3), p) for p in points], blend=1e-3)
     s = path.places(4 * count, 3)
-    monkeypatch.setattr(progress, "MOST", 60 * s.size)
+    monkeypatch.setattr(progress, "MOST_PAIRS", 60 * s.size)
     np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import PPoly
 
 from planners import MotionLimits, Trajectory
-from planners.splice import LITTLE, begun, held, joined, rest_of
+from planners.splice import FADE_SHARE, begun, held, joined, rest_of
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 
@@ -67,7 +67,7 @@ def test_a_motion_begins_at_the_state_and_comes_back_to_itself_gently(size: floa
         assert np.abs(new.jumps(order)).max() <= most
     t = np.linspace(0.0, 0.999, 997)
     assert np.abs(new(t) - smooth(t)).max() <= 10.0 * size
-    assert np.abs(new(t, 3) - smooth(t, 3)).max() <= LITTLE * 100.0 + 1e-6 or size == 1e-6
+    assert np.abs(new(t, 3) - smooth(t, 3)).max() <= FADE_SHARE * 100.0 + 1e-6 or size == 1e-6
     over = np.abs(new(t, 3) - smooth(t, 3)).max(axis=1) > 1e-7
     assert over[0]
     assert size == 1e-6 or not over[-500:].any(), "it is the motion itself from then on"

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.speed_suite import PEERS
+from benchmarks.peers.ik import PEERS
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import load_method
@@ -246,3 +246,7 @@ def none(robot: Robot) -> Array:
         No configurations [rad, m].
     """
     return np.empty((0, robot.n))
+
+
+METHOD_BASE = Peer
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

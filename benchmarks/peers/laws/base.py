@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 from benchmarks.peers.ik.base import Absent, built_or_absent
-from benchmarks.timing_suite import TIMING_PEERS
+from benchmarks.peers.laws import TIMING_PEERS
 from optik.registry import load_method
 from optik.types import Array
 from planners.following.follow import JointPath
@@ -107,3 +107,7 @@ def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absen
     """
     peer: TimingPeer | Absent = built_or_absent(load_method(TIMING_PEERS, name, "peer of timing"), limits)
     return peer
+
+
+METHOD_BASE = TimingPeer
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""

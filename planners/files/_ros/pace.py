@@ -13,7 +13,7 @@ from optik.types import Array
 from planners.controller import POINTS, points_of
 from planners.files._ros.message import SECOND, Form, Times, controlled, message_of
 from planners.fit import stretch
-from planners.limits import DERIVATIVES, SAME_SPEED, TOOL_SPEEDS
+from planners.limits import SAME_SPEED
 from planners.motion import Motion
 from planners.splice import held
 from planners.trajectory import Trajectory
@@ -88,7 +88,7 @@ def judged_fields(motion: Motion, form: Form) -> tuple[str, ...]:
     tuple of str
         Names of limits.
     """
-    possible = DERIVATIVES[: points_of(form.interpolation)] + TOOL_SPEEDS
+    possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
     return tuple(field for field in motion.keeps if field in possible)
 
 

@@ -21,14 +21,26 @@ from optik.types import Array
 from planners.timing._optimal.newton import Iterate, Problem, back, first, forth
 
 MET = 1e-5
-"""What the dynamics of an interval may leave at the end, over its length."""
+"""Residual of the dynamics of an interval that is accepted, over its length."""
 TRUE = 1e-4
-"""What that may change in the jerk of any joint, over its limit: in brief intervals far more than in s."""
+"""Change of a joint's jerk by that residual that is accepted, over its limit: in brief intervals it is the stricter test."""
 
 
 @compiled
 def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
-    """Residuals of the dynamics and values of the limits at z, see `Iterate`."""
+    """Residuals of the dynamics and values of the limits, see `Iterate`.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is given.
+    z : (K + 1, 4) array
+        v, a, τ, j [as the problem].
+    g : (K, 3) array
+        Filled with the residuals [as the problem].
+    c : (K + 1, 3·n) array
+        Filled with the values over their limits [1].
+    """
     node, edge = problem.node, problem.edge
     K, n = problem.ds.shape[0], node.shape[1]
     for k in range(K + 1):
@@ -44,32 +56,6 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
         for i in range(n):
             c[k, n + i] = edge[k, 0, i, 0] * j + edge[k, 0, i, 1] * v * a + edge[k, 0, i, 2] * v * v * v
             c[k, 2 * n + i] = edge[k, 1, i, 0] * j + edge[k, 1, i, 1] * w * b + edge[k, 1, i, 2] * w * w * w
-
-
-@compiled
-def limited(
-    q1: Array,
-    q2: Array,
-    q3: Array,
-    acceleration: Array,
-    jerk: Array,
-    length: float,
-    time: float,
-    node: Array,
-    edge: Array,
-) -> None:
-    """Fill a problem's `node` and `edge` from q', q'' (K + 1, n), q''' (2 K, n: at the starts, then the ends) and limits."""
-    K = edge.shape[0]
-    v1, v2, v3 = length / time, (length / time) ** 2, (length / time) ** 3
-    for i in range(q1.shape[1]):
-        A, J = 1.0 / acceleration[i], 1.0 / jerk[i]
-        for k in range(K + 1):
-            node[k, i, 0], node[k, i, 1] = q1[k, i] * v1 / time * A, q2[k, i] * v2 * A
-        for k in range(K):
-            for side in range(2):
-                edge[k, side, i, 0] = q1[k + side, i] * v1 / time**2 * J
-                edge[k, side, i, 1] = 3.0 * q2[k + side, i] * v2 / time * J
-                edge[k, side, i, 2] = q3[k + side * K, i] * v3 * J
 
 
 @compiled
@@ -161,6 +147,11 @@ def _better(passed: Array, count: int, objective: float, off: float, small: floa
     """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
 
     Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
+
+    Returns
+    -------
+    bool
+        True where it is taken.
     """
     last = passed[0, count - 1]
     if off < small and objective <= last + 1e-9 * abs(last):
@@ -190,6 +181,18 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
             for i in range(3 * n):
                 at.slack[k, side, i] = max(1.0 - sign * at.c[k, i], 1e-2)
                 at.dual[k, side, i] = mu * problem.tau[k] / at.slack[k, side, i]
+
+
+@compiled
+def _move(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
+    """Put the unknowns and the slacks after a step of length alpha into the trial point."""
+    K, rows = at.g.shape[0], at.c.shape[1]
+    for k in range(K + 1):
+        for i in range(4):
+            trial.z[k, i] = at.z[k, i] + alpha * d[k, i]
+        for side in range(2):
+            for i in range(rows):
+                trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
 
 
 @compiled
@@ -246,9 +249,25 @@ def _iterate(K: int, rows: int) -> Iterate:
 
 @compiled
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
-    """Optimise z (K + 1, 4) = v, a, τ, j in place; its first state and the problem's goal are kept.
+    """Optimise z in place; its first state and the problem's goal are kept.
 
-    Returns the iterations taken, or −1 where it got stuck.
+    Parameters
+    ----------
+    problem : Problem
+        What is given.
+    z : (K + 1, 4) array
+        v, a, τ, j: the initial guess, then the solution [as the problem].
+    mu : float
+        First barrier weight, over the mean duration of an interval.
+    least : float
+        Last barrier weight.
+    most : int
+        Most iterations.
+
+    Returns
+    -------
+    int
+        Iterations taken; −1 where none of them led on.
     """
     K, n = problem.ds.shape[0], problem.node.shape[1]
     rows = 3 * n
@@ -272,12 +291,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
         passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
         count, off = count + 1, 0.0
         for _ in range(12):
-            for k in range(K + 1):
-                for i in range(4):
-                    trial.z[k, i] = at.z[k, i] + alpha * d[k, i]
-                for side in range(2):
-                    for i in range(rows):
-                        trial.slack[k, side, i] = at.slack[k, side, i] + alpha * dslack[k, side, i]
+            _move(at, alpha, d, dslack, trial)
             values(problem, trial.z, trial.g, trial.c)
             objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
             if _better(passed, count, objective, off, 1e-6 * K):

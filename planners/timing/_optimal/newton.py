@@ -14,12 +14,12 @@ from optik.compiled import compiled, inlined
 from optik.types import Array
 
 TERMINAL = 1e4
-"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier takes up what it leaves.
+"""Weight of the state at the end in the sweep, in the units of the last interval; its multiplier removes the remaining error.
 
-All that the sweep carries back is rounded to this: weights far above what it compares with drown the pivots."""
+Rounding in the backward sweep is relative to this: far larger weights make the pivots meaningless."""
 
 PIVOT = 1e-8
-"""Curvature of the model in a stage's free number, in the stage's units, below which it is rounding."""
+"""Least curvature of the model in a stage's free number, in the stage's units: below it is rounding."""
 
 
 class Problem(NamedTuple):
@@ -61,7 +61,20 @@ class Iterate(NamedTuple):
 
 @inlined
 def first(k: int, n: int) -> int:
-    """First limit of a place: the state at the start is given, so its acceleration is no limit."""
+    """First limit of a place that is judged: the state at the start is given, so its acceleration is not.
+
+    Parameters
+    ----------
+    k : int
+        The place.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    int
+        0 or n.
+    """
     return n if k == 0 else 0
 
 
@@ -147,7 +160,7 @@ def _fold(z: Array, g: Array, M: Array, m: Array, Q: Array, q: Array) -> None:
 
 @inlined
 def _place_row(z: Array, row: Array) -> int:
-    """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it shall determine."""
+    """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it determines."""
     v, a, tau, j = z[0], z[1], z[2], z[3]
     row[0], row[1] = tau, 0.5 * tau * tau
     row[2], row[3] = v + tau * (a + 0.5 * tau * j), tau * tau * tau / 6.0
@@ -158,8 +171,25 @@ def _place_row(z: Array, row: Array) -> int:
 def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array) -> bool:
     """The sweep from the end: of every stage its model over (v, a, τ, j), its feedback and its cost to go.
 
-    models (K, 4, 5) hold matrix and vector, law (K, 3) the one free number as a function of (v, a) and its constant,
-    cost (K + 1, 5) P₀₀, P₀₁, P₁₁, p₀, p₁. False where a pivot is not positive: the model has no least value.
+    Parameters
+    ----------
+    problem : Problem
+        What is given.
+    at : Iterate
+        Where the iteration stands.
+    mu, delta : float
+        Barrier weight, and what is added to the model's curvature.
+    models : (K, 4, 5) array
+        Filled with the stages' matrices and vectors [as the problem].
+    law : (K, 3) array
+        Filled with the one free number as a function of (v, a) and its constant [as the problem].
+    cost : (K + 1, 5) array
+        Filled with P₀₀, P₀₁, P₁₁, p₀, p₁ [as the problem].
+
+    Returns
+    -------
+    bool
+        False where a pivot is not positive: the model has no least value.
     """
     z, K = at.z, problem.ds.shape[0]
     M, m, row = np.empty((6, 6)), np.empty(6), np.empty(4)
@@ -202,7 +232,21 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
 
 @compiled
 def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array, d: Array, lam: Array) -> None:
-    """The sweep from the start: the step d (K + 1, 4) and the dynamics' new multipliers lam (K + 1, 3)."""
+    """The sweep from the start: the step and the new multipliers of the dynamics.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is given.
+    at : Iterate
+        Where the iteration stands.
+    models, law, cost : (K, 4, 5), (K, 3) and (K + 1, 5) arrays
+        What `back` made [as the problem].
+    d : (K + 1, 4) array
+        Filled with the step [as the problem].
+    lam : (K + 1, 3) array
+        Filled with the multipliers [as the problem].
+    """
     z, g, K = at.z, at.g, problem.ds.shape[0]
     row = np.empty(4)
     d[0, 0] = d[0, 1] = d[K, 2] = d[K, 3] = 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +9,10 @@ from numpy.typing import NDArray
 
 from optik.errors import NoSolution
 from optik.types import Array
+from planners.curve import passed_at
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
-from planners.timing._optimal import iteration, reach
+from planners.limits import DERIVATIVES, MotionLimits, PathPoints
+from planners.timing._optimal import reach
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.newton import Problem
 from planners.timing.base import PathState, speed_bound
@@ -20,23 +20,23 @@ from planners.timing.smooth import QUINTIC, least_duration
 
 UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""
-INTERVALS, PER_BREAK = 128, 8
-"""Of a path without breaks, and what each break adds."""
-PER_PIECE = 12
-"""Intervals of the start between any two breaks."""
+USUAL_INTERVALS, MORE_PER_BREAK = 128, 8
+"""Intervals of a path without breaks, and those that each break adds: enough for ramps on either side of it."""
+START_PER_PIECE = 12
+"""Intervals of the initial guess between any two breaks."""
 STEADY = 1.5
-"""Times the speed that would keep the jerk limits at rest of s̈ and s⃛, where the start is cut."""
+"""Ratio of the initial guess's largest speed to the speed that keeps the jerk limits at s̈ = s⃛ = 0."""
 SMOOTHEST = 0.02
-"""Least width of the start's filter, as a share of the motion: shorter ramps fit into one interval."""
-SHORTEST = 0.02
-"""No interval lasts less than this share of its first guess."""
-BRIEFEST = 0.95
-"""Nor less than this share of what it takes at the greater of the speeds that its ends allow, or speeds would be kept there
-and nowhere between: where they alone bind, that would be the optimum, and the iteration would not find it."""
-STILL = 1e-9
-"""Share of the way below which what a motion covers within the filter's width is none: rounding in s would make the rest."""
-SPARE = 0.9999
-"""Share of the tool's limits that a motion uses which starts in motion."""
+"""Least width of the initial guess's filter, as a share of the motion: shorter ramps fit into one interval."""
+SHORTEST_INTERVAL = 0.02
+"""Least duration of an interval, as a share of its initial guess: time must not run backwards during the iteration."""
+BRIEFEST_AT_TOP = 0.95
+"""Least duration of an interval, as a share of its duration at the greater of the speeds that its ends allow: limits on
+speed that held at the ends only would be exceeded between them, and the iteration would not converge."""
+NO_WAY = 1e-9
+"""Share of the path below which the distance covered within the filter's width is neglected: it is rounding in s."""
+TOOL_SPARE = 0.9999
+"""Share of the tool's limits that a motion from a moving state uses: it cannot be slowed afterwards."""
 
 
 class Programme(NamedTuple):
@@ -55,13 +55,32 @@ class Programme(NamedTuple):
 def programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
-    """The programme from a moving state to rest at `end`; None where that is too fast to stop."""
+    """The programme from a moving state to rest at a place.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    intervals : int, or None
+        How many; None for the usual number.
+    state : PathState
+        Where the motion starts, and how fast.
+    end : float
+        Where it ends [m, rad].
+
+    Returns
+    -------
+    Programme or None
+        None where the state is too fast to stop there.
+    """
     bound = limits.arrays(joint_path.robot.n)
     begin, first = state.s, state.speed
-    s = joint_path.path.places(max(150, joint_path.knots.size), PER_PIECE)
+    s = joint_path.path.places(max(150, joint_path.knots.size), START_PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
-    if s.size <= PER_PIECE:  # a stop within one cell of the path
-        s = np.linspace(begin, end, PER_PIECE + 1)
+    if s.size <= START_PER_PIECE:  # a stop within one cell of the path
+        s = np.linspace(begin, end, START_PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     _, q1, q2, q3 = derivatives(joint_path, s)
     peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
@@ -73,7 +92,7 @@ def programme(
     reach.in_time(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
-    if first * width > STILL * (end - begin):  # the filter looks back on a motion that came in at its speed
+    if first * width > NO_WAY * (end - begin):  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
         since = _when(t, s, v, width, begin)
     when = _spread(t, s, v, width, since, _count(joint_path, intervals))
@@ -87,7 +106,22 @@ def programme(
 
 
 def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
-    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
+    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    intervals : int, or None
+        How many; None for the usual number.
+
+    Returns
+    -------
+    Programme
+        With its initial guess.
+    """
     duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
     for order in range(3):
@@ -99,9 +133,23 @@ def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -
 
 
 def within(given: Programme, z: Array, u: float) -> Array:
-    """Places, speeds and accelerations (3, K) at a share u of the durations of the intervals of a motion z (K + 1, 4).
+    """Places, speeds and accelerations at a share of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
+
+    Parameters
+    ----------
+    given : Programme
+        The programme.
+    z : (K + 1, 4) array
+        A motion: v, a, τ, j [as the programme].
+    u : float
+        The share [1].
+
+    Returns
+    -------
+    (3, K) array
+        s, ṡ and s̈; s in the path's unit [m, rad], the others [as the programme].
     """
     v0, a0, tau = z[:-1, 0], z[:-1, 1], z[:-1, 2]
     v1, a1, ds = z[1:, 0], z[1:, 1], given.problem.ds
@@ -117,7 +165,26 @@ def within(given: Programme, z: Array, u: float) -> Array:
 def divided(
     joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
 ) -> Programme:
-    """The programme with some intervals (K,) halved in time; its start is the motion z (K + 1, 4)."""
+    """The programme with some intervals halved in time; its initial guess is a motion of the given one.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    given : Programme
+        The programme.
+    z : (K + 1, 4) array
+        A motion: v, a, τ, j [as the programme].
+    which : (K,) array of bool
+        The intervals that are halved.
+
+    Returns
+    -------
+    Programme
+        With more intervals.
+    """
     length, time = given.units
     i = np.flatnonzero(which)
     middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
@@ -131,7 +198,7 @@ def divided(
 
 
 def _count(joint_path: JointPath, intervals: int | None) -> int:
-    return intervals or min(INTERVALS + PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
+    return intervals or min(USUAL_INTERVALS + MORE_PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
 
 
 def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
@@ -157,7 +224,17 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
     """Velocities and accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
 
     A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
-    velocity V and a jerk J never beyond the acceleration (J V)^½; a little room is left.
+    velocity V and a jerk J never beyond the acceleration (J V)^½; with a margin.
+
+    Returns
+    -------
+    tuple
+        Velocities (n,), accelerations (n,) and the width.
+
+    Raises
+    ------
+    NoSolution
+        No limit bounds a joint that moves.
     """
     V, A, J = (bound[field] for field in DERIVATIVES)
     D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
@@ -175,34 +252,54 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
 
 def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     """When the filtered motion passes a place."""
-    low, high = 0.0, float(t[-1]) + width
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _filtered(t, s, v, width, np.array([middle]))[0, 0] < place else (low, middle)
-    return high
+    return float(passed_at(lambda x: _filtered(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
 
 
 def numbers(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
-    """The programme at places s (K + 1,) whose start is a motion: ṡ and s̈ (K + 1,), and durations (K,)."""
-    bound = limits.arrays(joint_path.robot.n)
+    """The programme at places, with a motion as its initial guess.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s : (K + 1,) array
+        Places [m, rad].
+    v, a : (K + 1,) arrays
+        ṡ and s̈ there [m/s, m/s², or rad].
+    tau : (K,) array
+        Durations [s].
+    units : (2,) tuple of float
+        What the programme counts s and time in [m or rad, s].
+    moving : PathState or None
+        The state that it starts from; None from rest.
+
+    Returns
+    -------
+    Programme
+        With its initial guess.
+    """
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
-    _, q1, q2, _ = derivatives(joint_path, s)
-    q3 = np.concatenate([derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]])
-    node, edge = np.empty((K + 1, joint_path.robot.n, 2)), np.empty((K, 2, joint_path.robot.n, 3))
-    iteration.limited(q1, q2, q3, bound["acceleration"], bound["jerk"], length, time, node, edge)
-    v1 = length / time
+    found, v1 = derivatives(joint_path, s), length / time
+    after, before = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
+    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
+    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
+    node = limits.rows("acceleration", PathPoints(joint_path, s, found)) * np.array([v1 / time, v1**2])
+    edge = np.stack([limits.rows("jerk", at) for at in (first, last)], axis=1)
+    edge *= np.array([v1 / time**2, v1**2 / time, v1**3])
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
-    if moving is not None:  # what is not slowed afterwards shall not pass the tool's limits between the places
-        limits = replace(limits, **{f: SPARE * v for f in TOOL_SPEEDS if (v := getattr(limits, f)) is not None})
+    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
+        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
-    least = np.maximum(SHORTEST * tau, BRIEFEST * ds / np.maximum(top[:-1], top[1:]))
+    least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
     return Programme(problem, s, start, units, moving)

@@ -32,9 +32,27 @@ def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
 
 @compiled
 def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
-    """Greatest x = ṡ² (k,) at places s (k,) from ṡ² = first to rest, under bounds on q̈ (n,) and on ṡ (k,).
+    """Greatest x = ṡ² from a speed to rest, under bounds on q̈ and on ṡ.
 
-    Returns False where the first speed is too high to be kept within the limits.
+    Parameters
+    ----------
+    s : (k,) array
+        Places [m, rad].
+    q1, q2 : (k, n) arrays
+        q' and q'' there [as q over powers of s].
+    speed : (k,) array
+        Bounds on ṡ [m/s, rad/s].
+    bound : (n,) array
+        Bounds on q̈ [rad/s², m/s²].
+    first : float
+        ṡ² at the start.
+    x : (k,) array
+        Filled with ṡ² [m²/s², rad²/s²].
+
+    Returns
+    -------
+    bool
+        False where the first speed is too high to be kept within the limits.
     """
     k = s.shape[0]
     x[k - 1] = 0.0
@@ -66,7 +84,17 @@ def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: f
 
 @compiled
 def in_time(s: Array, x: Array, t: Array) -> None:
-    """Times (k,) at which places are passed, s̈ constant between them."""
+    """Times at which places are passed, s̈ constant between them.
+
+    Parameters
+    ----------
+    s : (k,) array
+        Places [m, rad].
+    x : (k,) array
+        ṡ² there [m²/s², rad²/s²].
+    t : (k,) array
+        Filled with the times [s].
+    """
     t[0] = 0.0
     for i in range(s.shape[0] - 1):
         v = sqrt(x[i]) + sqrt(x[i + 1])
@@ -75,9 +103,24 @@ def in_time(s: Array, x: Array, t: Array) -> None:
 
 @compiled
 def filtered(t: Array, s: Array, v: Array, width: float, at: Array, out: Array) -> None:
-    """A motion through a box filter in time, into out (3, m): s, ṡ, s̈ at times `at` in [0, t_end + width].
+    """A motion through a box filter in time.
 
     The motion stands still before and after. Filtered ṡ(t) = (s(t) − s(t − w)) / w, so it ends where the motion ends.
+
+    Parameters
+    ----------
+    t : (k,) array
+        Times [s].
+    s : (k,) array
+        Places then [m, rad].
+    v : (k,) array
+        ṡ then [m/s, rad/s].
+    width : float
+        Of the filter [s].
+    at : (m,) array
+        Times in [0, t_end + width] at which the result is wanted [s].
+    out : (3, m) array
+        Filled with s, ṡ, s̈ [m, m/s, m/s², or rad].
     """
     whole = np.empty(t.shape[0])  # ∫ s dt to each knot, s quadratic between
     whole[0] = 0.0

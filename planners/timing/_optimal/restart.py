@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.errors import NoSolution
+from planners.curve import composed
 from planners.fit import stretch
 from planners.following.follow import JointPath
 from planners.hermite import quintic
@@ -14,14 +15,14 @@ from planners.timing._ruckig import velocity_control
 from planners.timing.base import PathState
 from planners.trajectory import Trajectory
 
-SHORTEST = 1e-6
+SHORTEST_STOP = 1e-6
 """Shortest way to rest, as a share of the path, for which a programme is solved: below it the joint path is straight."""
-SHARES = (1.0 - 1e-9, 0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15)
+STOP_SHARES = (1.0 - 1e-9, 0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5, 0.3, 0.15)
 """Shares of the greatest deceleration and its jerk, tried in turn until the limits are kept on the path's own curve."""
-PARTS = 8
-"""Pieces of every phase of such a stop."""
-ROUNDING = 5e-13
-"""By how much a limit may be passed where nothing is slowed afterwards: half of what a certificate forgives."""
+PHASE_PARTS = 8
+"""Pieces of every phase of a straight stop: quintics that follow the curved joint path."""
+LIMIT_ROUNDING = 5e-13
+"""Excess of a limit that is accepted where nothing is slowed afterwards: half of what a certificate accepts as rounding."""
 STOPS = (1.02, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0)
 """Distances to rest that are tried, over the one that the limits would allow on a straight joint path."""
 
@@ -32,12 +33,28 @@ def stopping_places(
     """Places at which a motion might come to rest, from what the limits would allow on a straight joint path.
 
     None where the way is too short to be worth a programme; only places before that of a stop that is known.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    state : PathState
+        Where the motion is, and how fast.
+    known : Trajectory or None
+        A stop that is known already.
+
+    Returns
+    -------
+    list of float
+        Places [m, rad], the nearest first.
     """
-    phases = _phases(joint_path, limits, state, SHARES[0])
+    phases = _phases(joint_path, limits, state, STOP_SHARES[0])
     distance = joint_path.end if phases is None else _travelled(state, phases)[0]
-    if distance < SHORTEST * joint_path.end and known is not None:
+    if distance < SHORTEST_STOP * joint_path.end and known is not None:
         return []
-    places = [state.s + max(distance, SHORTEST * joint_path.end) * factor for factor in STOPS]
+    places = [state.s + max(distance, SHORTEST_STOP * joint_path.end) * factor for factor in STOPS]
     return [s for s in places if s < joint_path.end] + [joint_path.end]
 
 
@@ -45,15 +62,29 @@ def straight_stop(joint_path: JointPath, limits: MotionLimits, state: PathState)
     """The quickest stop of constant jerks that keeps the limits, of those that a straight joint path would have.
 
     On a way of some millimetres that is the optimum; on a longer one a motion to fall back on.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    state : PathState
+        Where the motion is, and how fast.
+
+    Returns
+    -------
+    Trajectory or None
+        None where no such stop keeps the limits.
     """
-    for share in SHARES:
+    for share in STOP_SHARES:
         phases = _phases(joint_path, limits, state, share)
         if phases is None or state.s + _travelled(state, phases)[0] > joint_path.end:
             continue
         motion = _along(joint_path, state, phases)
         if motion is not None and state.joints is not None:
             motion = begun(motion, state.joints, limits)
-        if motion is not None and stretch(joint_path.robot, motion, limits) <= 1.0 + ROUNDING:
+        if motion is not None and stretch(joint_path.robot, motion, limits) <= 1.0 + LIMIT_ROUNDING:
             return motion
     return None
 
@@ -64,6 +95,11 @@ def _phases(
     """Phases (duration, jerk) of s to rest at a share of the limits, were the joint path straight; None where none are.
 
     Ruckig counts in units of the stop's own time and jerk, so that its numbers are near 1 however slow the motion is.
+
+    Returns
+    -------
+    list of tuple of float, or None
+        Durations and jerks.
     """
     bound = limits.arrays(joint_path.robot.n)
     q1 = np.maximum(np.abs(joint_path(state.s, 1)), 1e-12)
@@ -96,9 +132,14 @@ def _along(joint_path: JointPath, state: PathState, phases: list[tuple[float, fl
 
     Each piece is made from how far the joints move on it, the integral of q': the difference of two positions would
     leave rounding only of a motion of nanometres.
+
+    Returns
+    -------
+    Trajectory or None
+        The motion.
     """
-    h, j = (np.repeat(x, PARTS) for x in np.array(phases).T)
-    h /= PARTS
+    h, j = (np.repeat(x, PHASE_PARTS) for x in np.array(phases).T)
+    h /= PHASE_PARTS
     along = np.empty((3, h.size + 1))  # s from the start, ṡ, s̈
     along[:, 0] = 0.0, state.speed, state.acceleration
     for i in range(h.size):
@@ -113,8 +154,7 @@ def _along(joint_path: JointPath, state: PathState, phases: list[tuple[float, fl
         return None
     s, v, a = along[0], along[1, :, None], along[2, :, None]
     place = np.minimum(state.s + s, joint_path.end)
-    q1, q2 = joint_path(place, 1), joint_path(place, 2)
-    dq, ddq = q1 * v, q1 * a + q2 * v * v
+    dq, ddq = composed((joint_path(place, 1), joint_path(place, 2)), (v, a))
     nodes, weights = np.polynomial.legendre.leggauss(4)
     inner = np.minimum(state.s + s[:-1, None] + np.diff(s)[:, None] * (0.5 + 0.5 * nodes), joint_path.end)
     rates = joint_path(inner.ravel(), 1).reshape(*inner.shape, -1)

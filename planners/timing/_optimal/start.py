@@ -14,31 +14,48 @@ from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.programme import Programme, numbers
 from planners.timing._places import graded
 from planners.timing.base import speed_bound
-from planners.timing.smooth import NO_MOTION
+from planners.timing.smooth import NO_JOINT_MOTION
 
 Indices = NDArray[np.int64]
 
-PLACES, PER_PIECE = 300, 12
-"""Least places of the sweep, and those between any two breaks."""
-BENDS, TWISTS = 0.8, 0.6
-"""Shares of the limits on acceleration and jerk that the path's own bends may use up at a steady speed."""
-ROUNDS, CLOSE = 6, 1.1
-"""Most sweeps, and by how much the last may be too fast: the rest is slowed as a whole."""
+SWEEP_PLACES, SWEEP_PER_PIECE = 300, 12
+"""Least number of places of the sweep, and of those between any two breaks."""
+RAMP_BEND_SHARE, RAMP_TWIST_SHARE = 0.8, 0.6
+"""Shares of the limits on acceleration and jerk that the path's bends may use at a constant speed."""
+SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
+"""Most sweeps, and the excess of speed at which they end: what remains is a slow-down of the whole."""
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
-"""Of every motion, and what each change of an acceleration by its limit adds: a straight line has four."""
+"""Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
+line has four such changes."""
 
 FASTEST = 1e4
-"""Speeds and accelerations beyond so many times the mean ones are reached in no time: no start needs more."""
-ROUNDING, DROWNED = 4e-16, 1e-3
-"""Of q [rad or m], and what it may make of a limit on jerk in an interval."""
+"""Largest ratio of speeds and accelerations to the mean ones: no initial guess needs more."""
+Q_ROUNDING, JERK_ROUNDING = 4e-16, 1e-3
+"""Rounding of q [rad or m], and the share of a jerk limit that it may use in an interval."""
 FEWEST = 50
-"""Intervals that any motion has, rounding or not."""
-JUMP = 0.02
-"""What q''' may jump by within an interval: a share of the limits on jerk."""
+"""Least number of intervals of a motion, whatever the rounding."""
+NODE_JUMP = 0.02
+"""Largest jump of q''' within an interval, as a share of the jerk limits: at larger ones there is a place."""
 
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
-    """The programme from rest to rest, with so many times the intervals that were asked for or are usual.
+    """The programme from rest to rest.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    intervals : int, or None
+        How many; None for the usual number.
+    more : float
+        Factor of the number of intervals [1].
+
+    Returns
+    -------
+    Programme
+        With its initial guess.
 
     Raises
     ------
@@ -48,8 +65,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     along = _along(joint_path, limits)
     m = along.s.size
     top, motion, share = np.empty(m), np.empty((4, m)), np.empty(m)
-    _sweep.tops(along, BENDS, TWISTS, top)
-    _sweep.swept(along, top, ROUNDS, CLOSE, motion)
+    _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE, top)
+    _sweep.swept(along, top, SWEEP_ROUNDS, SWEEP_EXCESS, motion)
     t = motion[0]
     least = min(briefest(along.jerk), t[-1] / FEWEST)
     usual = round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
@@ -71,13 +88,18 @@ def _with(
     """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
 
     A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell.
+
+    Returns
+    -------
+    tuple of arrays
+        All times, which of them are nodes, and the nodes.
     """
     nodes = joint_path.nodes[1:-1]
     beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
     jump = np.abs(derivatives(joint_path, nodes + beside)[3] - derivatives(joint_path, nodes - beside)[3])
     passed = np.interp(nodes, along.s, motion[0])
     speed = np.interp(nodes, along.s, motion[1])
-    chosen = (jump / along.jerk).max(axis=1) * speed**3 > JUMP
+    chosen = (jump / along.jerk).max(axis=1) * speed**3 > NODE_JUMP
     nodes, passed = nodes[chosen], passed[chosen]
     # what they replace: a time that is nearer than a third of its interval
     i = np.clip(np.searchsorted(when, passed), 1, when.size - 1)
@@ -103,12 +125,38 @@ def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
 
 
 def briefest(jerk: Array) -> float:
-    """Least duration [s] of an interval whose jerk rounding in q leaves as it is."""
-    return float(np.cbrt(60.0 * ROUNDING / (DROWNED * jerk.min())))
+    """Least duration of an interval whose jerk is not changed by rounding in q.
+
+    Parameters
+    ----------
+    jerk : (n,) array
+        Limits on the jerk [rad/s³, m/s³].
+
+    Returns
+    -------
+    float
+        [s].
+    """
+    return float(np.cbrt(60.0 * Q_ROUNDING / (JERK_ROUNDING * jerk.min())))
 
 
 def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
-    """Which of some times, increasing, are kept so that they stand apart, and apart from 0 and from the end."""
+    """Choose times, increasing, that stand apart, and apart from 0 and from the end.
+
+    Parameters
+    ----------
+    times : (k,) array
+        Times [s].
+    end : float
+        The last time [s].
+    least : float
+        How far apart [s].
+
+    Returns
+    -------
+    (k,) array of bool
+        Which are kept.
+    """
     kept, last = np.zeros(times.size, dtype=bool), 0.0
     for i, t in enumerate(times):
         if t - last >= least and end - t >= least:
@@ -117,9 +165,9 @@ def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
 
 
 def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
-    s = graded(joint_path.path.breaks, joint_path.end, max(PLACES, joint_path.knots.size), PER_PIECE)
+    s = graded(joint_path.path.breaks, joint_path.end, max(SWEEP_PLACES, joint_path.knots.size), SWEEP_PER_PIECE)
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
-    moving = np.ptp(joint_path.q, axis=0) > NO_MOTION
+    moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
     A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
     _, q1, q2, q3 = derivatives(joint_path, s)
     size, length = np.abs(q1), float(s[-1])

@@ -10,17 +10,17 @@ from scipy.interpolate import PPoly
 from optik.compiled import compiled
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import MotionLimits
+from planners.limits import MotionLimits, PathPoints
 from planners.paths.base import Path
 from planners.timing._places import graded
 from planners.timing.base import speed_bound
 
-INTERVALS, PER_PIECE = (1024, 16384), 12
-"""Least and most intervals of a table, and those of the path's shortest piece."""
+TABLE_INTERVALS, TABLE_PER_PIECE = (1024, 16384), 12
+"""Least and largest number of intervals of a table, and the number in the path's shortest piece."""
 LEAST_FLAT = 0.02
 """Least share of a ramp with constant acceleration: without any, Ruckig's roots lose half their digits; it costs 1e-4 of T."""
-SHORTEST = 5e-4
-"""Least time [s] in which the acceleration rises or falls: faster gains nothing, and its pieces drown in rounding."""
+SHORTEST_PHASE = 5e-4
+"""Least time [s] in which the acceleration rises or falls: shorter phases save no time and are dominated by round-off."""
 
 
 class Ramp(NamedTuple):
@@ -58,31 +58,81 @@ class Table(NamedTuple):
 
 
 def table(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once, at equally spaced places."""
+    """Evaluate the path once, at equally spaced places.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+
+    Returns
+    -------
+    Table
+        At equally spaced places.
+    """
     return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
 
 
 def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once, at places that lie close where its pieces are short; every break is one."""
+    """Evaluate the path once, at places that lie close where its pieces are short; every break is one.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+
+    Returns
+    -------
+    Table
+        At those places.
+    """
     breaks = joint_path.path.breaks
-    return _table(joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, INTERVALS[0], PER_PIECE))
+    return _table(
+        joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, TABLE_INTERVALS[0], TABLE_PER_PIECE)
+    )
 
 
 def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
-    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
-    return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(joint_path, limits, q1, q2, q3))
+    return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(limits, PathPoints(joint_path, s)))
 
 
 def fine_enough(path: Path) -> int:
-    """Intervals of a table of the path in which its shortest piece is seen."""
-    return int(np.clip(PER_PIECE * path.end / np.diff(path.breaks).min(), *INTERVALS))
+    """Number of equal intervals of a table in which the path's shortest piece is seen.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+
+    Returns
+    -------
+    int
+        Intervals.
+    """
+    return int(np.clip(TABLE_PER_PIECE * path.end / np.diff(path.breaks).min(), *TABLE_INTERVALS))
 
 
-def parts(joint_path: JointPath, limits: MotionLimits, q1: Array, q2: Array, q3: Array) -> Array:
-    """A table's `parts` from the derivatives (m, n) of q."""
-    bound = limits.arrays(joint_path.robot.n)
-    a, j = bound["acceleration"], bound["jerk"]
-    return np.ascontiguousarray(np.stack([q1 / a, q2 / a, q1 / j, 3.0 * q2 / j, q3 / j], axis=1))
+def parts(limits: MotionLimits, at: PathPoints) -> Array:
+    """A table's `parts`: the rows of the limits on acceleration and jerk.
+
+    Parameters
+    ----------
+    limits : MotionLimits
+        Limits of the motion.
+    at : PathPoints
+        Points of the joint path.
+
+    Returns
+    -------
+    (m, 5, n) array
+        See `Table` [as 1 over the monomials].
+    """
+    rows = np.concatenate([limits.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
+    return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
 @compiled
@@ -90,6 +140,20 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
     """Duration and greatest acceleration of a ramp of length d.
 
     The ramp's mean speed is v0 + κ (v1 − v0), where κ is how far before the end the trapezoid's centroid lies.
+
+    Parameters
+    ----------
+    d : float
+        Length [m, rad].
+    v0, v1 : float
+        ṡ at both ends [m/s, rad/s].
+    rise, fall : float
+        Shares of the time in which the acceleration rises and falls [1].
+
+    Returns
+    -------
+    tuple of float
+        Duration [s] and greatest acceleration [m/s², rad/s²].
     """
     area = 1.0 - 0.5 * (rise + fall)
     flat_end = 1.0 - fall
@@ -102,27 +166,52 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
 
 @compiled
 def nearest(places: Array, s: float) -> int:
-    """Index of the place that is nearest to s."""
+    """Index of the place that is nearest to s.
+
+    Parameters
+    ----------
+    places : (m,) array
+        Places, increasing [m, rad].
+    s : float
+        A place [m, rad].
+
+    Returns
+    -------
+    int
+        The index.
+    """
     k = min(max(int(np.searchsorted(places, s)), 1), places.size - 1)
     return k - 1 if s - places[k - 1] < places[k] - s else k
 
 
 @compiled
 def ramp_ratio(
-    places: Array,
-    slowness: Array,
-    parts: Array,
-    s: float,
-    v: float,
-    ramp: tuple[float, float, float, float],
-    count: int,
-    most: float,
+    what: Table, s: float, v: float, ramp: tuple[float, float, float, float], count: int, most: float
 ) -> float:
-    """Factor by which a ramp (duration, acceleration, rise, fall) must be slowed to keep the limits, at its samples.
+    """Factor by which a ramp must be slowed to keep the limits, at its samples.
 
-    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and gives up once
+    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and stops once
     the factor is above `most`.
+
+    Parameters
+    ----------
+    what : Table
+        The path and its limits.
+    s, v : float
+        Where it starts [m, rad], and ṡ there [m/s, rad/s].
+    ramp : (4,) tuple of float
+        Duration [s], greatest acceleration [m/s², rad/s²], and shares of rise and fall [1].
+    count : int
+        Samples of each of the three phases, less one.
+    most : float
+        Factor above which the exact value is not of interest [1].
+
+    Returns
+    -------
+    float
+        The factor [1]; infinite where it is above `most`.
     """
+    places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak, rise, fall = ramp
     worst_v, worst_a, worst_j = 0.0, 0.0, 0.0
     most_a, most_j = most * most, most * most * most
@@ -155,14 +244,40 @@ def ramp_ratio(
 
 
 def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:
-    """Factor by which a ramp must be slowed to keep the limits."""
+    """Factor by which a ramp must be slowed to keep the limits.
+
+    Parameters
+    ----------
+    what : Table
+        The path and its limits.
+    ramp : Ramp
+        The ramp.
+    count : int
+        Samples of each phase, less one.
+
+    Returns
+    -------
+    float
+        The factor [1].
+    """
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     shape = (duration, peak, ramp.rise, ramp.fall)
-    return float(ramp_ratio(what.s, what.slowness, what.parts, ramp.s0, ramp.v0, shape, count, np.inf))
+    return float(ramp_ratio(what, ramp.s0, ramp.v0, shape, count, np.inf))
 
 
 def phases_of(ramp: Ramp) -> Array:
-    """Durations and jerks (3, 2) of a ramp; one phase (1, 2) where its speed does not change."""
+    """Durations and jerks of the phases of a ramp.
+
+    Parameters
+    ----------
+    ramp : Ramp
+        The ramp.
+
+    Returns
+    -------
+    (3, 2) array
+        Durations and jerks of s [s, m/s³, rad/s³]; (1, 2) where the speed does not change.
+    """
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     if ramp.v0 == ramp.v1:
         return np.array([[duration, 0.0]])
@@ -171,7 +286,20 @@ def phases_of(ramp: Ramp) -> Array:
 
 
 def law_of(ramps: list[Ramp], phases: list[Array]) -> PPoly:
-    """s(t) through ramps, from their phases (·, 2) of durations and jerks."""
+    """s(t) through ramps.
+
+    Parameters
+    ----------
+    ramps : list of Ramp
+        One behind the other.
+    phases : list of (k, 2) arrays
+        Durations and jerks of s [s, m/s³, rad/s³].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        Piecewise cubic.
+    """
     rows, lengths = [], []
     for ramp, each in zip(ramps, phases, strict=True):
         s, v, a = ramp.s0, ramp.v0, 0.0
@@ -192,29 +320,49 @@ class Worst(NamedTuple):
 
 
 def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
-    """Judge a motion along s by the chain rule, at states (k,); a jerk of NaN is not judged."""
-    s = np.clip(s, 0.0, joint_path.end)
-    p = parts(joint_path, limits, *(joint_path(s, order) for order in (1, 2, 3)))
-    bound = limits.arrays(joint_path.robot.n)
-    v1, a1, j1 = v[:, None], a[:, None], j[:, None]
-    joints = np.stack(
-        [
-            np.abs(joint_path(s, 1) * v1) / bound["velocity"],
-            np.sqrt(np.abs(p[:, 0] * a1 + p[:, 1] * v1**2)),
-            np.cbrt(np.abs(p[:, 2] * j1 + p[:, 3] * v1 * a1 + p[:, 4] * v1**3)),
-        ]
-    )
-    k, i, n = np.unravel_index(int(np.nanargmax(joints)), joints.shape)
-    tool = np.abs(v) / speed_bound(joint_path, limits, s)
-    m = int(tool.argmax())
-    if tool[m] > joints[k, i, n] * (1.0 + 1e-12):  # the bound holds the joints' velocities too: it is the tool's here
-        return Worst(float(tool[m]), float(s[m]), None, "tool or rotation speed")
-    names = ("velocity", "acceleration", "jerk")
-    return Worst(float(joints[k, i, n]), float(s[i]), joint_path.robot.joint_names[n], names[k])
+    """Judge a motion along s by the chain rule.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s : (k,) array
+        Places [m, rad].
+    v, a, j : (k,) arrays
+        ṡ, s̈, s⃛ there [m/s, m/s², m/s³, or rad]; a jerk of NaN is not judged.
+
+    Returns
+    -------
+    Worst
+        By which factor the motion would have to be slowed, where, and for which limit.
+    """
+    at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
+    ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in limits.kinds]
+    columns = [(kind, i) for kind, ratio in zip(limits.kinds, ratios, strict=True) for i in range(ratio.shape[1])]
+    together = np.concatenate(ratios, axis=1)
+    place, column = np.unravel_index(int(np.nanargmax(together)), together.shape)
+    kind, i = columns[column]
+    joint = joint_path.robot.joint_names[i] if kind.subject is None else None
+    return Worst(float(together[place, column]), float(at.s[place]), joint, kind.name.replace("_", " "))
 
 
 def states(law: PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
-    """s, ṡ, s̈, s⃛ (k,) of a law at `count` + 1 instants of each piece, one-sided at its ends."""
+    """s, ṡ, s̈, s⃛ of a law at instants of each piece, one-sided at its ends.
+
+    Parameters
+    ----------
+    law : scipy.interpolate.PPoly
+        s(t).
+    count : int
+        Instants of each piece, less one.
+
+    Returns
+    -------
+    tuple of (k,) arrays
+        s, ṡ, s̈, s⃛ [m, m/s, m/s², m/s³, or rad].
+    """
     u = np.diff(law.x)[:, None] * np.linspace(0.0, 1.0, count + 1)
     out, c = [], law.c
     for _ in range(4):

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
 from optik.compiled import compiled
-from optik.types import Array
+from optik.types import Array, Flags, Indices
 from planners.timing import _sweep
-from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST, Ramp, Table, profile, ramp_ratio
+from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST_PHASE, Ramp, Table, profile, ramp_ratio
 
-Indices = NDArray[np.int64]
-
-PLACES = 14
+SECTION_PLACES = 14
 """Intervals between candidate ends of sections; twice as many are no faster on lines (T / T* 1.036 for 1.037)."""
-LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
+SPEED_LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
 """Candidate speeds at a place, over the greatest that the limits could allow there."""
-SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
+SECTION_SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
 """Candidate shares of a ramp in which its acceleration rises and falls."""
-REACH = 24
-"""Most intervals that one section spans."""
+SECTION_REACH = 24
+"""Most intervals that one section spans: it bounds the work of the dynamic programming."""
 BRIEF = 4.0
-"""Least time at full speed between two ends of sections that are given, over the shortest phase of a ramp."""
-REACHED = 4
-"""Trial from which on candidate speeds are at most half above those of a motion swept along the path."""
+"""Least time at full speed between two breaks that are both ends of sections, over the shortest phase of a ramp."""
+REACHED_TRIAL = 4
+"""Trial from which on candidate speeds are at most 1.5 times those of a motion swept along the path."""
+RAMP_SAMPLES = 5
+"""Intervals of each phase of a ramp that the local search samples: few, as it evaluates ramps thousands of times."""
 SEARCH = ((4, 15), (6, 15))
 """Sharpness (a power of two) and rounds of the local search, in turn."""
 
@@ -36,35 +37,35 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     what : Table
         The path and its limits.
     breaks : (k,) array
-        Places that ends of sections should meet.
+        Places at which sections should end, where that costs no time [m, rad].
     duration : float
         Of any motion that keeps the limits [s].
 
     Returns
     -------
     list of Ramp
-        They may exceed the limits a little, or leave room: a uniform scaling in time is left to the caller.
+        They may exceed the limits slightly or not use them fully: the caller scales them uniformly in time.
     """
     fastest = _fastest(what.slowness, what.parts, what.s)
-    shortest = min(SHORTEST, 0.01 * duration)
+    shortest = min(SHORTEST_PHASE, 0.01 * duration)
     nodes, open_since = _candidates(what, fastest, breaks, BRIEF * shortest)
-    speeds = fastest[nodes][:, None] * LEVELS
+    speeds = fastest[nodes][:, None] * SPEED_LEVELS
     speeds[[0, -1]] = -1.0
     speeds[[0, -1], 0] = 0.0
     most = 1.0 + 1e-9  # candidates that stand exactly on a limit are in, however they round
     tried = 0
     while True:
         tried += 1
-        if tried == REACHED:  # beside a slow corner few of these speeds can be reached at all
-            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * LEVELS
-        found = _programme(what.s, what.slowness, what.parts, what.s[nodes], open_since, speeds, SHAPES, most, shortest)
+        if tried == REACHED_TRIAL:  # beside a slow corner few of these speeds can be reached at all
+            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * SPEED_LEVELS
+        found = _programme(what, what.s[nodes], open_since, speeds, most, shortest)
         if found.shape[0] or most > 1e6:
             break
         most *= 1.3  # no candidate speed is low enough: take a motion that is too fast, and let it be slowed
     fixed = np.isin(found[:, 2], what.s[nodes[open_since[1:]]])
     for sharpness, rounds in SEARCH:
         slow = max(_ratio(what, ramp) for ramp in found)
-        _search(what.s, what.slowness, what.parts, found, fixed, rounds, sharpness, slow, shortest / slow)
+        _search(what, found, fixed, rounds, (sharpness, slow, shortest / slow))
     return [Ramp(*map(float, row)) for row in found]
 
 
@@ -89,7 +90,7 @@ def _reached(what: Table) -> Array:
 def _ratio(what: Table, ramp: Array) -> float:
     s0, v0, s1, v1, rise, fall = ramp
     duration, peak = profile(s1 - s0, v0, v1, rise, fall)
-    return float(ramp_ratio(what.s, what.slowness, what.parts, s0, v0, (duration, peak, rise, fall), 16, np.inf))
+    return float(ramp_ratio(what, s0, v0, (duration, peak, rise, fall), 16, np.inf))
 
 
 def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
@@ -113,11 +114,16 @@ def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tup
 
     Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
     half by s and half by time; each piece between two breaks has its ends and its quarters besides.
+
+    Returns
+    -------
+    tuple of arrays of int
+        The places (k,), and for each the index of the last break before it.
     """
     s, last = what.s, what.s.size - 1
     slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())
     time = np.concatenate([[0.0], np.cumsum(0.5 * (slow[1:] + slow[:-1]) * np.diff(s))])
-    even = np.interp(np.linspace(0.0, 1.0, PLACES + 1), 0.5 * time / time[-1] + 0.5 * s / s[-1], s)
+    even = np.interp(np.linspace(0.0, 1.0, SECTION_PLACES + 1), 0.5 * time / time[-1] + 0.5 * s / s[-1], s)
     passed = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (fastest[1:] + fastest[:-1]))])
     kept = [0.0]
     for x in breaks[(breaks > 0.0) & (breaks < s[-1])]:
@@ -139,20 +145,15 @@ def _nearest(s: Array, x: Array) -> Indices:
 
 
 @compiled
-def _programme(
-    places: Array,
-    slowness: Array,
-    parts: Array,
-    s: Array,
-    open_since: Indices,
-    speeds: Array,
-    shapes: Array,
-    most: float,
-    shortest: float,
-) -> Array:
+def _programme(what: Table, s: Array, open_since: Indices, speeds: Array, most: float, shortest: float) -> Array:
     """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6).
 
     A ramp to place i starts at place open_since[i] or later.
+
+    Returns
+    -------
+    (k, 6) array
+        The ramps.
     """
     count, levels = speeds.shape
     best = np.full((count, levels), np.inf)
@@ -161,19 +162,19 @@ def _programme(
     for to in range(1, count):
         for high in range(levels):
             v1 = speeds[to, high]
-            for at in range(to - 1, max(to - 1 - REACH, open_since[to] - 1), -1):
+            for at in range(to - 1, max(to - 1 - SECTION_REACH, open_since[to] - 1), -1):
                 for low in range(levels):
                     v0 = speeds[at, low]
                     if v1 < 0.0 or v0 < 0.0 or v0 + v1 <= 0.0 or best[at, low] >= best[to, high]:
                         continue
-                    for shape in range(shapes.shape[0]):
-                        rise, fall = shapes[shape, 0], shapes[shape, 1]
+                    for shape in range(SECTION_SHAPES.shape[0]):
+                        rise, fall = SECTION_SHAPES[shape, 0], SECTION_SHAPES[shape, 1]
                         duration, peak = profile(s[to] - s[at], v0, v1, rise, fall)
                         better = best[at, low] + duration < best[to, high] * (1.0 - 1e-12)  # ties: the first stays
                         if not better or min(rise, fall) * duration < shortest:
                             continue
                         ramp = (duration, peak, rise, fall)
-                        if ramp_ratio(places, slowness, parts, s[at], v0, ramp, 4, most) <= most:
+                        if ramp_ratio(what, s[at], v0, ramp, 4, most) <= most:
                             best[to, high] = best[at, low] + duration
                             back[to, high, 0], back[to, high, 1], back[to, high, 2] = at, low, shape
     if not np.isfinite(best[-1, 0]):
@@ -184,20 +185,24 @@ def _programme(
         at, low, shape = back[to, high]
         k -= 1
         chain[k, 0], chain[k, 1], chain[k, 2], chain[k, 3] = s[at], speeds[at, low], s[to], speeds[to, high]
-        chain[k, 4], chain[k, 5] = shapes[shape, 0], shapes[shape, 1]
+        chain[k, 4], chain[k, 5] = SECTION_SHAPES[shape, 0], SECTION_SHAPES[shape, 1]
         to, high = at, low
     return chain[k:].copy()
 
 
 @compiled
-def _power(
-    places: Array, slowness: Array, parts: Array, row: Array, count: int, sharpness: int, slow: float
-) -> tuple[float, float]:
+def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> tuple[float, float]:
     """Duration of a ramp, and the time integral over it of the sum of r^p over all limits, p = 3 · 2^sharpness.
 
     r is each velocity's, acceleration's and jerk's ratio to its limit to the power 1, 1/2 and 1/3, after slowing by
     `slow`.
+
+    Returns
+    -------
+    tuple of float
+        Duration and integral.
     """
+    places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak = profile(row[2] - row[0], row[1], row[3], row[4], row[5])
     s, v, a, total = row[0], row[1], 0.0, 0.0
     r1, r2, r3 = 1.0 / slow, 1.0 / slow**2, 1.0 / slow**3
@@ -239,78 +244,90 @@ def _power(
     return duration, total
 
 
+class _Measured(NamedTuple):
+    """Of ramps (k,): durations, integrals of `_power`, their sums over the ramps from each on (k + 3,), and least lengths."""
+
+    time: Array
+    power: Array
+    left_time: Array
+    left_power: Array
+    least: Array
+
+
 @compiled
-def _search(
-    places: Array,
-    slowness: Array,
-    parts: Array,
-    ramps: Array,
-    fixed: NDArray[np.bool_],
-    rounds: int,
-    sharpness: int,
-    slow: float,
-    shortest: float,
-) -> None:
+def _move(ramps: Array, k: int, number: int, move: float) -> None:
+    """Change one of the four numbers of a ramp: the place and the speed of its end, its rise and its fall."""
+    if number == 0:
+        ramps[k, 2] += move
+        ramps[k + 1, 0] = ramps[k, 2]
+    elif number == 1:
+        ramps[k, 3] *= np.exp(move)
+        ramps[k + 1, 1] = ramps[k, 3]
+    else:
+        other = ramps[k, 7 - number]
+        ramps[k, 2 + number] = min(max(ramps[k, 2 + number] + move, 0.02), 1.0 - LEAST_FLAT - other)
+
+
+@compiled
+def _cost(
+    what: Table, ramps: Array, k: int, end: int, done: tuple[float, float], at: _Measured, aim: tuple[int, float, float]
+) -> float:
+    """Logarithm of the scaled duration after ramps k to end − 1 have changed; infinite where one is too short."""
+    sharpness, slow, shortest = aim
+    for i in range(k, end):
+        if not ramps[i, 2] - ramps[i, 0] > at.least[i]:
+            return np.inf
+    allowed = True
+    for i in range(k, end):
+        at.time[i], at.power[i] = _power(what, ramps[i], RAMP_SAMPLES, sharpness, slow)
+        allowed = allowed and min(ramps[i, 4], ramps[i, 5]) * at.time[i] >= shortest
+    if not allowed:
+        return np.inf
+    total, mean = done[0] + at.left_time[k + 2], done[1] + at.left_power[k + 2]
+    for i in range(k, min(k + 2, len(ramps))):
+        total, mean = total + at.time[i], mean + at.power[i]
+    return float(np.log(total) + np.log(mean / total) / (3.0 * 2.0**sharpness))
+
+
+@compiled
+def _search(what: Table, ramps: Array, fixed: Flags, rounds: int, aim: tuple[int, float, float]) -> None:
     """Move the ends and shapes of ramps (k, 6), in place, one number at a time, while the scaled motion gets faster.
 
-    Those whose ends are fixed (k,) keep them.
-
-    The duration after a uniform scaling to the limits is (duration) · (largest r); a mean of order p stands for the
-    largest, so that every step that lets a ramp breathe counts, and not only those at the worst place.
+    Ends that are fixed (k,) stay. `aim` is the sharpness, the slowing and the shortest phase. The duration after a uniform
+    scaling to the limits is (duration) · (largest r); a mean of order p = 3 · 2^sharpness stands for the largest, so that
+    every step that brings a ramp away from its limits counts, and not only those at the worst place.
     """
-    count, order = len(ramps), 3.0 * 2.0**sharpness
-    lengths, samples = ramps[:, 2] - ramps[:, 0], 5
+    count, lengths = len(ramps), ramps[:, 2] - ramps[:, 0]
     least = np.minimum(1e-3 * ramps[-1, 2], 0.25 * lengths)
-    time, power = np.empty(count), np.empty(count)
+    at = _Measured(np.empty(count), np.empty(count), np.zeros(count + 3), np.zeros(count + 3), least)
     for k in range(count):
-        time[k], power[k] = _power(places, slowness, parts, ramps[k], samples, sharpness, slow)
-    best = np.log(time.sum()) + np.log(power.sum() / time.sum()) / order
-    left_time, left_power = np.zeros(count + 3), np.zeros(count + 3)  # sums over the ramps from each on
+        at.time[k], at.power[k] = _power(what, ramps[k], RAMP_SAMPLES, aim[0], aim[1])
+    best = np.log(at.time.sum()) + np.log(at.power.sum() / at.time.sum()) / (3.0 * 2.0 ** aim[0])
     step = np.empty((count, 4))
     step[:, 0], step[:, 1], step[:, 2], step[:, 3] = np.minimum(0.02 * ramps[-1, 2], 0.5 * lengths), 0.05, 0.1, 0.1
     kept, kept_time, kept_power = np.empty((2, 6)), np.empty(2), np.empty(2)
     for _ in range(rounds):
         for k in range(count - 1, -1, -1):
-            left_time[k], left_power[k] = left_time[k + 1] + time[k], left_power[k + 1] + power[k]
-        done_time, done_power = 0.0, 0.0
+            at.left_time[k] = at.left_time[k + 1] + at.time[k]
+            at.left_power[k] = at.left_power[k + 1] + at.power[k]
+        done = (0.0, 0.0)
         for k in range(count):
             for number in range(4):
                 junction = number < 2
                 if (junction and k == count - 1) or (number == 0 and fixed[k]):
                     continue
-                end = k + 2 if junction else k + 1
-                better = False
+                end, better = k + 2 if junction else k + 1, False
                 for sign in (1.0, -1.0):
                     for i in range(k, end):
-                        kept[i - k], kept_time[i - k], kept_power[i - k] = ramps[i], time[i], power[i]
+                        kept[i - k], kept_time[i - k], kept_power[i - k] = ramps[i], at.time[i], at.power[i]
                     move = sign * step[k, number]
-                    if number == 0:
-                        ramps[k, 2] += move
-                        ramps[k + 1, 0] = ramps[k, 2]
-                    elif number == 1:
-                        ramps[k, 3] *= np.exp(move)
-                        ramps[k + 1, 1] = ramps[k, 3]
-                    else:
-                        other = ramps[k, 7 - number]
-                        ramps[k, 2 + number] = min(max(ramps[k, 2 + number] + move, 0.02), 1.0 - LEAST_FLAT - other)
-                    allowed = True
+                    _move(ramps, k, number, move)
+                    value = _cost(what, ramps, k, end, done, at, aim)
+                    if value < best - 1e-12:
+                        best, better, step[k, number] = value, True, 1.5 * move
+                        break
                     for i in range(k, end):
-                        allowed = allowed and ramps[i, 2] - ramps[i, 0] > least[i]
-                    if allowed:
-                        for i in range(k, end):
-                            time[i], power[i] = _power(places, slowness, parts, ramps[i], samples, sharpness, slow)
-                            allowed = allowed and min(ramps[i, 4], ramps[i, 5]) * time[i] >= shortest
-                    if allowed:
-                        total, mean = done_time + left_time[k + 2], done_power + left_power[k + 2]
-                        for i in range(k, min(k + 2, count)):
-                            total, mean = total + time[i], mean + power[i]
-                        value = np.log(total) + np.log(mean / total) / order
-                        if value < best - 1e-12:
-                            best, better = value, True
-                            step[k, number] = 1.5 * move
-                            break
-                    for i in range(k, end):
-                        ramps[i], time[i], power[i] = kept[i - k], kept_time[i - k], kept_power[i - k]
+                        ramps[i], at.time[i], at.power[i] = kept[i - k], kept_time[i - k], kept_power[i - k]
                 if not better:
                     step[k, number] *= 0.5
-            done_time, done_power = done_time + time[k], done_power + power[k]
+            done = (done[0] + at.time[k], done[1] + at.power[k])

@@ -11,17 +11,17 @@ from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits
 from planners.timing._ruckig import velocity_control
-from planners.timing._sectional.ramps import SHORTEST, Table, states, table, worst
+from planners.timing._sectional.ramps import SHORTEST_PHASE, Table, states, table, worst
 
-ROUNDING = 1e-9
-"""By how much a limit may be passed before it counts: a start that stands exactly on it comes with rounding."""
+STATE_ROUNDING = 1e-9
+"""Excess of a limit that counts as rounding: an initial state may be exactly on a limit."""
 MARGINS = (0.999, 0.99, 0.97, 0.94)
 """Shares of the limits that stops are chosen within, in turn, until the exact evaluation agrees."""
 TRIED = 3
-"""How many of the chosen stops are evaluated exactly for each margin."""
+"""Number of chosen stops that are evaluated exactly for each margin."""
 JERKS = np.geomspace(1.0, 1e-3, 16)
-"""Candidate jerks over the greatest that there can be."""
-SHARES = np.array([1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.05])
+"""Candidate jerks, over the greatest possible one."""
+DECELERATIONS = np.array([1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.05])
 """Candidate decelerations, over the one that would need no time at constant deceleration."""
 
 
@@ -30,6 +30,20 @@ def stop_from(joint_path: JointPath, limits: MotionLimits, s: float, v: float, a
 
     A stop is of three sections, each with a jerk of its own: to no acceleration, to a deceleration, and to rest.
 
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s, v, a : float
+        The state: s [m, rad], ṡ [m/s, rad/s] and s̈ [m/s², rad/s²].
+
+    Returns
+    -------
+    scipy.interpolate.PPoly
+        s(t), at rest at its last knot.
+
     Raises
     ------
     NoSolution
@@ -37,7 +51,7 @@ def stop_from(joint_path: JointPath, limits: MotionLimits, s: float, v: float, a
     """
     here = (np.array([x]) for x in (s, v, a, np.nan))  # no jerk is judged: it may jump
     state = worst(joint_path, limits, *here)
-    if state.factor > 1.0 + ROUNDING:
+    if state.factor > 1.0 + STATE_ROUNDING:
         raise NoSolution(
             f"the state at s = {s:.6g} itself breaks the limit on {state.limit}: {state.factor:.6g} times too fast",
             s=s, joint=state.joint, advice="a state of a motion within these limits",
@@ -54,15 +68,15 @@ def stop_from(joint_path: JointPath, limits: MotionLimits, s: float, v: float, a
         for i in good[np.argsort(h[good].sum(axis=1), kind="stable")][:TRIED]:
             law = _law(s, v, a, h[i], j[i])
             along = states(law)
-            stays = law(law.x[-1]) <= joint_path.end and along[1].min() >= -ROUNDING * v
-            if stays and worst(joint_path, limits, *along).factor <= 1.0 + ROUNDING:
+            stays = law(law.x[-1]) <= joint_path.end and along[1].min() >= -STATE_ROUNDING * v
+            if stays and worst(joint_path, limits, *along).factor <= 1.0 + STATE_ROUNDING:
                 return law
     return _refuse(joint_path, limits, (s, v, a), tried, ends)
 
 
 def _greatest_jerk(what: Table, s: float, v: float, a: float) -> float:
     ahead = np.abs(what.parts[what.s >= min(s, what.s[-2]), 2]).max(axis=1)  # |q'| / j
-    most = (v + abs(a) * SHORTEST) / SHORTEST**2  # within the shortest time
+    most = (v + abs(a) * SHORTEST_PHASE) / SHORTEST_PHASE**2  # within the shortest time
     gentlest = ahead.min() if ahead.min() > 1e-3 * ahead.max() else 1e-3 * ahead.max()
     return min(most, 2.0 / float(gentlest)) if gentlest > 0.0 else most
 
@@ -71,11 +85,16 @@ def _stops(top: float, v: float, a: float) -> tuple[Array, Array]:
     """Durations and jerks (k, 4) of stops that never run backwards.
 
     The acceleration goes to 0 with one jerk, on to a deceleration with another, stays, and goes back with a third. A
-    brake that is on already goes to the deceleration at once.
+    state that decelerates already goes to the deceleration at once.
+
+    Returns
+    -------
+    tuple of arrays
+        Durations and jerks (k, 4).
     """
     jerks = top * JERKS
     ease, apply, release, share = (
-        x.ravel() for x in np.meshgrid(jerks if a > 0.0 else jerks[:1], jerks, jerks, SHARES, indexing="ij")
+        x.ravel() for x in np.meshgrid(jerks if a > 0.0 else jerks[:1], jerks, jerks, DECELERATIONS, indexing="ij")
     )
     first = a / ease if a > 0.0 else np.zeros(ease.size)
     reached = v + 0.5 * first * max(a, 0.0)
@@ -83,7 +102,7 @@ def _stops(top: float, v: float, a: float) -> tuple[Array, Array]:
     # the speed is ∫ deceleration: without a flat part p² (1/apply + 1/release) / 2 = v + a² / (2 apply)
     peak = share * np.sqrt((2.0 * reached + a * a / apply) / (1.0 / apply + 1.0 / release))
     if a < 0.0:
-        peak = np.where(share == SHARES[-1], -a, peak)  # keep the brake as it is, too
+        peak = np.where(share == DECELERATIONS[-1], -a, peak)  # also keep the present deceleration
     toward = np.where(peak >= -a, -apply, apply)
     second = np.abs(a + peak) / apply
     left = reached + second * (a + 0.5 * second * toward) - 0.5 * peak * peak / release
@@ -170,7 +189,9 @@ def _refuse(
             s=joint_path.end, advice=f"a stop that begins before s = {joint_path.end - need:.6g}, or a lower speed",
         )  # fmt: skip
     if not len(ends):
-        raise NoSolution("the motion brakes so hard already that it would turn back", s=s, advice="a higher jerk limit")
+        raise NoSolution(
+            "the motion decelerates so much already that it would turn back", s=s, advice="a higher jerk limit"
+        )
     i = int(np.where(ends[:, 0] <= joint_path.end, ends[:, 1], np.inf).argmin())
     found = worst(joint_path, limits, *states(_law(s, v, a, tried[0][i], tried[1][i])))
     raise NoSolution(

@@ -1,0 +1,220 @@
+"""`optik bench` and `optik demo`: suites are listed, checked and run, and their reports written."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from benchmarks.cli.shared import AsJson, command, err_console, out_console, print_json
+from optik.plugins.used import record
+
+bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
+
+AllowPlugins = Annotated[
+    bool,
+    typer.Option("--allow-plugins", help="Run the code in files that the suite names; `optik bench check` lists them."),
+]
+Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
+
+
+@command(bench_app, "list")
+def bench_list(as_json: AsJson = False) -> None:
+    """List the suites.
+
+    Parameters
+    ----------
+    as_json
+        As ``--help`` says.
+    """
+    from benchmarks.suite import SUITES, load_suite
+    from optik.registry import names
+
+    suites = [load_suite(name) for name in names(SUITES)]
+    if as_json:
+        print_json(
+            [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
+        )
+        return
+    kinds = {"blocks": "budgets", "timed call by call": "calls", "batches": "batch", "time laws": "laws"}
+    table = Table("suite", "what", *kinds, "line")
+    for suite in suites:
+        lines = [f"{len(line.ik)} IK methods × {len(line.laws)} laws" for line in suite.of("plans")]
+        ids = [", ".join(b.id for b in suite.of(kind)) or "none" for kind in kinds.values()]
+        table.add_row(suite.name, suite.title, *ids, ", ".join(lines) or "none")
+    out_console.print(table)
+
+
+@command(bench_app, "run")
+def bench_run(
+    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
+    workers: Workers = 1,
+    allow_plugins: AllowPlugins = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run a suite into a folder; a run that was stopped is continued.
+
+    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers.
+
+    Parameters
+    ----------
+    suite, out, workers, allow_plugins, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, OutputError
+        As `load_suite` and `run_suite`.
+    """
+    folder = run_with_progress(suite, out, workers, allow_plugins)
+    if as_json:
+        print_json(folder.manifest())
+    else:
+        out_console.print(
+            f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
+        )
+
+
+@command(bench_app, "check")
+def bench_check(
+    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Check the settings of a suite and list the plug-ins that running it would use; nothing of theirs is run.
+
+    Parameters
+    ----------
+    suite, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        As `load_suite`.
+    """
+    from benchmarks.suite import load_suite
+
+    asked = load_suite(suite)
+    rows = record(asked.plugins)
+    if as_json:
+        print_json({"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows})
+        return
+    out_console.print(f"the settings of {asked.name} are right", highlight=False, markup=False)
+    for row in rows:
+        what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
+        out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
+
+
+@command(bench_app, "report")
+def bench_report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    as_json: AsJson = False,
+) -> None:
+    """Write the report of a run: one HTML file that opens offline.
+
+    Parameters
+    ----------
+    run, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    OutputError
+        No folder of a run, or one that cannot be written.
+    """
+    from benchmarks.records import RunFolder
+    from benchmarks.report import write_report
+
+    with err_console.status("writing the report"):
+        page = write_report(RunFolder(run))
+    if as_json:
+        print_json({"report": str(page)})
+    else:
+        out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the run and its report.")] = Path("optik-demo"),
+    workers: Workers = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Compare the methods on the paper's line and workspace: the suite `paper` and its report.
+
+    Parameters
+    ----------
+    out, workers, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written or holds something else.
+    """
+    from benchmarks.experiments.claims import judge
+    from benchmarks.report import write_report
+
+    folder = run_with_progress("paper", out, workers)
+    with err_console.status("writing the report"):
+        page = write_report(folder)
+    findings = judge(folder)
+    if as_json:
+        print_json({"report": str(page), "claims": [{"claim": f.claim, "verdict": f.verdict} for f in findings]})
+        return
+    table = Table("", "the paper's claim", "verdict")
+    for f in findings:
+        table.add_row(f.key, f.claim, f.verdict)
+    out_console.print(table)
+    out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
+
+
+def run_with_progress(suite: str, out: Path, workers: int, allow_plugins: bool = False) -> Any:
+    """Run a suite with a progress bar on the error stream.
+
+    Parameters
+    ----------
+    suite : str
+        A name or a file.
+    out : Path
+        Folder of the run.
+    workers : int
+        Processes.
+    allow_plugins : bool
+        Whether files that the suite names may be run.
+
+    Returns
+    -------
+    RunFolder
+        The finished run.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, OutputError
+        As `load_suite` and `run_suite`.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from benchmarks.run import run_suite
+    from benchmarks.suite import load_suite
+
+    asked = load_suite(suite, allow_plugins=allow_plugins)
+    command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
+    command += " --allow-plugins" if allow_plugins else ""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err_console, transient=True) as bar:
+        task = bar.add_task("compiling", total=None)
+        try:
+            return run_suite(
+                asked,
+                out,
+                workers=workers,
+                command=command,
+                progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
+            )
+        except KeyboardInterrupt:
+            bar.stop()
+            err_console.print("stopped; run the same command again to continue", style="yellow")
+            raise typer.Exit(130) from None

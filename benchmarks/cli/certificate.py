@@ -1,0 +1,89 @@
+"""What a plan keeps, as the command line prints it for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from benchmarks.cli.shared import out_console
+
+
+def much(ratio: float) -> str:
+    """How far a ratio is beyond 1, in words.
+
+    Parameters
+    ----------
+    ratio : float
+        Of a value to its limit [1].
+
+    Returns
+    -------
+    str
+        For the table.
+    """
+    return f"{ratio:.3g} times its limit" if np.isfinite(ratio) else "without bound"
+
+
+SMOOTH = {
+    -1: "positions jump",
+    0: "velocities jump",
+    1: "accelerations jump",
+    2: "accelerations continuous",
+    3: "jerks continuous",
+}
+"""What `Certificate.continuous` says, in words."""
+
+
+def print_certificate(planned: Any) -> None:
+    """Print what a plan keeps, for people.
+
+    Parameters
+    ----------
+    planned : Plan
+        The plan.
+
+    Raises
+    ------
+    NoSolution
+        There is no motion.
+    """
+    from planners.limits import ALL_LIMITS, DERIVATIVES
+
+    proof, off = planned.certificate, planned.certificate.path_error
+    way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"
+    table = Table(
+        "", "worst / limit", "joint", "at, s", "promised",
+        title=f"{planned.ik} + {planned.law}: {way} in {proof.duration:.4f} s",
+    )  # fmt: skip
+    for field in ALL_LIMITS:
+        ratio, joint, t = proof.worst(field)
+        name, promised = field.replace("_", " "), "yes" if field in proof.keeps else "no"
+        if not np.isnan(ratio):
+            table.add_row(name, f"{ratio:.8g}", joint, f"{t:.4f}", promised)
+        elif field in DERIVATIVES:
+            table.add_row(name, "no limit", "", "", promised)
+    out_console.print(table)
+    out_console.print(
+        f"tool off the path at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
+        f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g} "
+        f"at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}",
+        highlight=False,
+    )
+    if planned.slowed > 1.0:
+        slowed = f"slowed by {planned.slowed:.9g} until it kept what the law promises"
+        out_console.print(slowed, highlight=False)
+    beyond = [f for f in ALL_LIMITS if f not in proof.keeps and proof.worst(f)[0] > 1.0]
+    if beyond:
+        words = ", ".join(f"{f.replace('_', ' ')} {much(proof.worst(f)[0])}" for f in beyond)
+        out_console.print(f"not promised by {planned.law}, and exceeded: {words}", style="yellow", highlight=False)
+    if proof.holds:
+        kept = (
+            "all that the law promises is kept exactly"
+            if proof.keeps
+            else f"joint ranges and path; {planned.law} promises no more"
+        )
+        out_console.print(f"the certificate holds: {kept}", style="green", highlight=False)
+    else:
+        out_console.print("the certificate does NOT hold: " + "; ".join(proof.broken), style="yellow", highlight=False)

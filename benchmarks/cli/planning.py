@@ -1,0 +1,234 @@
+"""What all commands of `optik plan` share: their options, written once, and the way from a path to a certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+import optik
+from benchmarks.cli.certificate import print_certificate
+from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, configuration, out_console, print_json, words_of
+from optik.errors import InvalidInput
+from optik.registry import load_method, names, short_name
+
+plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
+
+START = "20,-35,40,25,50,-30"
+"""Default start of a plan, for arms with as many joints."""
+ROS = (".yaml", ".yml")
+"""Endings of files that hold a ROS message."""
+FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
+"""Endings of files that a plan can be written to; the format of a plug-in is named by ``--format``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """What every plan can be asked for: each field is an option of all commands of `optik plan`."""
+
+    start_deg: Annotated[
+        str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")
+    ] = START
+    robot: RobotName = "paper6r"
+    tip: Tip = None
+    base: Base = None
+    ik: Annotated[
+        str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")
+    ] = "lm"
+    timing: Annotated[
+        str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
+    ] = "optimal"
+    samples: Annotated[int, typer.Option(help="Samples of the path.")] = 151
+    velocity: Annotated[
+        float | None, typer.Option(help="Limit on every joint [rad/s, sliding m/s]; the robot's own if left out.")
+    ] = None
+    acceleration: Annotated[float | None, typer.Option(help="Likewise [rad/s², sliding m/s²].")] = None
+    jerk: Annotated[float | None, typer.Option(help="Likewise [rad/s³, sliding m/s³].")] = None
+    tool_speed: Annotated[float | None, typer.Option(help="Greatest speed of the tool's point [m/s].")] = None
+    rotation_speed: Annotated[float | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s].")] = None
+    branch: Annotated[
+        str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
+    ] = None
+    duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
+        False
+    )
+    out: Annotated[Path | None, typer.Option(help="Write the motion: .json, .npz, .csv, or .yaml for ROS.")] = None
+    format: Annotated[
+        str | None,
+        typer.Option(help=f"File format of --out, one of: {', '.join(names('planners.files'))}; or a file: ./tsv.py."),
+    ] = None
+    as_json: AsJson = False
+
+
+def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+    """Decorate a function that builds a path as a command of `optik plan`, with the options of `Wish` after its own.
+
+    Parameters
+    ----------
+    name : str
+        Of the command.
+
+    Returns
+    -------
+    callable
+        The decorator. The function gets the arm and the start (n,) [rad, m], and its own options by their names.
+    """
+    wished = {field.name: field for field in fields(Wish)}
+    hints = get_type_hints(Wish, include_extras=True)
+
+    def register(build: Callable[..., Any]) -> Callable[..., None]:
+        own = [p for p in signature(build, eval_str=True).parameters.values() if p.name not in ("arm", "q")]
+
+        def run(**given: Any) -> None:
+            wish = Wish(**{key: given.pop(key) for key in wished})
+            arm = arm_of(wish.robot, wish.tip, wish.base)
+            q = start_of(arm, wish.start_deg)
+            planned(arm, build(arm, q, **given), q, wish)
+
+        shared = [
+            Parameter(key, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[key])
+            for key, field in wished.items()
+        ]
+        parameters = [*(p.replace(kind=Parameter.KEYWORD_ONLY) for p in own), *shared]
+        run.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # typer makes the options from it
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        plan_app.command(name, help=words_of(build))(run)
+        return run
+
+    return register
+
+
+def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
+    """Plan, write and print; exit status 1 where there is no motion, or one whose certificate does not hold.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    path : Path
+        Where the tool goes.
+    q : (n,) array
+        Start [rad, m].
+    wish : Wish
+        The options.
+
+    Raises
+    ------
+    InvalidInput, UnknownName
+        Options that cannot be meant.
+    NoSolution
+        There is no motion.
+    """
+    import planners
+
+    check_out(wish)
+    law = planners.make_law(wish.timing)
+    plan = planners.plan(
+        arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
+        branch=wish.branch, duration=wish.duration, strict=wish.strict,
+    )  # fmt: skip
+    if plan and wish.out is not None:
+        if wish.out.suffix.lower() in ROS and wish.format is None:
+            planners.to_ros(plan, wish.out)
+        else:
+            plan.save(wish.out, format=wish.format)
+    if wish.as_json:
+        print_json(plan.to_dict())
+        raise typer.Exit(0 if plan else 1)
+    print_certificate(plan)  # raises NoSolution with the reason where there is no motion
+    if not plan:
+        raise typer.Exit(1)
+    if wish.out is not None:
+        out_console.print(f"written to {wish.out}", highlight=False)
+
+
+def check_out(wish: Wish) -> None:
+    """Check before planning that the motion can be written in the format that is asked.
+
+    Parameters
+    ----------
+    wish : Wish
+        The options.
+
+    Raises
+    ------
+    InvalidInput
+        A suffix of no format, or a format without a file.
+    UnknownName
+        No such format.
+    """
+    if wish.format is not None:
+        if wish.out is None:
+            raise InvalidInput("--format", wish.format, "--out FILE with it")
+        load_method("planners.files", wish.format, "file format")
+    elif wish.out is not None:
+        known = [f".{name}" for name in names("planners.files")]
+        if wish.out.suffix.lower() not in (*known, *ROS):
+            expected = f"a name that ends in {', '.join((*known, *ROS))}, or --format with it"
+            raise InvalidInput("--out", str(wish.out), expected)
+
+
+def start_of(arm: optik.Robot, degrees: str) -> Any:
+    """The start that was typed; the default is for arms of six joints only.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    degrees : str
+        As typed.
+
+    Returns
+    -------
+    (n,) array
+        Configuration [rad, m].
+
+    Raises
+    ------
+    InvalidInput
+        None was typed, and the arm has another number of joints; or as `configuration`.
+    """
+    if degrees == START and arm.n != len(START.split(",")):
+        raise InvalidInput(
+            "--start-deg", "nothing", f"{arm.n} joint values of {arm.name} [degrees, mm], comma separated"
+        )
+    return configuration(arm, degrees)
+
+
+def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
+    """The limits that were typed, the robot's own where none was.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    wish : Wish
+        The options.
+    law : TimeLaw
+        The law that shall keep them.
+
+    Returns
+    -------
+    MotionLimits
+        Of the joints and the tool.
+
+    Raises
+    ------
+    InvalidInput
+        One that the law needs and nobody gave.
+    """
+    import planners
+
+    own = planners.MotionLimits.of(arm)
+    joints = ("velocity", "acceleration", "jerk")
+    found = {f: getattr(own, f) if getattr(wish, f) is None else getattr(wish, f) for f in joints}
+    for field in joints:
+        if field in law.keeps and found[field] is None:
+            nothing = f"nothing, and {arm.name} has no limit of its own"
+            raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
+    return planners.MotionLimits(**found, tool_speed=wish.tool_speed, rotation_speed=wish.rotation_speed)

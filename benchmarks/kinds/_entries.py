@@ -1,0 +1,132 @@
+"""Entries of a block as a suite has them: methods, laws and peers, with their options and labels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.kinds.base import Entry
+from benchmarks.settings import all_of, check_different, check_keys, check_known, optional_count
+from optik.registry import short_name
+
+
+def read_method(data: Any, where: str) -> Entry:
+    """Check the settings of an IK method of ours.
+
+    Parameters
+    ----------
+    data : object
+        A table with ``solver``, and perhaps ``label``, ``options`` and ``max_problems``.
+    where : str
+        Which block, for errors.
+
+    Returns
+    -------
+    Entry
+        The method.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        No such method.
+    """
+    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
+    name = check_known(data["solver"], "optik.ik", "IK method")
+    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
+    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), most)
+
+
+def read_law(data: Any, where: str, role: str = "law") -> Entry:
+    """Check the settings of a time law of ours.
+
+    Parameters
+    ----------
+    data : object
+        A table with ``law``, and perhaps ``label`` and ``options``.
+    where : str
+        Which block and key, for errors.
+    role : str
+        ``law`` or ``reference``.
+
+    Returns
+    -------
+    Entry
+        The law.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        No such law.
+    """
+    check_keys(data, {"label", "law", "options"}, where, need={"law"})
+    name = check_known(data["law"], "planners.timing", "time law")
+    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), role=role)
+
+
+def read_peers(
+    data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems"
+) -> tuple[Entry, ...]:
+    """Check the settings of all peers of a block.
+
+    Parameters
+    ----------
+    data : object
+        A list of tables with ``peer``, and perhaps ``label`` and the key `most`; None for no peers.
+    where : str
+        Which block, for errors.
+    folder : str
+        The package in which they are found by their names.
+    word : str
+        What errors call them.
+    most : str
+        The key that says how many problems or lines a slow one is given.
+
+    Returns
+    -------
+    tuple of Entry
+        The peers.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        No such peer.
+    """
+
+    def read(peer: Any) -> Entry:
+        check_keys(peer, {"label", "peer", most}, f"{where}: peers", need={"peer"})
+        name = check_known(peer["peer"], folder, word)
+        shown = str(peer.get("label", short_name(name).replace("_", " ")))
+        return Entry(shown, name, {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
+
+    return all_of(data, f"{where}: peers", read)
+
+
+def check_labels(entries: Sequence[Entry], where: str) -> list[str]:
+    """Return the labels of some entries, all of them different.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        Of one block.
+    where : str
+        Which block and key, for errors.
+
+    Returns
+    -------
+    list of str
+        The labels.
+
+    Raises
+    ------
+    InvalidInput
+        A label that two entries have.
+    """
+    labels = [entry.label for entry in entries]
+    check_different(labels, where, "label")
+    return labels

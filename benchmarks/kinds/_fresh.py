@@ -1,0 +1,54 @@
+"""Fresh processes: run a few lines of Python that print JSON, and raise where they end with an error."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from optik.errors import OptikError
+
+ROOT = Path(__file__).resolve().parents[2]
+"""Where our packages lie, so that a fresh process imports the same."""
+
+
+class ProcessFailed(OptikError, RuntimeError):
+    """A fresh process ended with an error; its last line is told."""
+
+
+def fresh(arguments: list[str], what: str, **environment: str) -> Any:
+    """Run ``python ARGUMENTS`` and read what it prints as JSON.
+
+    Parameters
+    ----------
+    arguments : list of str
+        Of this interpreter; our packages can be imported.
+    what : str
+        What the error calls it.
+    **environment
+        Variables added to ours.
+
+    Returns
+    -------
+    object
+        What it printed.
+
+    Raises
+    ------
+    ProcessFailed
+        It ended with an error.
+    """
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": path} | environment,
+    )
+    if done.returncode != 0:
+        raise ProcessFailed(f"{what}: {(done.stderr.strip().splitlines() or ['it ended without a word'])[-1]}")
+    return json.loads(done.stdout)

@@ -1,0 +1,107 @@
+"""Blocks of IK problems: one problem set on one robot, as several kinds have them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from benchmarks.kinds.base import Block
+from benchmarks.problems.base import SETS, problem_set
+from benchmarks.settings import check_keys, check_known
+from optik.check import check_count
+
+TRIAL_PROBLEMS = 5
+"""Problems that are drawn to check the options of a set: enough to meet every option, few enough to cost nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemBlock(Block):
+    """A block of IK problems.
+
+    Attributes
+    ----------
+    robot : str
+        Name of the arm.
+    set : str
+        Name of the problem set.
+    options : dict
+        Of the problem set.
+    """
+
+    robot: str
+    set: str
+    options: dict[str, Any]
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """The one arm."""
+        return (self.robot,)
+
+
+def named(data: Any, what: str) -> str:
+    """How errors call a block: its kind and its id.
+
+    Parameters
+    ----------
+    data : object
+        Its settings.
+    what : str
+        Its kind in words.
+
+    Returns
+    -------
+    str
+        Such as ``speed block 'warm'``.
+    """
+    return f"{what} {data.get('id', '?')!r}" if isinstance(data, dict) else what
+
+
+def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dict[str, Any]:
+    """Check what every block of IK problems has: id, title, robot, set and options.
+
+    Parameters
+    ----------
+    data : object
+        Settings of the block.
+    where : str
+        Which block, for errors.
+    known, need : set of str
+        Keys that the kind has besides, and those of them that must be there.
+
+    Returns
+    -------
+    dict
+        The arguments of a `ProblemBlock`.
+
+    Raises
+    ------
+    InvalidInput
+        No table, an unknown key, or one that is missing.
+    UnknownName
+        No such robot or set.
+    """
+    check_keys(data, {"id", "title", "robot", "set", "options"} | known, where, need={"id", "robot", "set"} | need)
+    robot, drawn = check_known(data["robot"], "optik.robots", "robot"), check_known(data["set"], SETS, "problem set")
+    return {
+        "id": str(data["id"]), "title": str(data.get("title", data["id"])), "robot": robot, "set": drawn,
+        "options": dict(data.get("options", {})),
+    }  # fmt: skip
+
+
+def check_set(block: ProblemBlock) -> None:
+    """Refuse wrong options of a problem set, by drawing a few problems of it.
+
+    Parameters
+    ----------
+    block : ProblemBlock
+        The block.
+
+    Raises
+    ------
+    InvalidInput
+        An option that the set does not have, or out of range.
+    """
+    if "count" in block.options:
+        check_count(block.options["count"], "count", TRIAL_PROBLEMS)
+        block = replace(block, options=block.options | {"count": TRIAL_PROBLEMS})
+    problem_set(block, 0)

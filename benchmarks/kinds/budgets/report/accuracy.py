@@ -1,0 +1,174 @@
+"""Section: the error of each axis against distance and against budget, the paper's Fig. 11 to 13."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import polars as pl
+
+from benchmarks.kinds.budgets.report.look import comparisons, method_colour
+from benchmarks.kinds.budgets.rows import BudgetRows
+from benchmarks.report.board import Board, Control, Key, Plot
+from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
+from benchmarks.report.run import Run
+from benchmarks.statistics import binned, quantiles
+
+ERROR_AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
+"""Columns of the errors, and the axes of the base frame that they belong to."""
+
+FLOOR_MM = 1e-9
+"""Errors below this are drawn here: rounding, and exact zeros, have no place on a logarithmic axis."""
+
+MOST_LINES = 5
+"""Budgets that one plot shows: more lines cannot be told apart."""
+
+DECADES = (-9.4, 3.4)
+"""Range of all error axes, as powers of ten: the same for every axis, method and set of problems."""
+
+
+def accuracy(run: Run) -> dict[str, Any] | None:
+    """Error against distance by budget, and against budget by method.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
+    blocks = [b for b in comparisons(run) if not b.known.is_empty()]
+    if not blocks:
+        return None
+    counts = []
+    for b in blocks:
+        total, known = b.problems()
+        counts.append({"title": b.block.title, "known": known, "unknown": total - known})
+    return {"counts": counts, "boards": [_distance_board(blocks), _budget_board(blocks, run)]}
+
+
+def chosen(budgets: tuple[int, ...], count: int = MOST_LINES) -> list[int]:
+    """A limited number of budgets, spread evenly through the list, with the first and the last.
+
+    Parameters
+    ----------
+    budgets : tuple of int
+        All budgets, increasing.
+    count : int
+        How many lines a plot has at most.
+
+    Returns
+    -------
+    list of int
+        The chosen ones.
+    """
+    if len(budgets) <= count:
+        return list(budgets)
+    return [budgets[round(i * (len(budgets) - 1) / (count - 1))] for i in range(count)]
+
+
+def _controls(blocks: list[BudgetRows]) -> Control:
+    return Control("block", "Problems", tuple((b.block.id, b.block.title) for b in blocks))
+
+
+def _millimetres(column: str) -> pl.Expr:
+    return (pl.col(column).abs() * 1e3).clip(FLOOR_MM).alias("mm")
+
+
+def _distance_board(blocks: list[BudgetRows]) -> Board:
+    plots = []
+    for column, name in ERROR_AXES.items():
+        plot = Plot(
+            f"distance-{column}", f"{name} axis",
+            {"xaxis": axis("distance from the start [mm]"), "yaxis": log_axis(f"|error in {name}| [mm]", range=DECADES)},
+        )  # fmt: skip
+        for b in blocks:
+            _distance_lines(plot, b, column)
+        plots.append(plot)
+    methods = dict.fromkeys(m for b in blocks for m in b.methods)
+    legend = [
+        Key(iterations(budget), shade, "solid", {"block": [b.block.id]})
+        for b in blocks
+        for budget, shade in zip(chosen(b.block.budgets), shades(len(chosen(b.block.budgets))), strict=True)
+    ]
+    legend += [Key("median", "var(--ink)"), Key("95th percentile", "var(--ink)", "dashed")]
+    return Board(
+        "by-distance", tuple(plots), (_controls(blocks), Control.of("method", "Method", list(methods))), tuple(legend),
+        "Bins of 50 mm with at least 10 targets. All targets with a known solution are counted, also those where the method "
+        "fails: they make the 95th percentile. Errors below 10⁻⁹ mm are drawn there.",
+    )  # fmt: skip
+
+
+def _distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
+    budgets = chosen(b.block.budgets)
+    for label in b.methods:
+        part = b.known.filter(pl.col("method") == label).with_columns(
+            _millimetres(column), far=pl.col("distance") * 1e3
+        )
+        for budget, shade in zip(budgets, shades(len(budgets)), strict=True):
+            table = binned(part.filter(pl.col("budget") == budget), "far", "mm", width=50.0)
+            for quantile, words, dash in (("q0.5", "median", "solid"), ("q0.95", "95th percentile", "dot")):
+                plot.add(
+                    line(
+                        x=lean(table["middle"]), y=lean(table[quantile]), customdata=table["count"].to_list(),
+                        mode="lines+markers" if dash == "solid" else "lines", marker={"size": 4},
+                        line={"color": shade, "dash": dash, "width": 2 if dash == "solid" else 1.3},
+                        hovertemplate=f"{iterations(budget)}, {words}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm "
+                        f"(%{{customdata}} targets){HOVER}",
+                    ),
+                    {"block": [b.block.id], "method": [label]},
+                )  # fmt: skip
+
+
+def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
+    plots = []
+    for column, name in ERROR_AXES.items():
+        plot = Plot(
+            f"budget-{column}", f"{name} axis",
+            {
+                "xaxis": axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500]),
+                "yaxis": log_axis(f"|error in {name}| [mm]", range=DECADES),
+            },
+        )  # fmt: skip
+        for b in blocks:
+            for label in b.methods:
+                _budget_lines(plot, b, label, method_colour(run, label), column)
+        plots.append(plot)
+    legend = [Key(m, method_colour(run, m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.methods]
+    legend += [Key("median", "var(--ink)"), Key("95th percentile", "var(--ink)", "dashed"), Key("2 mm", "var(--alarm)")]
+    for plot in plots:
+        plot.layout["shapes"] = [
+            {
+                "type": "line",
+                "xref": "paper",
+                "x0": 0,
+                "x1": 1,
+                "y0": 2,
+                "y1": 2,
+                "line": {"color": "var(--alarm)", "width": 1},
+            }
+        ]
+    return Board(
+        "by-budget", tuple(plots), (_controls(blocks),), tuple(legend),
+        "Targets with a known solution, those of each method: the methods were not all run on the same ones (see the table "
+        "above for paired figures). The thin line is the paper's 2 mm.",
+    )  # fmt: skip
+
+
+def _budget_lines(plot: Plot, b: BudgetRows, label: str, colour: str, column: str) -> None:
+    part = b.known.filter(pl.col("method") == label).with_columns(_millimetres(column))
+    if part.is_empty():
+        return
+    values = [quantiles(part.filter(pl.col("budget") == n)["mm"].to_numpy(), (0.5, 0.95)) for n in b.block.budgets]
+    for k, (words, dash) in enumerate((("median", "solid"), ("95th percentile", "dot"))):
+        plot.add(
+            line(
+                x=list(b.block.budgets), y=lean([v[k] for v in values]), marker={"size": 5},
+                mode="lines+markers" if dash == "solid" else "lines",
+                line={"color": colour, "dash": dash, "width": 2 if dash == "solid" else 1.3},
+                hovertemplate=f"{label}, {words}<br>%{{x}} iterations: %{{y:.3g}} mm{HOVER}",
+            ),
+            {"block": [b.block.id]},
+        )  # fmt: skip

@@ -1,0 +1,166 @@
+"""Section: which damping to choose, by the distance of the target from a singularity; all text is computed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.budgets.measures import success
+from benchmarks.kinds.budgets.report.look import budget_blocks
+from benchmarks.kinds.budgets.rows import BudgetRows
+from benchmarks.report.board import Board, Key, Plot
+from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.run import Run
+
+DAMPING_BLOCK = "damping"
+"""Id of the block that this section is about."""
+
+
+def damping(run: Run) -> dict[str, Any] | None:
+    """Success, iterations and error of each damping in each stratum, and the recommended dampings.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
+    found = [b for b in budget_blocks(run) if b.block.id == DAMPING_BLOCK]
+    constants = {m.label: float(m.options["damping"]) for b in found for m in b.block.methods if "damping" in m.options}
+    if not found or not constants:
+        return None
+    b = found[0]
+    strata = b.rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
+    table = {(g, m): _figures(b, g, m) for g in strata for m in b.methods}
+    others = [m for m in b.methods if m not in constants]
+    return {
+        "strata": strata,
+        "count": {g: b.last.filter(pl.col("group") == g)["problem"].n_unique() for g in strata},
+        "rows": [(m, [table[g, m] for g in strata]) for m in b.methods],
+        "budget": b.budget,
+        "advice": [_advice(g, constants, others, table) for g in strata]
+        + _everywhere(strata, constants, others, table),
+        "boards": [_board(b, strata, constants, table)] if len(constants) > 1 else [],
+        "ordered": sorted(constants, key=lambda m: constants[m]),
+        "others": others,
+    }
+
+
+def _figures(b: BudgetRows, group: str, method: str) -> dict[str, Any]:
+    """Share solved, iterations of the solved, and the error left, of one method in one stratum at the largest budget."""
+    part = b.last.filter((pl.col("group") == group) & (pl.col("method") == method))
+    share, low, high = success(part, 1e-6)
+    took = part.filter(pl.col("status") == "solved")["iterations"].to_numpy()
+    left = 1e3 * part["position_error"].to_numpy()
+    median, p95 = (float(np.quantile(left, level)) if len(left) else math.nan for level in (0.5, 0.95))
+    middle = float(np.median(took)) if len(took) else math.nan
+    return {
+        "share": share, "low": low, "high": high, "iterations": middle, "median_mm": median, "p95_mm": p95,
+        "cells": (percent(share), f"[{low:.1f}, {high:.1f}]", _count(middle), number(median), number(p95)),
+    }  # fmt: skip
+
+
+def _count(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:g}"
+
+
+def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
+    """The dampings that no other is significantly better than, best first.
+
+    Those whose interval of success reaches that of the surest; among them by median iterations, then by share.
+
+    Parameters
+    ----------
+    constants : dict
+        Damping of each method by its label.
+    figures : dict
+        ``low``, ``share``, ``high`` [%] and ``iterations`` of each method by its label.
+
+    Returns
+    -------
+    list of str
+        Labels.
+    """
+    best = max(figures[m]["low"] for m in constants)
+    level = [m for m in constants if figures[m]["high"] >= best and not math.isnan(figures[m]["iterations"])]
+    return sorted(level, key=lambda m: (figures[m]["iterations"], -figures[m]["share"]))
+
+
+def _advice(
+    group: str, constants: dict[str, float], others: list[str], table: dict[tuple[str, str], dict[str, Any]]
+) -> dict[str, str]:
+    figures = {m: table[group, m] for m in (*constants, *others)}
+    level = choose(constants, figures)
+    if not level:
+        return {"group": group, "text": "no damping of these solves anything here."}
+    first, rest = level[0], level[1:]
+    text = f"{first}: {_words(figures[first])}"
+    if rest:
+        text += f"; {', '.join(rest)} {'is' if len(rest) == 1 else 'are'} as sure within the intervals and no faster"
+    worst = min(constants, key=lambda m: figures[m]["share"])
+    if worst not in level:
+        text += f"; worst is {worst} with {percent(figures[worst]['share'])}"
+    calm = min(constants, key=lambda m: figures[m]["p95_mm"])
+    if figures[calm]["p95_mm"] < 0.1 * figures[first]["p95_mm"]:
+        text += (
+            f". Where it fails it strays: its 95th percentile of error is {number(figures[first]['p95_mm'])} mm, "
+            f"that of {calm} {number(figures[calm]['p95_mm'])} mm"
+        )
+    text += "".join(f". {m}: {_words(figures[m])}" for m in others)
+    return {"group": group, "text": f"{text}."}
+
+
+def _words(figures: dict[str, Any]) -> str:
+    took = figures["iterations"]
+    after = f" after a median of {iterations(round(took)) if took == round(took) else _count(took) + ' iterations'}"
+    return f"{percent(figures['share'])} solved{'' if math.isnan(took) else after}"
+
+
+def _everywhere(
+    strata: list[str],
+    constants: dict[str, float],
+    others: list[str],
+    table: dict[tuple[str, str], dict[str, Any]],
+) -> list[dict[str, str]]:
+    """The best single damping: that whose worst stratum is best; and whether an adaptive method is better there."""
+    lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
+    best = max(constants, key=lambda m: (lowest[m], -sum(table[g, m]["iterations"] for g in strata)))
+    text = f"{best} has the best worst stratum, {percent(lowest[best])}"
+    for m in others:
+        word = "more" if lowest[m] > lowest[best] else "less" if lowest[m] < lowest[best] else "the same"
+        text += f"; {m} has {word}: {percent(lowest[m])}"
+    return [{"group": "one choice for everything", "text": f"{text}."}]
+
+
+def _board(
+    b: BudgetRows, strata: list[str], constants: dict[str, float], table: dict[tuple[str, str], dict[str, Any]]
+) -> Board:
+    ordered = sorted(constants, key=lambda m: constants[m])
+    x = [constants[m] for m in ordered]
+    solved = Plot("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])})
+    took = Plot("damping-iterations", "Iterations of the solved, median", {"yaxis": log_axis("iterations", dtick=1)})
+    left = Plot("damping-error", "Position error left, 95th percentile", {"yaxis": log_axis("error [mm]")})
+    for plot, key in ((solved, "share"), (took, "iterations"), (left, "p95_mm")):
+        plot.layout["xaxis"] = log_axis("damping λ", dtick=1)
+        for group, shade in zip(strata, shades(len(strata)), strict=True):
+            y = [max(table[group, m][key], 1e-9) if key == "p95_mm" else table[group, m][key] for m in ordered]
+            plot.add(
+                line(
+                    x=x, y=lean(y), mode="lines+markers", name=group, line={"color": shade, "width": 2},
+                    marker={"size": 6}, hovertemplate=f"{group}<br>λ = %{{x}}: %{{y:.4~g}}{HOVER}",
+                )
+            )  # fmt: skip
+    legend = tuple(Key(group, shade, "solid") for group, shade in zip(strata, shades(len(strata)), strict=True))
+    return Board(
+        "damping-board", (solved, took, left), (), legend,
+        f"One attempt of at most {b.budget} iterations from starts 0.1 rad (standard deviation) away. σ is the smallest "
+        "singular value of the Jacobian at the solution. Errors below 10⁻⁹ mm are drawn there.",
+    )  # fmt: skip

@@ -1,0 +1,128 @@
+"""Iteration budgets at the head of the report: what solved means, what was run, key findings, limitations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
+from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons, method_colour
+from benchmarks.kinds.budgets.rows import BudgetRows
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.run import Run
+from optik.registry import short_name
+
+
+def terms(run: Run) -> dict[str, Any] | None:
+    """Tolerances of a solved problem; None where no block has rows.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows.
+    """
+    return {"levels": [level_words(level) for level in SUCCESS_LEVELS]} if budget_blocks(run) else None
+
+
+def summary(run: Run) -> dict[str, Any] | None:
+    """Problems, robot and methods of every block; None where no block has rows.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows.
+    """
+    return {"blocks": [_block(b, run) for b in budget_blocks(run)]} if budget_blocks(run) else None
+
+
+def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
+    total, known = b.problems()
+    ran = {m: b.last.filter(pl.col("method") == m).height for m in b.methods}
+    methods = []
+    for m in b.block.methods:
+        part = "" if ran.get(m.label, 0) == total else f"; {ran.get(m.label, 0):,} of the problems"
+        what = f"{short_name(m.name)}, {m.words or 'no options'}{part}"
+        methods.append({"label": m.label, "colour": method_colour(run, m.label), "what": what})
+    return {
+        "id": b.block.id, "title": b.block.title, "set": short_name(b.block.set).replace("_", " "),
+        "robot": short_name(b.block.robot),
+        "total": total, "known": known, "methods": methods, "budgets": b.block.budgets,
+    }  # fmt: skip
+
+
+def findings(run: Run) -> list[str]:
+    """Share solved and median time of every method on the paired problems, block by block.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of str
+        One sentence for each block that compares methods.
+    """
+    return [words for b in comparisons(run) if (words := _rates(b))]
+
+
+def _rates(b: BudgetRows) -> str:
+    known = b.paired.filter((pl.col("budget") == b.budget) & pl.col("known"))
+    if known.is_empty():
+        return ""
+    words = []
+    for label in b.methods:
+        part = known.filter(pl.col("method") == label)
+        share, low, high = success(part, SUCCESS_LEVELS[-1])
+        seconds = part.filter(pl.col("status") == "solved")["seconds"]
+        took = f", {number(1e6 * float(np.median(seconds)))} µs a solved call" if len(seconds) else ""
+        words.append(f"{label} solves {percent(share)} ({low:.1f} to {high:.1f} %){took}")
+    count = known["problem"].n_unique()
+    return (
+        f"{b.block.title}, {count:,} targets with a known solution, at most {b.budget} iterations: "
+        + "; ".join(words)
+        + "."
+    )
+
+
+def limitations(run: Run) -> list[str]:
+    """What a reader should know before quoting rates and iterations.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
+    items = [
+        "A run that ends by itself before its budget is timed once and counted for every larger budget.",
+        "In blocks with iteration budgets every method gets one attempt from the given start: no restarts, which the "
+        "paper's iteration does not have.",
+    ]
+    if any(b.block.set == "graph_paper" for b in budget_blocks(run)):
+        items.append(
+            "“No known solution” means that a reference solve with restarts found none, nor any method here. It is no proof "
+            "that the target is out of reach. Graph-paper targets all have the start's orientation."
+        )
+    if any(b.paired["problem"].n_unique() < b.problems()[0] for b in budget_blocks(run)):
+        items.append(
+            "Some methods were run on a part of the problems. The tables compare on the problems that all were run on; plots "
+            "that do otherwise say so."
+        )
+    return items

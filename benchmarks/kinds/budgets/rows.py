@@ -1,0 +1,51 @@
+"""Rows of a block with iteration budgets, as the report reads them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import polars as pl
+
+from benchmarks.kinds.base import BlockRows
+from benchmarks.kinds.budgets.measures import paired
+
+
+@dataclass(frozen=True)
+class BudgetRows(BlockRows):
+    """A block with iteration budgets, and its rows."""
+
+    @property
+    def sweep(self) -> bool:
+        """Whether it varies the options of one method instead of comparing methods."""
+        return bool(self.block.sweep)
+
+    @cached_property
+    def methods(self) -> list[str]:
+        """Labels of the methods that have rows, in the suite's order."""
+        return self.rows["method"].unique(maintain_order=True).to_list()
+
+    @cached_property
+    def budget(self) -> int:
+        """The largest budget."""
+        return int(self.block.budgets[-1])
+
+    @cached_property
+    def last(self) -> pl.DataFrame:
+        """Rows at the largest budget."""
+        return self.rows.filter(pl.col("budget") == self.budget)
+
+    @cached_property
+    def paired(self) -> pl.DataFrame:
+        """Rows of the problems that every method was run on."""
+        return paired(self.rows)
+
+    @cached_property
+    def known(self) -> pl.DataFrame:
+        """Rows of the problems with a known solution."""
+        return self.rows.filter("known")
+
+    def problems(self) -> tuple[int, int]:
+        """How many problems, and how many of them have a known solution."""
+        first = self.rows.unique("problem")
+        return len(first), int(first["known"].sum())

@@ -1,0 +1,82 @@
+"""Settings of blocks with iteration budgets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.kinds._entries import check_labels, read_method
+from benchmarks.kinds._problems import ProblemBlock, read_problems
+from benchmarks.kinds.base import Entry
+from benchmarks.settings import check_list
+from optik.check import check_count
+from optik.errors import InvalidInput
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetBlock(ProblemBlock):
+    """One problem set on one robot, solved by some methods at some iteration budgets, one attempt each.
+
+    Attributes
+    ----------
+    budgets : tuple of int
+        Iterations at which every run is looked at, increasing.
+    methods : tuple of Entry
+        The IK methods.
+    sweep : bool
+        Whether it varies options instead of comparing methods; by default, where all methods are one solver.
+    """
+
+    budgets: tuple[int, ...]
+    methods: tuple[Entry, ...]
+    sweep: bool = False
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The methods."""
+        return self.methods
+
+
+def read_block(data: Any) -> BudgetBlock:
+    """Check the settings of a block with iteration budgets and return it.
+
+    Parameters
+    ----------
+    data : object
+        A table of the suite.
+
+    Returns
+    -------
+    BudgetBlock
+        The block.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        A robot, set or method that does not exist.
+    """
+    where = f"block {data.get('id', '?')!r}" if isinstance(data, dict) else "block"
+    shared = read_problems(data, where, {"budgets", "methods", "sweep"}, {"methods"})
+    budgets = tuple(check_list(data.get("budgets", [100]), f"{where}: budgets"))
+    for budget in budgets:
+        check_count(budget, f"{where}: budgets", 1)
+    if list(budgets) != sorted(set(budgets)):
+        raise InvalidInput(f"{where}: budgets", budgets, "whole numbers, each larger than the one before")
+    methods = tuple(_budgeted(m, where) for m in check_list(data["methods"], f"{where}: methods"))
+    check_labels(methods, f"{where}: methods")
+    sweep = data.get("sweep", len(methods) > 1 and len({m.name for m in methods}) == 1)
+    if not isinstance(sweep, bool):
+        raise InvalidInput(f"{where}: sweep", repr(sweep)[:60], "true or false")
+    return BudgetBlock(**shared, budgets=budgets, methods=methods, sweep=sweep)
+
+
+def _budgeted(data: Any, where: str) -> Entry:
+    """A method that nothing but a budget stops."""
+    method = read_method(data, where)
+    for fixed in ("max_iterations", "max_restarts", "time_limit"):
+        if fixed in method.options:
+            expected = "budgets in place of it: one attempt, stopped at each budget"
+            raise InvalidInput(f"{where}: methods", fixed, expected)
+    return method

@@ -1,0 +1,84 @@
+"""Judgement of answers by our own forward kinematics and limits, never by a method's own claim."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from optik.arm.robot import Robot
+from optik.ik import Tolerance
+from optik.types import Array
+
+
+def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -> pl.DataFrame:
+    """Judge what calls answered: one row a target, of its best answer.
+
+    A target is solved if any answer meets it within `Tolerance()` inside the limits. Of several answers, one inside the
+    limits counts before one outside, then the smaller error.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    targets : (k, 4, 4) array
+        Poses that were asked for [m, 1].
+    answers : list of k arrays (m, n)
+        Configurations [rad, m] that answer each, m = 0 for none.
+    wraps : bool
+        Whether full turns may be added to bring an answer inside the limits.
+
+    Returns
+    -------
+    DataFrame
+        ``solved``, ``inside``, ``position_error`` [m] and ``rotation_error`` [rad], NaN without a finite answer.
+    """
+    owner = np.repeat(np.arange(len(answers)), [len(a) for a in answers])
+    q = np.concatenate([np.empty((0, robot.n)), *answers])
+    keep = np.isfinite(q).all(axis=1)
+    q, owner = q[keep], owner[keep]
+    if wraps:
+        q = wrapped(robot, q)
+    e = robot.errors(q, targets[owner]) if len(q) else np.empty((0, 6))
+    position, rotation = np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
+    inside = robot.limits.contains(q)
+    tolerance = Tolerance()
+    size = np.maximum(position / tolerance.position, rotation / tolerance.rotation)
+    order = np.lexsort((size, ~inside, owner))
+    first = order[np.unique(owner[order], return_index=True)[1]]  # the best answer of each target that has one
+    k = len(answers)
+    rows: dict[str, NDArray[Any]] = {
+        "solved": np.zeros(k, dtype=bool),
+        "inside": np.zeros(k, dtype=bool),
+        "position_error": np.full(k, np.nan),
+        "rotation_error": np.full(k, np.nan),
+    }
+    at = owner[first]
+    rows["solved"][at] = inside[first] & (size[first] <= 1.0)
+    rows["inside"][at] = inside[first]
+    rows["position_error"][at], rows["rotation_error"][at] = position[first], rotation[first]
+    return pl.DataFrame(rows)
+
+
+def wrapped(robot: Robot, q: Array) -> Array:
+    """Add full turns to turning joints outside their limits, to bring them inside where that is possible.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+
+    Returns
+    -------
+    (k, n) array
+        Configurations with the same tool poses [rad, m].
+    """
+    lower, upper = robot.limits.lower, robot.limits.upper
+    turn = 2.0 * np.pi
+    up = q + turn * np.ceil(np.maximum(lower - 1e-9 - q, 0.0) / turn)
+    moved = up - turn * np.ceil(np.maximum(up - upper - 1e-9, 0.0) / turn)
+    return np.where(robot.prismatic, q, moved)

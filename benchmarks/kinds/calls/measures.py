@@ -1,0 +1,105 @@
+"""Measures of single calls: computed on the rows of one method, or of two on the problems that both were given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.settings import Target
+from benchmarks.targets import Measure, measure_named
+
+
+def shared(rows: pl.DataFrame, labels: tuple[str, ...]) -> pl.DataFrame:
+    """Rows of some methods on the problems that all of them were given.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+    labels : tuple of str
+        Of the methods.
+
+    Returns
+    -------
+    DataFrame
+        A part of the rows.
+    """
+    chosen = rows.filter(pl.col("method").is_in(labels))
+    return chosen.filter(pl.col("method").n_unique().over("problem") == chosen["method"].n_unique())
+
+
+def median_ratio(rows: pl.DataFrame, method: str, to: str) -> float:
+    """Median time of one method over that of another, on the problems that both were given.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+    method, to : str
+        Their labels.
+
+    Returns
+    -------
+    float
+        The ratio [1]; NaN where they share no problem.
+    """
+    both = shared(rows, (method, to))
+    mine, other = (both.filter(pl.col("method") == label)["ns"].to_numpy() for label in (method, to))
+    return float(np.median(mine) / np.median(other)) if len(mine) and len(other) else float("nan")
+
+
+def _solved(rows: pl.DataFrame) -> float:
+    return 100.0 * int(rows["solved"].sum()) / len(rows)
+
+
+def _us(statistic: Callable[[Any], Any]) -> Callable[[pl.DataFrame], float]:
+    """A statistic of the times of calls [µs]."""
+    return lambda rows: float(statistic(rows["ns"].to_numpy() / 1e3))
+
+
+MEASURES = (
+    Measure("success", "%", _solved, "solved", show="exact"),
+    Measure("median_us", "µs", _us(np.median), "median time of a call"),
+    Measure("mean_us", "µs", _us(np.mean), "mean time of a call"),
+    Measure("p90_us", "µs", _us(lambda us: np.quantile(us, 0.90)), "90th percentile of a call"),
+    Measure("p99_us", "µs", _us(lambda us: np.quantile(us, 0.99)), "99th percentile of a call"),
+    Measure("max_us", "µs", _us(np.max), "longest call"),
+    Measure("median_ratio", "", median_ratio, "median time over that of", relative=True),
+)
+"""What a target of single calls may ask for."""
+
+
+def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
+    """Value of a target on the rows of a block.
+
+    Parameters
+    ----------
+    rows : DataFrame or None
+        Of the block.
+    target : Target
+        What was asked.
+
+    Returns
+    -------
+    value : float
+        NaN where a method was not run.
+    note : str
+        How many problems it is computed from.
+    """
+    measure = measure_named(MEASURES, target.measure, "measure")
+    wanted = (target.method, target.to) if target.to else (target.method,)
+    for label in wanted:
+        if rows is None or rows.filter(pl.col("method") == label).is_empty():
+            return float("nan"), f"{label} was not run"
+    assert rows is not None
+    chosen = shared(rows, wanted)
+    if measure.relative:
+        count = chosen["problem"].n_unique()
+        return float(measure.compute(chosen, *wanted)), f"{count:,} problems, both"
+    note = f"{len(chosen):,} calls"
+    if target.measure == "success":
+        note += f", {len(chosen) - int(chosen['solved'].sum()):,} not solved"
+    return measure.values(chosen)[0], note

@@ -1,0 +1,74 @@
+"""Settings of blocks of single calls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.kinds._entries import check_labels, read_method, read_peers
+from benchmarks.kinds._problems import ProblemBlock, named, read_problems
+from benchmarks.kinds.base import Entry
+from benchmarks.kinds.calls.measures import MEASURES
+from benchmarks.peers.ik import PEERS
+from benchmarks.settings import all_of
+from benchmarks.targets import read_target
+from optik.check import check_count
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallBlock(ProblemBlock):
+    """One problem set on one robot, every problem one timed call of every method and peer, in rounds.
+
+    Attributes
+    ----------
+    rounds : int
+        How often each problem is solved; its time is the median.
+    methods : tuple of Entry
+        Methods of ours; ratios are taken to the first.
+    peers : tuple of Entry
+        Outside methods.
+    """
+
+    rounds: int
+    methods: tuple[Entry, ...]
+    peers: tuple[Entry, ...]
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The methods, then the peers."""
+        return (*self.methods, *self.peers)
+
+    @property
+    def reference(self) -> str:
+        """Label that ratios are taken to: the first method."""
+        return self.methods[0].label
+
+
+def read_block(data: Any) -> CallBlock:
+    """Check the settings of a block of single calls and return it.
+
+    Parameters
+    ----------
+    data : object
+        A table of the suite.
+
+    Returns
+    -------
+    CallBlock
+        The block.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        A robot, set, method or peer that does not exist.
+    """
+    where = named(data, "speed block")
+    shared = read_problems(data, where, {"rounds", "methods", "peers", "targets"}, {"methods"})
+    check_count(data.get("rounds", 3), f"{where}: rounds", 1)
+    methods = all_of(data["methods"], f"{where}: methods", lambda m: read_method(m, where))
+    peers = read_peers(data.get("peers"), where, PEERS)
+    labels = check_labels((*methods, *peers), f"{where}: methods")
+    targets = all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES, labels=labels))
+    return CallBlock(**shared, rounds=data.get("rounds", 3), methods=methods, peers=peers, targets=targets)

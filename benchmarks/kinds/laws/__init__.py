@@ -1,0 +1,73 @@
+"""Time laws on many straight lines: every law and peer times the same joint paths, and every motion is certified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from benchmarks.kinds._contest import read_facts
+from benchmarks.kinds.base import BlockRows, Kind, Section, Target, Tell
+from benchmarks.kinds.laws.measures import MEASURES, judge
+from benchmarks.kinds.laws.rows import LawRows, read_rows
+from benchmarks.kinds.laws.run import check_laws, facts_file, run_laws
+from benchmarks.kinds.laws.settings import LawBlock, read_block
+from benchmarks.records import RunFolder
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
+
+
+class _Laws(Kind):
+    """Blocks of timed lines: ``[[timing]]`` of a suite."""
+
+    name = "laws"
+    title = "Time laws on many lines"
+    measures = MEASURES
+    order = 60
+
+    def settings(self, data: Any) -> LawBlock:
+        return read_block(data)
+
+    def prepare(self, block: LawBlock, seed: int) -> None:
+        check_laws(block)
+
+    def run(self, block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
+        run_laws(block, seed, folder, tell)
+
+    def rows(self, folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
+        return read_rows(folder, block)
+
+    def read(self, folder: RunFolder, block: LawBlock) -> BlockRows | None:
+        rows = self.rows(folder, block)
+        return None if rows is None else LawRows(block, rows, folder, read_facts(folder, facts_file(block), block.id))
+
+    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
+        return judge(rows, target)
+
+    def sections(self) -> Sequence[Section]:
+        from benchmarks.kinds.laws.report import SECTIONS
+
+        return SECTIONS
+
+    def subjects(self, blocks: Sequence[LawBlock]) -> Sequence[str]:
+        return (f"time laws along {sum(part.count for b in blocks for part in b.lines)} straight lines",)
+
+    def findings(self, run: Run) -> Sequence[str]:
+        from benchmarks.kinds.laws.report.section import findings
+
+        return findings(run)
+
+    def limitations(self, run: Run) -> Sequence[str]:
+        return (
+            "T* is the shortest motion known, not a proved optimum: another law could be shorter still.",
+            "Lines are drawn so that the whole line can be followed inside the joint limits; none passes nearer to a "
+            "singularity than a smallest singular value of 0.02. The limits are the suite's, the same on every joint, not the "
+            "robots' own.",
+            "Peers time the joint path that our follower made, with its exact derivatives where they take them; what they "
+            "answer is judged as it is, never slowed until it keeps the limits, while ours are.",
+        )
+
+
+METHOD = _Laws

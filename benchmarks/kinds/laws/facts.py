@@ -1,0 +1,162 @@
+"""Facts on one timed motion: what it keeps by its certificate, and what sampling finds beside that."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from optik import se3
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
+from planners.certificate.certificate import Certificate
+from planners.fit import stretch
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.paths.base import Path
+from planners.trajectory import Trajectory
+
+CHECK_INSTANTS = 4999
+"""Instants at which the deviation is sampled beside the certificate: others than those that it looks at itself."""
+
+COLUMNS = (
+    "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
+    "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "sampled_jerk", "tool_speed",
+    "rotation_speed", "holds", "broken", "breaks", "slowed", "least_duration", "distance", "angle", "true_distance",
+    "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
+)  # fmt: skip
+"""Columns of a row, beside those of its line. Ratios are worst values over limits, exact."""
+
+COLUMN_TYPES = {
+    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in DERIVATIVES)),
+    pl.Boolean: ("holds",),
+    pl.Int64: ("continuous",),
+}
+"""Types of the columns that are no real numbers."""
+
+SCHEMA = {name: next((kind for kind, some in COLUMN_TYPES.items() if name in some), pl.Float64) for name in COLUMNS}
+"""Type of every column."""
+
+RATIO_DECIMALS = 11
+"""Decimals that are kept of a ratio: round-off takes 1e-12 from a ratio of exactly 1."""
+
+
+def blank(law: str, entry: str) -> dict[str, Any]:
+    """A row with every column, of a law or peer that has no motion yet.
+
+    Parameters
+    ----------
+    law : str
+        Label of the entry.
+    entry : str
+        ``law``, ``peer`` or ``reference``.
+
+    Returns
+    -------
+    dict
+        None in every column but these and the status.
+    """
+    return dict.fromkeys(COLUMNS) | {"law": law, "entry": entry, "status": "solved", "reason": ""}
+
+
+def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
+    """What a motion keeps, by its certificate, and what sampling finds of its deviation.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        The path of the tool.
+    motion : Trajectory
+        The motion.
+    proof : Certificate
+        Of the motion.
+    limits : MotionLimits
+        Within which it was timed.
+
+    Returns
+    -------
+    dict
+        Columns of a row.
+    """
+    facts: dict[str, Any] = {
+        "status": "solved", "duration": motion.duration, "holds": proof.holds, "broken": "; ".join(proof.broken),
+        "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
+        "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
+        "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
+        "sampled_jerk": float(proof.sampled_jerk.max()),
+        "least_duration": least_duration(robot, motion, proof, limits),
+    }  # fmt: skip
+    for field in DERIVATIVES:
+        ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
+        facts[field] = round(ratio, RATIO_DECIMALS)
+    facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
+    return facts
+
+
+def least_duration(robot: Robot, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
+    """Duration at which the same motion, scaled in time uniformly, just keeps every limit.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    motion : Trajectory
+        The motion.
+    proof : Certificate
+        Of the motion.
+    limits : MotionLimits
+        The limits.
+
+    Returns
+    -------
+    float
+        Seconds; infinite where the acceleration jumps.
+    """
+    if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
+        return float("inf")
+    return motion.duration * stretch(robot, motion, limits)
+
+
+def breaks(proof: Certificate) -> list[str]:
+    """The limits that a motion violates, promised or not.
+
+    Parameters
+    ----------
+    proof : Certificate
+        Of the motion.
+
+    Returns
+    -------
+    list of str
+        Names of the limits.
+    """
+    found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], RATIO_DECIMALS) > 1.0]
+    return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
+
+
+def off_path(robot: Robot, path: Path, motion: Trajectory, instants: int = CHECK_INSTANTS) -> tuple[float, float]:
+    """Largest distance and angle between tool and path at many instants.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : Path
+        The path of the tool.
+    motion : Trajectory
+        The motion.
+    instants : int
+        How many.
+
+    Returns
+    -------
+    distance : float
+        [m].
+    angle : float
+        [rad].
+    """
+    tool = robot.fk(motion(np.linspace(0.0, motion.end, instants)))
+    e = se3.error(tool, path.pose(path.nearest(tool)))
+    return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())

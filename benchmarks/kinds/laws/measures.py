@@ -1,0 +1,110 @@
+"""Measures of time laws on many lines: each on the rows of one law that have a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.settings import Target
+from benchmarks.targets import Measure, measure_named
+from planners.limits import DERIVATIVES
+
+NANO = 1e-9
+"""Deviations below a nanometre or nanoradian are round-off."""
+
+LEAST_BOUND = 1e-12
+"""Certified deviations [m, rad] are taken as at least this where something is divided by them."""
+
+
+def _column(name: str, statistic: Callable[[Any], Any], scale: float = 1.0) -> Callable[[pl.DataFrame], float]:
+    """A statistic of a column."""
+    return lambda rows: scale * float(statistic(rows[name].to_numpy()))
+
+
+def _deviations(ratio: Callable[[Any, Any], Any]) -> Callable[[pl.DataFrame], float]:
+    """The largest ratio of a sampled deviation and a certified one, of distances and of angles."""
+    pairs = (("true_distance", "distance"), ("true_angle", "angle"))
+    return lambda rows: float(max(ratio(rows[true].to_numpy(), rows[bound].to_numpy()).max() for true, bound in pairs))
+
+
+def _worst(rows: pl.DataFrame) -> float:
+    return float(max(rows[field].to_numpy().max() for field in DERIVATIVES))
+
+
+MEASURES = (
+    Measure("solved", "%", _column("solved", np.mean, 100.0), "lines with a motion"),
+    Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions with every exact ratio at most 1"),
+    Measure("holds", "%", _column("holds", np.mean, 100.0), "motions whose certificate holds"),
+    Measure("worst_ratio", "", _worst, "worst value over limit, exact", show="exact"),
+    Measure("worst_velocity", "", _column("velocity", np.max), "worst velocity over limit, exact", show="exact"),
+    Measure("worst_acceleration", "", _column("acceleration", np.max), "worst acceleration over limit, exact", show="exact"),
+    Measure("worst_jerk", "", _column("jerk", np.max), "worst jerk over limit, exact", show="exact"),
+    Measure("median_optimum", "", _column("over_optimum", np.median), "median of T / T*", show="exact"),
+    Measure("worst_optimum", "", _column("over_optimum", np.max), "worst T / T*", show="exact"),
+    Measure("median_ms", "ms", _column("ms_law", np.median), "median time of the law"),
+    Measure("p95_ms", "ms", _column("ms_law", lambda ms: np.quantile(ms, 0.95)), "95th percentile of the law's time"),
+    Measure("plan_ms", "ms", _column("ms_plan", np.median), "median time of a whole plan"),
+    Measure("deviation_um", "µm", _column("distance", np.max, 1e6), "worst certified distance from the line"),
+    Measure(
+        "truth_over_bound", "", _deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND)),
+        "largest deviation found by brute force over the certified one",
+    ),
+    Measure(
+        "bound_over_truth", "", _deviations(lambda true, bound: bound / np.maximum(true, NANO)),
+        "largest certified deviation over max(brute force, 1 nm or nrad)",
+    ),
+)  # fmt: skip
+"""What a target of timed lines may ask for; ``solved`` is computed on all rows of a law, with a motion or without."""
+
+
+def in_group(rows: pl.DataFrame, group: str) -> pl.DataFrame:
+    """Rows of a kind of line or of a robot.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+    group : str
+        The kind or robot; empty for all.
+
+    Returns
+    -------
+    DataFrame
+        A part of the rows.
+    """
+    return rows.filter((pl.col("kind") == group) | (pl.col("robot") == group)) if group else rows
+
+
+def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
+    """Value of a target on the rows of a block.
+
+    Parameters
+    ----------
+    rows : DataFrame or None
+        Of the block.
+    target : Target
+        What was asked.
+
+    Returns
+    -------
+    value : float
+        NaN where there is no motion to compute it on.
+    note : str
+        How many motions it is computed from, or why there is none.
+    """
+    if rows is None or rows.filter(pl.col("law") == target.method).is_empty():
+        return float("nan"), f"{target.method} was not run"
+    own = in_group(rows.filter(pl.col("law") == target.method), target.group)
+    good = own.filter("solved")
+    note = f"{len(own):,} motions" if len(good) == len(own) else f"{len(good):,} motions of {len(own):,} asked"
+    measure = measure_named(MEASURES, target.measure, "measure")
+    if measure.name == "solved":
+        return (measure.values(own)[0], note) if len(own) else (float("nan"), "no such lines")
+    if measure.name == "plan_ms":
+        good = good.filter(pl.col("ms_plan").is_not_null())
+    if good.is_empty():
+        return float("nan"), "no motions" if measure.name != "plan_ms" else "its whole plans were not timed"
+    return measure.values(good)[0], note

@@ -1,0 +1,158 @@
+"""Detailed view of one line: its phase plane with the curves that bound it, and the active constraints along it."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.laws.rows import LawRows
+from benchmarks.report.board import Board, Control, Key, Plot
+from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis
+from benchmarks.report.run import Run
+from optik.registry import short_name
+from planners.limits import ALL_LIMITS, DERIVATIVES
+
+ACTIVE = 0.99
+"""A constraint counts as active where the motion comes this near to its limit [1]."""
+
+LIMIT_COLOURS = {"velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4}
+"""Number of the colour of each limit."""
+
+FAR = 1e3
+"""Curves that bound the speed are cut at this multiple of the speed of the fastest motion."""
+
+
+def example_boards(b: LawRows, run: Run) -> list[Board]:
+    """The phase plane of all laws, and the active constraints of each.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Board
+        Empty where the line has no motion.
+    """
+    motions, binding, curve = (b.example(name) for name in ("motions", "binding", "curve"))
+    if motions is None or binding is None or curve is None or curve.is_empty():
+        return []
+    chosen = b.block.example
+    words = f"{chosen.kind.replace('_', '-')} line {chosen.index} of {short_name(chosen.robot)}, limits {chosen.limits}"
+    return [_phase(b, run, motions, curve, words), _constraints(b, motions, binding, words)]
+
+
+def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str) -> Board:
+    laws = motions["law"].unique(maintain_order=True).to_list()
+    fastest = float(motions["speed"].to_numpy().max())
+    plot = Plot(
+        "timing-phase", "Speed along the line, and what bounds it",
+        {"xaxis": axis("s [mm]"), "yaxis": axis("ds/dt [mm/s]", range=[0, 1.25e3 * fastest])}, 440,
+    )  # fmt: skip
+    at = f"<br>%{{y:.4g}} mm/s at %{{x:.4g}} mm{HOVER}"
+    bounds = (
+        ("velocity", {"color": INK_COLOUR, "width": 1.6, "dash": "dash"}, "velocity limit of %{text}"),
+        (
+            "acceleration",
+            {"color": MUTED_COLOUR, "width": 1.6, "dash": "dot"},
+            "acceleration limits, however the motion speeds up",
+        ),
+    )
+    for field, look, meaning in bounds:
+        trace = line(
+            x=lean(1e3 * curve["s"].to_numpy()), y=lean(1e3 * np.minimum(curve[field].to_numpy(), FAR * fastest)),
+            name=f"{field} limits", text=curve["velocity_joint"].to_list(), line=look, hovertemplate=meaning + at,
+        )  # fmt: skip
+        plot.add(trace)
+    for law in laws:
+        part = motions.filter(pl.col("law") == law)
+        plot.add(
+            line(
+                x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(1e3 * part["speed"].to_numpy()), name=law,
+                line={"color": run.colour("laws", law), "width": 2}, hovertemplate=law + at,
+            )
+        )  # fmt: skip
+    legend = [Key(law, run.colour("laws", law)) for law in laws]
+    legend += [
+        Key("no joint faster than its velocity limit", INK_COLOUR, "dashed"),
+        Key("some acceleration keeps all limits", MUTED_COLOUR, "dashed"),
+    ]
+    return Board(
+        f"{b.block.id}-phase", (plot,), (), tuple(legend),
+        f"The {words}. Above the two dashed curves a limit is broken for certain: the maximum-velocity curves.",
+    )  # fmt: skip
+
+
+def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str) -> Board:
+    """The active constraints of every law along the line, and how near its joints come to their limits."""
+    laws = motions["law"].unique(maintain_order=True).to_list()
+    near = binding.filter(pl.col("ratio") >= ACTIVE)
+    used = [field for field in ALL_LIMITS if field in DERIVATIVES or field in set(near["limit"])]
+    legend = [Key(field.replace("_", " "), _colour(field)) for field in used] + [
+        Key("beyond the limit", BAND_COLOUR, "fill")
+    ]
+    initial = next((law for law in laws if law == b.block.plan), laws[0])
+    return Board(
+        f"{b.block.id}-who", (_active(near, laws), _ratios(motions, laws)),
+        (Control.of("law", "Time law", laws, initial),), tuple(legend),
+        f"The {words}. First: where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
+        "Then: the jerk of a law that does not limit it stands far above 1, drawn between the jumps of its acceleration, where "
+        "it is infinite.",
+    )  # fmt: skip
+
+
+def _active(near: pl.DataFrame, laws: list[str]) -> Plot:
+    """Where which joint is at which of its limits, one row of the plot for each joint and limit."""
+    rows = sorted(
+        {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
+        key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
+    )
+    names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
+    across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
+    plot = Plot(
+        "timing-who", "Active constraint along the path", {"xaxis": axis("s [mm]"), "yaxis": across},
+        max(220, 90 + 26 * len(names)),
+    )  # fmt: skip
+    for law in laws:
+        for (joint, limit), part in near.filter(pl.col("law") == law).group_by("joint", "limit", maintain_order=True):
+            x: list[float | None] = []
+            for start, end in part.select("from", "to").iter_rows():
+                x += [1e3 * start, 1e3 * end, None]
+            name = f"{joint} {str(limit).replace('_', ' ')}"
+            trace = line(
+                x=lean(x, 5), y=[name] * len(x), name=name, line={"color": _colour(str(limit)), "width": 9},
+                hovertemplate=f"{name} at %{{x:.4g}} mm{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, {"law": [law]})
+    return plot
+
+
+def _ratios(motions: pl.DataFrame, laws: list[str]) -> Plot:
+    """The worst value over limit of every derivative along the line."""
+    beyond = {
+        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1e6, "layer": "below", "fillcolor": BAND_COLOUR,
+        "line": {"width": 0},
+    }  # fmt: skip
+    layout = {
+        "xaxis": axis("s [mm]"),
+        "yaxis": log_axis("value / limit", dtick=1, range=[-2.3, 3.2]),
+        "shapes": [beyond],
+    }
+    plot = Plot("timing-ratios", "Largest value over limit of any joint", layout, 340)
+    for law in laws:
+        part = motions.filter(pl.col("law") == law)
+        for field in DERIVATIVES:
+            trace = line(
+                x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=field,
+                line={"color": _colour(field), "width": 1.6},
+                hovertemplate=f"{field} %{{y:.4g}} of its limit at %{{x:.4g}} mm{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, {"law": [law]})
+    return plot
+
+
+def _colour(limit: str) -> str:
+    return f"var(--c{LIMIT_COLOURS[limit]})"

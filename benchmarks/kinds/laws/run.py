@@ -1,0 +1,364 @@
+"""Time laws on many lines: every line by every law and peer in one process, each call timed, each motion certified."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds._contest import clock_cost, facts_on, timed, turns
+from benchmarks.kinds.base import Entry, Tell
+from benchmarks.kinds.laws.example import write_example
+from benchmarks.kinds.laws.facts import SCHEMA, blank, facts_of
+from benchmarks.kinds.laws.lines import DrawnLine, draw_line
+from benchmarks.kinds.laws.settings import LawBlock
+from benchmarks.peers.ik.base import Absent, version_of
+from benchmarks.peers.laws import TIMING_PEERS
+from benchmarks.peers.laws.base import build_timing_peer
+from benchmarks.records import RunFolder, slug
+from optik import se3
+from optik.arm.library import load
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import IKSolver, make_solver
+from optik.registry import load_method
+from planners.certificate.certificate import certify
+from planners.following.follow import Followed, JointPath, follow
+from planners.limits import MotionLimits
+from planners.plan import Plan, PlanStatus, make_law, plan
+from planners.timing.base import TimeLaw
+from planners.trajectory import Trajectory
+
+LINES_A_PART = 5
+"""Lines in one part: a run that was stopped repeats at most this number."""
+
+
+@dataclass(frozen=True)
+class Timer:
+    """A law or a peer, ready to time joint paths within some limits.
+
+    Attributes
+    ----------
+    label : str
+        What reports call it.
+    role : str
+        ``law``, ``peer`` or ``reference``.
+    keeps : tuple of str
+        What it promises.
+    call : callable
+        The timed part, from a joint path.
+    motion : callable
+        From the joint path and what a call returned to the trajectory.
+    law : TimeLaw or None
+        Ours, for whole plans.
+    """
+
+    label: str
+    role: str
+    keeps: tuple[str, ...]
+    call: Callable[[JointPath], Any]
+    motion: Callable[[JointPath, Any], Trajectory]
+    law: TimeLaw | None
+
+
+# ---------------------------------------------------------------- parts
+
+
+def all_lines(block: LawBlock) -> list[tuple[str, str, int]]:
+    """Robot, kind and index of every line.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+
+    Returns
+    -------
+    list of tuple
+        In their order.
+    """
+    return [(part.robot, part.kind, index) for part in block.lines for index in range(part.count)]
+
+
+def part_files(block: LawBlock) -> list[str]:
+    """Names of all parts of a block.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+
+    Returns
+    -------
+    list of str
+        In the run folder.
+    """
+    count = len(all_lines(block))
+    return [f"timing/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // LINES_A_PART))]
+
+
+def facts_file(block: LawBlock) -> str:
+    """Name of the file of facts on a block.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+
+    Returns
+    -------
+    str
+        In the run folder.
+    """
+    return f"timing/{slug(block.id)}.json"
+
+
+def example_file(block: LawBlock, name: str) -> str:
+    """Name of a part of the detailed view.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+    name : str
+        ``motions``, ``binding`` or ``curve``.
+
+    Returns
+    -------
+    str
+        In the run folder.
+    """
+    return f"timing/{slug(block.id)}.example-{name}.parquet"
+
+
+def check_laws(block: LawBlock) -> None:
+    """Refuse wrong options, and limits that a law needs and the block lacks, before anything is written.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+
+    Raises
+    ------
+    InvalidInput
+        An option that a law does not have, limits of another length, or a missing one.
+    """
+    entries = [*block.laws, *([block.reference] if block.reference else [])]
+    for name in block.robots:
+        for entry in entries:
+            law = make_law(entry.name, **entry.options)
+            for limits in block.limits:
+                law.need(limits.limits, load(name))
+    for peer in block.peers:
+        load_method(TIMING_PEERS, peer.name, "peer of timing")
+
+
+def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
+    """Run what a block still lacks.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+    seed : int
+        Of the suite.
+    folder : RunFolder
+        The run.
+    tell : callable
+        Called with what is next.
+    """
+    lines = all_lines(block)
+    if not folder.has(facts_file(block)):
+        folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block)})
+    for part, file in enumerate(part_files(block)):
+        if folder.has(file):
+            continue
+        rows: list[dict[str, Any]] = []
+        for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, len(lines))):
+            robot, kind, index = lines[number]
+            tell(f"{block.id}: line {number + 1:,} of {len(lines):,}")
+            line = draw_line(robot, kind, index, seed=seed)
+            rows += [row | {"line": number} for row in line_rows(block, line)]
+        folder.write(file, pl.DataFrame(rows, schema_overrides=SCHEMA, infer_schema_length=None))
+    if not folder.has(example_file(block, "curve")):
+        tell(f"{block.id}: the example")
+        chosen = block.example
+        line = draw_line(chosen.robot, chosen.kind, chosen.index, seed=seed)
+        write_example(block, line, folder, lambda name: example_file(block, name))
+
+
+def _facts(block: LawBlock) -> dict[str, dict[str, Any]]:
+    """Facts on every law and peer by label, for the report."""
+    found: dict[str, dict[str, Any]] = {}
+    for entry in (*block.laws, *([block.reference] if block.reference else [])):
+        found[entry.label] = facts_on(entry, keeps=list(make_law(entry.name, **entry.options).keeps))
+    for entry in block.peers:
+        peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
+        built = build_timing_peer(entry.name, block.limits[0].limits.arrays(load(block.robots[0]).n))
+        absent = {"absent": built.why} if isinstance(built, Absent) else {}
+        about = {"version": version_of(entry.name, TIMING_PEERS), "settings": peer.settings, "keeps": list(peer.keeps)}
+        found[entry.label] = facts_on(entry) | about | absent
+    return found
+
+
+# ---------------------------------------------------------------- one line
+
+
+def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
+    """Rows of one line.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+    line : DrawnLine
+        The line.
+
+    Returns
+    -------
+    list of dict
+        One for each limits and each law or peer.
+    """
+    solver = make_solver(line.robot, block.ik)
+
+    def follow_it() -> Followed:
+        return follow(solver, line.path, line.q_start, samples=block.samples)
+
+    ms, followed = _median_ms(follow_it, block.rounds)
+    about = {
+        "robot": line.arm, "kind": line.kind, "index": line.index, "length": line.path.end,
+        "turn": float(np.linalg.norm(se3.error(line.path.start, line.path.goal)[3:])), "draws": line.draws,
+        "start": line.q_start.tolist(), "ms_follow": ms,
+    }  # fmt: skip
+    rows = []
+    for limits in block.limits:
+        timers = timers_of(block, line, limits.limits)
+        if followed.stop is not None:
+            found = [
+                blank(c.label, c.role) | {"status": str(followed.stop.status), "reason": followed.stop.reason}
+                for c in timers
+            ]
+        else:
+            assert followed.joint_path is not None
+            found = _timed_rows(block, line, limits.limits, solver, followed.joint_path, timers)
+        rows += [row | about | {"limits": limits.label} for row in found]
+    return rows
+
+
+def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits) -> list[Timer]:
+    """All laws, the peers that are installed and are given this line, and the reference.
+
+    Parameters
+    ----------
+    block : LawBlock
+        The block.
+    line : DrawnLine
+        The line.
+    limits : MotionLimits
+        Within which they time it.
+
+    Returns
+    -------
+    list of Timer
+        In the order of the suite.
+    """
+    found = [_ours(entry, limits) for entry in block.laws]
+    for entry in block.peers:
+        if entry.most is None or line.index < entry.most:
+            peer = build_timing_peer(entry.name, limits.arrays(line.robot.n))
+            if not isinstance(peer, Absent):
+                found.append(Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None))
+    return found + ([_ours(block.reference, limits)] if block.reference else [])
+
+
+def _ours(entry: Entry, limits: MotionLimits) -> Timer:
+    law = make_law(entry.name, **entry.options)
+    return Timer(entry.label, entry.role, law.keeps, lambda q: law.run(q, limits), lambda q, raw: raw, law)
+
+
+def _times(timers: Sequence[Timer], joints: JointPath, rounds: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
+    """Times of all calls [ms], and what each law or peer returned last; the first round is not one of those that count."""
+    times: dict[str, list[float]] = {c.label: [] for c in timers}
+    raws: dict[str, Any] = {}
+    for turn, c in turns(timers, rounds + 1):
+        failed = isinstance(raws.get(c.label), NoSolution)  # it would fail again, and some take seconds to
+        if not failed and (
+            c.role != "reference" or turn == rounds
+        ):  # the reference is slow, and its time is not compared
+            # each call has a copy of its own: what another call has computed on the path must not save it time
+            ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
+            times[c.label].append(ms)
+    return times, raws
+
+
+def _timed_rows(
+    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, timers: Sequence[Timer]
+) -> list[dict[str, Any]]:
+    """Rows of one line within some limits."""
+    times, raws = _times(timers, joints, block.rounds)
+    rows = []
+    for c in timers:
+        row = blank(c.label, c.role) | {"ms_law": float(np.median(times[c.label][1:] or times[c.label]))}
+        motion = _motion(c, joints, raws[c.label])
+        if isinstance(motion, str):
+            row |= {"status": "timing_infeasible", "reason": motion}
+        else:
+            row["ms_certificate"], proof = _once_ms(
+                lambda c=c, motion=motion: certify(line.robot, line.path, motion, limits, law=c.label, keeps=c.keeps)  # type: ignore[misc]
+            )
+            if c.law is None:
+                row |= facts_of(line.robot, line.path, motion, proof, limits)
+            else:  # what `plan` returns: slowed until it keeps what the law promises
+                row |= _planned_row(block, line, limits, solver, c)
+        rows.append(row)
+    return rows
+
+
+def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, c: Timer) -> dict[str, Any]:
+    """Columns of a whole plan by a law of ours; its time too, for the law whose plans are timed."""
+
+    def plan_it() -> Plan:
+        assert c.law is not None
+        return plan(line.robot, line.path, line.q_start, ik=solver, timing=c.law, limits=limits, samples=block.samples)
+
+    if c.role == "law" and c.label == block.plan:
+        ms, planned = _median_ms(plan_it, block.rounds)
+        timed_plan = {"ms_plan": ms}
+    else:
+        planned, timed_plan = plan_it(), {}
+    if planned.stop is not None and planned.status is not PlanStatus.NOT_PROVED:  # one that is not proved is a motion
+        return timed_plan | {"status": str(planned.status), "reason": planned.stop.reason}
+    facts = facts_of(line.robot, line.path, planned.trajectory, planned.certificate, limits)
+    return timed_plan | facts | {"slowed": planned.slowed}
+
+
+def _motion(c: Timer, joints: JointPath, raw: Any) -> Trajectory | str:
+    """The motion that a call returned, or why there is none."""
+    if isinstance(raw, NoSolution):
+        return raw.reason
+    try:
+        return c.motion(joints, raw)
+    except InvalidInput as error:  # an answer with NaN, or with times that run back
+        return f"its answer is no motion: {error}"
+
+
+def _caught(call: Callable[[JointPath], Any], joints: JointPath) -> Any:
+    try:
+        return call(joints)
+    except NoSolution as error:
+        return error
+
+
+def _once_ms(call: Callable[[], Any]) -> tuple[float, Any]:
+    ns, raws = timed(call, [()])
+    return float(ns[0]) / 1e6, raws[0]
+
+
+def _median_ms(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
+    """Median of some calls, the first left out, and what the last returned."""
+    ns, raws = timed(call, [()] * (rounds + 1))
+    return float(np.median(ns[1:])) / 1e6, raws[-1]

@@ -1,0 +1,218 @@
+"""Settings of blocks of timed lines: lines, limits, laws and peers, and one line for a detailed view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.kinds._entries import check_labels, read_law, read_peers
+from benchmarks.kinds._problems import named
+from benchmarks.kinds.base import Block, Entry
+from benchmarks.kinds.laws.lines import LINE_KINDS
+from benchmarks.kinds.laws.measures import MEASURES
+from benchmarks.peers.laws import TIMING_PEERS
+from benchmarks.settings import all_of, check_different, check_keys, check_known
+from benchmarks.targets import read_target
+from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.registry import short_name
+from planners.limits import ALL_LIMITS, MotionLimits
+
+
+@dataclass(frozen=True)
+class LineSet:
+    """Lines of a kind on a robot.
+
+    Attributes
+    ----------
+    robot, kind : str
+        Names of the arm and of the kind of lines.
+    count : int
+        How many.
+    """
+
+    robot: str
+    kind: str
+    count: int
+
+
+@dataclass(frozen=True)
+class LimitSet:
+    """Limits of a motion, and what reports call them.
+
+    Attributes
+    ----------
+    label : str
+        What reports call them.
+    limits : MotionLimits
+        The limits.
+    """
+
+    label: str
+    limits: MotionLimits
+
+
+@dataclass(frozen=True)
+class Example:
+    """The line of which the report has a detailed view.
+
+    Attributes
+    ----------
+    robot, kind : str
+        Names of the arm and of the kind of lines.
+    index : int
+        Which one of its kind.
+    limits : str
+        Label of the limits.
+    """
+
+    robot: str
+    kind: str
+    index: int
+    limits: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawBlock(Block):
+    """Lines × limits × laws.
+
+    Attributes
+    ----------
+    lines : tuple of LineSet
+        Which lines.
+    limits : tuple of LimitSet
+        Within which limits each is timed.
+    laws, peers : tuple of Entry
+        Time laws of ours, and outside ones.
+    reference : Entry or None
+        The law whose duration is taken as the optimum T*, unless another motion that keeps every limit is shorter.
+    plan : str
+        Label of the law with which whole plans are timed, the first where none is named.
+    ik : str
+        The IK method of the plans.
+    samples : int
+        Of a line.
+    rounds : int
+        Calls timed of each law on each line, after one that is not.
+    example : Example
+        The line of the detailed view.
+    """
+
+    lines: tuple[LineSet, ...]
+    limits: tuple[LimitSet, ...]
+    laws: tuple[Entry, ...]
+    peers: tuple[Entry, ...]
+    reference: Entry | None
+    plan: str
+    ik: str
+    samples: int
+    rounds: int
+    example: Example
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The laws, then the peers; the reference is none of them."""
+        return (*self.laws, *self.peers)
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of the arms, in their order."""
+        return tuple(dict.fromkeys(part.robot for part in self.lines))
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of lines, in their order."""
+        return tuple(dict.fromkeys(part.kind for part in self.lines))
+
+
+def read_block(data: Any) -> LawBlock:
+    """Check the settings of a block of timed lines and return it.
+
+    Parameters
+    ----------
+    data : object
+        A table of the suite.
+
+    Returns
+    -------
+    LawBlock
+        The block.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        A robot, law, peer or method that does not exist.
+    """
+    where = named(data, "timing block")
+    keys = {
+        "id", "title", "lines", "limits", "laws", "peers", "reference", "plan", "ik", "samples", "rounds", "example",
+        "targets",
+    }  # fmt: skip
+    check_keys(data, keys, where, need={"id", "lines", "limits", "laws"})
+    lines = all_of(data["lines"], f"{where}: lines", lambda part: _lines(part, where))
+    check_different([f"{part.kind} of {short_name(part.robot)}" for part in lines], f"{where}: lines", "set")
+    limits = all_of(data["limits"], f"{where}: limits", lambda part: _limits(part, where))
+    check_different([part.label for part in limits], f"{where}: limits", "label")
+    laws = all_of(data["laws"], f"{where}: laws", lambda law: read_law(law, f"{where}: laws"))
+    peers = read_peers(data.get("peers"), where, TIMING_PEERS, word="peer of timing", most="max_lines")
+    labels = check_labels((*laws, *peers), f"{where}: laws")
+    plan = data.get("plan", laws[0].label)
+    if plan not in [law.label for law in laws]:
+        raise InvalidInput(f"{where}: plan", repr(plan), f"a label of its laws: {', '.join(x.label for x in laws)}")
+    method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
+    check_count(data.get("samples", 151), f"{where}: samples", 2)
+    check_count(data.get("rounds", 3), f"{where}: rounds", 1)
+    groups = [*dict.fromkeys([part.kind for part in lines] + [short_name(part.robot) for part in lines])]
+
+    def target(one: Any) -> Any:
+        return read_target(one, where, MEASURES, labels=labels, groups=groups, key="law", required=True)
+
+    return LawBlock(
+        id=str(data["id"]),
+        title=str(data.get("title", data["id"])),
+        lines=lines,
+        limits=limits,
+        laws=laws,
+        peers=peers,
+        reference=read_law(data["reference"], f"{where}: reference", "reference") if "reference" in data else None,
+        plan=plan,
+        ik=method,
+        samples=data.get("samples", 151),
+        rounds=data.get("rounds", 3),
+        example=_example(data.get("example", {}), where, lines, limits),
+        targets=all_of(data.get("targets"), f"{where}: targets", target),
+    )
+
+
+def _lines(data: Any, where: str) -> LineSet:
+    check_keys(data, {"robot", "kind", "count"}, f"{where}: lines", need={"robot", "kind", "count"})
+    robot = check_known(data["robot"], "optik.robots", "robot")
+    if data["kind"] not in LINE_KINDS:
+        raise InvalidInput(f"{where}: lines", f"kind {data['kind']!r}", f"one of {', '.join(LINE_KINDS)}")
+    check_count(data["count"], f"{where}: lines: count", 1)
+    return LineSet(robot, data["kind"], data["count"])
+
+
+def _limits(data: Any, where: str) -> LimitSet:
+    check_keys(data, {"label", *ALL_LIMITS}, f"{where}: limits")
+    given = {field: data[field] for field in ALL_LIMITS if field in data}
+    if not given:
+        raise InvalidInput(f"{where}: limits", "none", f"some of {', '.join(ALL_LIMITS)}")
+    return LimitSet(str(data.get("label", ", ".join(str(v) for v in given.values()))), MotionLimits(**given))
+
+
+def _example(data: Any, where: str, lines: tuple[LineSet, ...], limits: tuple[LimitSet, ...]) -> Example:
+    at = f"{where}: example"
+    check_keys(data, {"robot", "kind", "index", "limits"}, at)
+    chosen = next((part for part in lines if part.kind == "near_singular"), lines[0])
+    robot = check_known(data.get("robot", chosen.robot), "optik.robots", "robot")
+    kind = data.get("kind", chosen.kind)
+    if kind not in LINE_KINDS:
+        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(LINE_KINDS)}")
+    check_count(data.get("index", 0), f"{at}: index", 0)
+    label = data.get("limits", limits[0].label)
+    if label not in [part.label for part in limits]:
+        raise InvalidInput(at, f"limits {label!r}", f"a label of its limits: {', '.join(x.label for x in limits)}")
+    return Example(robot, kind, data.get("index", 0), label)

@@ -1,0 +1,245 @@
+"""Section: the motion of every joint under each time law against its limits, and of the tool along the line."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.plans.report.laws import worst
+from benchmarks.kinds.plans.report.look import law_colour, line_plans
+from benchmarks.kinds.plans.rows import LinePlans
+from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.figures import BAND_COLOUR, HOVER, axis, colour, lean, line, log_axis
+from benchmarks.report.numbers import number
+from benchmarks.report.run import Run
+from optik.arm.robot import Robot
+from optik.types import Array
+
+ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
+"""Choices of the controls of laws and joints."""
+
+IN_VIEW, WHOLE_CURVES = "limits in view", "whole curves"
+"""Choices of the vertical range."""
+
+WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0.06 s"
+"""Choices of the horizontal range."""
+
+END_SECONDS = 0.06
+"""Seconds at either end that a plot can show alone: three of the paper's intervals."""
+
+ENVELOPE = 15
+"""Instants of which the largest deviation is drawn: it is zero at the samples of the path and swings between them."""
+
+JOINT_CURVES = {
+    "q": ("position", "q [rad]", None),
+    "dq": ("velocity", "q̇ [rad/s]", "velocity"),
+    "ddq": ("acceleration", "q̈ [rad/s²]", "acceleration"),
+    "jerk": ("jerk", "jerk [rad/s³]", "jerk"),
+}
+"""Columns of a motion: in words, with unit, and the limit that each has."""
+
+
+def motion(run: Run) -> dict[str, Any] | None:
+    """Boards of joints and tool, and the figures that the plots clip.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the run has no data for it.
+    """
+    rows = run.folder.read("line/motion.parquet")
+    found = line_plans(run)
+    if rows is None or found is None or not found.solved:
+        return None
+    boards = [_joint_board(found, rows, run.robot(found.block.robot))]
+    tool = run.folder.read("line/tool.parquet")
+    if tool is not None:
+        boards.append(_tool_board(found, tool))
+    return {"boards": boards, "beyond": _beyond(found)}
+
+
+def _beyond(found: LinePlans) -> list[str]:
+    """What the plots cannot show: in words, from the certificates."""
+    out = []
+    for p in {p["law"]: p for p in reversed(found.solved)}.values():
+        acceleration, jerk = (worst(p["certificate"], f) for f in ("acceleration", "jerk"))
+        words = [
+            f"the {name} of {w.joint} reaches {number(w.value)} {unit} at t = {w.time:.3f} s, {number(w.ratio)} times its limit"
+            for name, w, unit in (("acceleration", acceleration, "rad/s²"), ("jerk", jerk, "rad/s³"))
+            if w.ratio is not None and 1.001 < w.ratio < float("inf")
+        ]
+        if jerk.infinite:
+            seen = number(max(p["certificate"]["sampled_jerk"]))
+            words.append(
+                "the acceleration jumps, so the jerk is infinite there; drawn is the finite jerk between the jumps. A "
+                f"controller at {p['certificate']['rate']:.0f} Hz sees up to {seen} rad/s³"
+            )
+        if words:
+            out.append(f"{p['law']}: " + "; ".join(words) + ".")
+    return out[::-1]
+
+
+def _joint_board(found: LinePlans, rows: pl.DataFrame, robot: Robot) -> Board:
+    iks = rows["ik"].unique(maintain_order=True).to_list()
+    laws = rows["law"].unique(maintain_order=True).to_list()
+    joints = rows["joint"].unique(maintain_order=True).to_list()
+    plots = []
+    for column, (words, title, _) in JOINT_CURVES.items():
+        plot = Plot(
+            f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
+        )
+        for (ik, law, joint), part in rows.group_by("ik", "law", "joint", maintain_order=True):
+            i = joints.index(joint)
+            t = part["t"]
+            plot.add(
+                line(
+                    x0=0, dx=float(t[-1]) / (len(t) - 1), y=lean(part[column]), name=f"{joint}, {law}",
+                    line={"color": colour(i), "width": 1.6}, hovertemplate=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}{HOVER}",
+                ),
+                {"ik": [str(ik)], "law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
+                [({"law": [ALL_LAWS]}, {"line": {"color": law_colour(found, str(law))}})],
+            )  # fmt: skip
+        _bands(plot, _limits(found, column, robot), column, joints)
+        _whole_ranges(plot, rows, column, laws, joints)
+        _time_ranges(plot, rows, laws)
+        plots.append(plot)
+    controls = (
+        Control.of("ik", "Inverse kinematics", iks),
+        Control.of("law", "Time law", (*laws, ALL_LAWS)),
+        Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
+        Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
+        Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
+    )
+    legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
+    legend += [Key(law, law_colour(found, law), "solid", {"law": [ALL_LAWS]}) for law in laws]
+    legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
+    instants = len(rows) // len(rows.unique(["ik", "law", "joint"]))
+    return Board(
+        "motion-board", tuple(plots), controls, tuple(legend),
+        f"{instants:,} instants of the polynomials. “{IN_VIEW}” cuts what goes far beyond them; “{WHOLE_CURVES}” shows all. "
+        "The worst values in the table below are exact, not from these instants.",
+    )  # fmt: skip
+
+
+def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, float] | None]:
+    """Range of every joint; None where it is free."""
+    plan = found.solved[0]
+    field = JOINT_CURVES[column][2]
+    if field is not None:
+        return [None if v is None else (-v, v) for v in plan["limits"][field]]
+    limits = robot.limits
+    return [(float(a), float(b)) for a, b in zip(limits.lower, limits.upper, strict=True)]
+
+
+def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
+    """Shade what is beyond the limits: of one joint, or of all where they are the same."""
+    for joint, limit in zip(joints, limits, strict=True):
+        if limit is not None:
+            plot.vary({"joint": [joint]}, {"shapes": _outside(limit)})
+            plot.vary({"joint": [joint], "range": [IN_VIEW]}, {"yaxis": {"range": _view(limit, column)}})
+    given = [x for x in limits if x is not None]
+    if not given:
+        return
+    if len(set(limits)) == 1:
+        plot.vary({"joint": [ALL_JOINTS]}, {"shapes": _outside(given[0])})
+    if column != "q":
+        widest = max(given, key=lambda limit: limit[1])
+        plot.vary({"joint": [ALL_JOINTS], "range": [IN_VIEW]}, {"yaxis": {"range": _view(widest, column)}})
+
+
+def _view(limit: tuple[float, float], column: str) -> list[float]:
+    room = {"q": 1.1, "dq": 1.2, "ddq": 1.6, "jerk": 2.0}[column]
+    middle, half = (limit[0] + limit[1]) / 2, (limit[1] - limit[0]) / 2
+    return [middle - room * half, middle + room * half]
+
+
+def _outside(limit: tuple[float, float]) -> list[Json]:
+    def band(low: float, high: float) -> Json:
+        return {
+            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below",
+            "fillcolor": BAND_COLOUR, "line": {"width": 0},
+        }  # fmt: skip
+
+    def edge(y: float) -> Json:
+        stroke = {"color": "var(--alarm)", "width": 1, "dash": "dash"}
+        return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": stroke}
+
+    far = 1e6 * (limit[1] - limit[0])
+    return [band(limit[1], limit[1] + far), band(limit[0] - far, limit[0]), edge(limit[0]), edge(limit[1])]
+
+
+def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], joints: list[str]) -> None:
+    """Ranges that hold whole curves; the shaded bands would widen those that Plotly finds."""
+    for law in (*laws, ALL_LAWS):
+        of_law = rows if law == ALL_LAWS else rows.filter(pl.col("law") == law)
+        for joint in (ALL_JOINTS, *joints):
+            values = (of_law if joint == ALL_JOINTS else of_law.filter(pl.col("joint") == joint))[column].to_numpy()
+            low, high = float(values.min()), float(values.max())
+            room = 0.06 * (high - low) + 1e-9
+            plot.vary(
+                {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
+                {"yaxis": {"range": lean([low - room, high + room])}},
+            )
+
+
+def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
+    plot.vary({"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
+    for law in laws:
+        end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
+        plot.vary(
+            {"time": [MOTION_END], "law": [law]}, {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}}
+        )
+
+
+def _tool_board(found: LinePlans, rows: pl.DataFrame) -> Board:
+    iks = rows["ik"].unique(maintain_order=True).to_list()
+    laws = rows["law"].unique(maintain_order=True).to_list()
+    most = 1e6 * max(float(rows[c].to_numpy().max()) for c in ("distance", "angle"))
+    fields = {
+        "speed": ("Speed along the line", axis("speed [mm/s]", rangemode="tozero"), 1e3),
+        "distance": ("Distance from the line", _deviation("distance [µm]", most), 1e6),
+        "angle": ("Turn from the orientation", _deviation("angle [µrad]", most), 1e6),
+    }
+    plots = []
+    for column, (title, vertical, scale) in fields.items():
+        plot = Plot(
+            f"tool-{column}", title, {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": vertical}, height=300
+        )
+        for (ik, law), part in rows.group_by("ik", "law", maintain_order=True):
+            t = part["t"].to_numpy()
+            if column == "speed":
+                y = np.gradient(part["s"].to_numpy(), t)
+            else:
+                t, y = _envelope(t, part[column].to_numpy())
+            plot.add(
+                line(
+                    x0=float(t[0]), dx=float(t[1] - t[0]), y=lean(scale * y), name=str(law),
+                    line={"color": law_colour(found, str(law)), "width": 2},
+                    hovertemplate=f"{law}<br>%{{x:.3f}} s: %{{y:.3g}}{HOVER}",
+                ),
+                {"ik": [str(ik)]},
+            )  # fmt: skip
+        plots.append(plot)
+    legend = tuple(Key(law, law_colour(found, law)) for law in laws)
+    return Board(
+        "tool-board", tuple(plots), (Control.of("ik", "Inverse kinematics", iks),), legend,
+        f"Speed from differences of the path length between instants. Deviations: the largest of every {ENVELOPE} instants.",
+    )  # fmt: skip
+
+
+def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
+    """Largest of every few instants: a deviation is zero at the samples of the path and swings in between."""
+    k = len(t) // ENVELOPE * ENVELOPE
+    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), 1e-16)
+
+
+def _deviation(title: str, most: float) -> Json:
+    return log_axis(title, range=(-10.5, max(0.5, math.log10(max(most, 1e-10)) + 0.5)))

@@ -1,0 +1,29 @@
+"""Plans of the line, as the report reads them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from benchmarks.kinds.base import BlockRows
+
+
+@dataclass(frozen=True)
+class LinePlans(BlockRows):
+    """The line by every IK method and law; ``facts["plans"]`` holds the summary of each plan."""
+
+    @property
+    def plans(self) -> list[dict[str, Any]]:
+        """All plans."""
+        return list(self.facts["plans"])
+
+    @cached_property
+    def solved(self) -> list[dict[str, Any]]:
+        """Those that have a trajectory."""
+        return [p for p in self.plans if p["status"] == "solved"]
+
+    @cached_property
+    def laws(self) -> list[str]:
+        """Names of all laws, in the order of the plans."""
+        return list(dict.fromkeys(p["law"] for p in self.plans))

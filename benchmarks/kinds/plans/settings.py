@@ -1,0 +1,85 @@
+"""Settings of the line that is planned by several methods and laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.kinds.base import Block
+from benchmarks.settings import check_keys, check_known, check_list
+from optik.check import check_count, real_array
+from optik.errors import InvalidInput
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineTask(Block):
+    """One straight line, planned by some IK methods and time laws.
+
+    Attributes
+    ----------
+    robot : str
+        Name of the arm.
+    start_deg : tuple of float
+        Where it starts [degrees, mm].
+    move_m : tuple of three floats
+        From the start of the line to its end, in the base frame [m].
+    ik, laws : tuple of str
+        Names of the IK methods and of the time laws.
+    samples : int
+        Of the path.
+    """
+
+    robot: str
+    start_deg: tuple[float, ...]
+    move_m: tuple[float, float, float]
+    ik: tuple[str, ...]
+    laws: tuple[str, ...]
+    samples: int
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """The one arm."""
+        return (self.robot,)
+
+
+def read_task(data: Any) -> LineTask:
+    """Check the settings of the line and return it.
+
+    Parameters
+    ----------
+    data : object
+        The table of the suite.
+
+    Returns
+    -------
+    LineTask
+        The task.
+
+    Raises
+    ------
+    InvalidInput
+        A wrong key or value.
+    UnknownName
+        A robot, method or law that does not exist.
+    """
+    keys = {"robot", "start_deg", "move_m", "ik", "laws", "samples"}
+    check_keys(data, keys, "the line", need=keys - {"samples"})
+    robot = check_known(data["robot"], "optik.robots", "robot")
+    methods = tuple(check_known(name, "optik.ik", "IK method") for name in check_list(data["ik"], "the line: ik"))
+    laws = tuple(
+        check_known(name, "planners.timing", "time law") for name in check_list(data["laws"], "the line: laws")
+    )
+    check_count(data.get("samples", 151), "the line: samples", 2)
+    move = real_array(data["move_m"], "the line: move_m", "three numbers [m]")
+    if move.shape != (3,):
+        raise InvalidInput("the line: move_m", data["move_m"], "three numbers [m]")
+    return LineTask(
+        id="line",
+        title="the line",
+        robot=robot,
+        start_deg=tuple(data["start_deg"]),
+        move_m=tuple(data["move_m"]),
+        ik=methods,
+        laws=laws,
+        samples=int(data.get("samples", 151)),
+    )

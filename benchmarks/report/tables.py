@@ -1,0 +1,93 @@
+"""Cells and tables that several sections share: shares with their intervals, targets, rows by measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.report.numbers import number, percent
+from benchmarks.statistics import wilson
+from benchmarks.targets import Measure, Outcome
+
+VERDICTS = {True: ("held", "good"), False: ("not held", "bad"), None: ("not measured", "none")}
+"""Words and look of an outcome."""
+
+PRECISE_FROM = 10_000
+"""Trials from which a share is shown with three decimals in place of one: fewer do not determine them."""
+
+
+def share(solved: int, count: int) -> tuple[str, str]:
+    """Share of successes and its interval, with as many digits as the count deserves.
+
+    Parameters
+    ----------
+    solved, count : int
+        How many of how many.
+
+    Returns
+    -------
+    share : str
+        In percent; 100 % only where all are.
+    interval : str
+        Wilson's, 95 %.
+    """
+    digits = 1 if count < PRECISE_FROM else 3
+    rounded = 100.0 * solved / count
+    if solved < count:
+        step = 10.0**-digits
+        rounded = min(math.floor(rounded / step + 1e-9) * step, 100.0 - step)
+    low, high = wilson(solved, count)
+    return (
+        f"{rounded:.{digits}f} %" if solved < count else "100 %",
+        f"[{100 * low:.{digits}f}, {100 * high:.{digits}f}]",
+    )
+
+
+def cells(measure: Measure, values: Sequence[float]) -> list[str]:
+    """The values of a measure as tables show them.
+
+    Parameters
+    ----------
+    measure : Measure
+        The measure.
+    values : sequence of float
+        One for each of its parts.
+
+    Returns
+    -------
+    list of str
+        One for each; of a share its value and its interval.
+    """
+    if measure.show == "share":
+        value, low, high = values
+        return [percent(value), "–" if math.isnan(low) else f"[{low:.1f}, {high:.1f}]"]
+    if measure.show == "count":
+        return [f"{v:.0f}" if v == round(v, 0) else number(v) for v in values]
+    if measure.show == "exact":
+        return [number(v) if math.isnan(v) else f"{v:.7g}" for v in values]
+    return [number(v) for v in values]
+
+
+def target_row(o: Outcome) -> dict[str, Any]:
+    """A target and its outcome as tables show them.
+
+    Parameters
+    ----------
+    o : Outcome
+        The outcome.
+
+    Returns
+    -------
+    dict
+        What the template shows.
+    """
+    words, look = VERDICTS[o.held]
+    if o.target.goal:
+        words += ", a goal"
+        look = "partly" if o.held is False else look
+    value = cells(o.measure, [o.value])[0] if o.measure.show == "exact" else number(o.value)
+    return {
+        "where": o.where, "what": o.what, "value": value, "asked": o.asked, "unit": o.unit, "words": words, "look": look,
+        "note": o.note, "number": o.value,
+    }  # fmt: skip

@@ -1,0 +1,41 @@
+"""A problem set in one file: targets a given distance beside the tool at random starts, some of them out of reach."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.problems.base import ProblemSet
+from optik.check import check_count, check_number
+
+
+def beside(robot, seed, *, count=100, distance=0.1):
+    """Targets beside the tool, with its orientation.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    seed : int
+        Of the draw: the same problems for the same seed.
+    count : int
+        How many.
+    distance : float
+        From the tool at the start [m].
+
+    Returns
+    -------
+    ProblemSet
+        The problems.
+    """
+    check_count(count, "count", 1)
+    check_number(distance, "distance", "metres above 0", above=0.0)
+    rng = np.random.default_rng((seed, 5))
+    starts = rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+    way = rng.normal(size=(count, 3))
+    targets = robot.fk(starts)
+    targets[:, :3, 3] += distance * way / np.linalg.norm(way, axis=1, keepdims=True)
+    unknown = np.full(count, np.nan)
+    return ProblemSet(targets, starts, np.full(count, "beside"), np.zeros(count, dtype=bool), unknown, unknown)
+
+
+METHOD = beside

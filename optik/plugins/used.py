@@ -1,0 +1,216 @@
+"""The plug-ins that a suite's settings name: whether they may run, and what the manifest of a run says of them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import NamedTuple
+
+from optik.errors import InvalidInput
+from optik.plugins.files import SUFFIXES, digest, split_links
+
+
+class Used(NamedTuple):
+    """A plug-in that settings name.
+
+    Attributes
+    ----------
+    group : str
+        Dotted name of the group, such as ``"optik.ik"``.
+    name : str
+        What reports call it.
+    source : Path or EntryPoint
+        The file, or the entry point of an installed package.
+    """
+
+    group: str
+    name: str
+    source: Path | EntryPoint
+
+
+class _Reading(NamedTuple):
+    """Settings that are being read: where their relative paths start, and which plug-ins they have named so far."""
+
+    folder: Path | None
+    used: list[Used]
+
+
+_reading: ContextVar[_Reading | None] = ContextVar("reading", default=None)
+
+
+def file_of(name: str | os.PathLike[str], kind: str) -> Path:
+    """Return the absolute path of a plug-in's file, which exists.
+
+    Parameters
+    ----------
+    name : str or path
+        A path; relative ones start at the suite's folder while a suite is read, else at the working directory.
+    kind : str
+        What it should be, for the message.
+
+    Returns
+    -------
+    Path
+        Absolute, without links.
+
+    Raises
+    ------
+    InvalidInput
+        No such file; the message says that a path was meant.
+    """
+    text = split_links(os.fspath(name))[0]
+    reading = _reading.get()
+    if reading is not None and reading.folder is None:
+        return Path(text)  # a finished run: its files are not looked at
+    try:
+        file = ((reading.folder or Path()) / text if reading else Path(text)).resolve()
+        there = file.is_file()
+    except (OSError, ValueError):  # ValueError: a NUL in the name
+        file, there = Path(text), False
+    if not there:
+        expected = f"a file, because a name with a separator or one of {', '.join(SUFFIXES)} is a path"
+        raise InvalidInput(kind, f"{text!r}, which is no file", expected)
+    return file
+
+
+@contextmanager
+def reading(folder: Path | None) -> Iterator[list[Used]]:
+    """Read settings: relative paths in them start at a folder, and every plug-in that they name is noted.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Of the file that holds the settings. None reads the settings of a finished run, whose files may be gone or
+        elsewhere: they are neither looked for nor run.
+
+    Yields
+    ------
+    list of Used
+        The plug-ins, each once, complete when the block ends.
+    """
+    used: list[Used] = []
+    token = _reading.set(_Reading(folder, used))
+    try:
+        yield used
+    finally:
+        _reading.reset(token)
+
+
+def note(plugin: Used) -> None:
+    """Note a plug-in that settings name, where settings are being read.
+
+    Parameters
+    ----------
+    plugin : Used
+        The plug-in.
+
+    Raises
+    ------
+    InvalidInput
+        The settings name another file that has the same name in the same group.
+    """
+    current = _reading.get()
+    if current is None or plugin in current.used:
+        return
+    for other in current.used:
+        if other[:2] == plugin[:2]:
+            both = f"{other.source} and {plugin.source}, both called {plugin.name}"
+            raise InvalidInput(plugin.group, both, "files of different names: reports tell them apart by these")
+    current.used.append(plugin)
+
+
+def in_finished_run() -> bool:
+    """Return whether the settings of a finished run are being read, whose files are not looked at.
+
+    Returns
+    -------
+    bool
+        True inside ``reading(None)``.
+    """
+    current = _reading.get()
+    return current is not None and current.folder is None
+
+
+def check_allowed(used: Iterable[Used], allowed: bool) -> None:
+    """Refuse files of plug-ins in a suite unless they are allowed: running them is running code.
+
+    Parameters
+    ----------
+    used : iterable of Used
+        The plug-ins that a suite names.
+    allowed : bool
+        Whether ``--allow-plugins`` was given.
+
+    Raises
+    ------
+    InvalidInput
+        A file that is not allowed; all of them are named.
+    """
+    files = sorted({str(u.source) for u in used if isinstance(u.source, Path)})
+    if files and not allowed:
+        expected = "--allow-plugins (allow_plugins=True), since running the suite runs the code in these files"
+        raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)
+
+
+def record(used: Iterable[Used]) -> list[dict[str, str]]:
+    """Return what a run's manifest says of its plug-ins, as plain data.
+
+    Parameters
+    ----------
+    used : iterable of Used
+        The plug-ins that a suite names.
+
+    Returns
+    -------
+    list of dict
+        Group and name; of a file path and SHA-256, of an entry point distribution and version. In a fixed order.
+
+    Raises
+    ------
+    InvalidInput
+        A file that cannot be read.
+    """
+    rows = []
+    for group, name, source in used:
+        if isinstance(source, Path):
+            about = {"path": str(source), "sha256": digest(source)}
+        else:
+            dist = source.dist
+            about = {"distribution": dist.name if dist else "", "version": dist.version if dist else ""}
+        rows.append({"group": group, "name": name} | about)
+    return sorted(rows, key=lambda row: (row["group"], row["name"]))
+
+
+def compare(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, str]]) -> None:
+    """Refuse to continue a run with other plug-ins than those that it began with.
+
+    Parameters
+    ----------
+    recorded, now : sequence of mapping
+        What `record` returned when the run began, and what it returns now. A file may lie elsewhere; its content counts.
+
+    Raises
+    ------
+    InvalidInput
+        A plug-in that is missing, added, or has another SHA-256 or version; the message names it.
+    """
+
+    def content(rows: Sequence[Mapping[str, str]]) -> dict[tuple[str, str], dict[str, str]]:
+        return {(r["group"], r["name"]): {k: v for k, v in r.items() if k != "path"} for r in rows}
+
+    before, after = content(recorded), content(now)
+    for key in sorted(before.keys() | after.keys()):
+        if before.get(key) != after.get(key):
+            what = [_version_words(rows.get(key)) for rows in (after, before)]
+            expected = f"{what[1]}, as when the run began; a new folder starts a new run"
+            raise InvalidInput(f"plug-in {key[1]} ({key[0]})", what[0], expected)
+
+
+def _version_words(row: Mapping[str, str] | None) -> str:
+    if row is None:
+        return "none"
+    return f"SHA-256 {row['sha256'][:16]}…" if "sha256" in row else f"{row['distribution']} {row['version']}"

@@ -1,0 +1,64 @@
+"""Path speed and active constraint of each segment of a motion."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.types import Array
+from planners.certificate.examined import Examined
+from planners.limits import MotionLimits
+from planners.limits._extreme import plain
+
+
+class Binding(NamedTuple):
+    """Path speed and active constraint of each of the m segments of a motion.
+
+    ``t`` and ``s`` (m + 1,) are times [s] and places [m, or rad] of their ends, ``speed`` (m,) is the mean of ds/dt.
+    ``ratio`` (m,) is the worst value over its limit on the segment [1], 0 where nothing is limited; ``limit`` (m,) names that
+    limit and ``joint`` (m,) its joint, ``"tool"`` for limits of the tool.
+    """
+
+    t: Array
+    s: Array
+    speed: Array
+    ratio: Array
+    limit: tuple[str, ...]
+    joint: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files; infinite and undefined numbers as None."""
+        numbers = {k: plain(getattr(self, k)) for k in ("t", "s", "speed", "ratio")}
+        return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
+
+
+def active_constraints(motion: Examined, limits: MotionLimits, places: Array) -> Binding:
+    """Find the worst ratio of every segment, its limit and its joint.
+
+    Parameters
+    ----------
+    motion : Examined
+        The motion.
+    limits : MotionLimits
+        Its limits.
+    places : (m + 1,) array
+        Places of the path at its knots [m, or rad].
+
+    Returns
+    -------
+    Binding
+        Exact for the joints; for the tool from both ends of each segment.
+    """
+    t, bounds = motion.trajectory.knots, limits.bounds(motion.robot.n)
+    ratios = np.concatenate([kind.piece_ratios(motion, bounds[kind.name]) for kind in limits.kinds], axis=1)
+    columns = [(kind.name, subject) for kind in limits.kinds for subject in kind.subjects(motion.robot)]
+    which = ratios.argmax(axis=1)
+    return Binding(
+        t=t,
+        s=places,
+        speed=np.diff(places) / np.diff(t),
+        ratio=ratios[np.arange(len(which)), which],
+        limit=tuple(columns[i][0] for i in which),
+        joint=tuple(columns[i][1] for i in which),
+    )

@@ -1,0 +1,58 @@
+"""How near a motion comes to a singular configuration: the smallest singular value of the Jacobian along it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik import kinematics
+from optik.arm.robot import Robot
+from optik.compiled import compiled
+from optik.kinematics import Chain
+from optik.types import Array
+from planners.trajectory import Trajectory
+
+GRID_INSTANTS, FINER_INSTANTS = 121, 9
+"""Instants of the first grid, which sees every minimum that lasts 1 % of the motion, and of each finer one around its least."""
+GRID_WIDTH = 1e-4
+"""Share of the duration below which a grid is not made finer: around a flat minimum the value is right to 1e-8 of it."""
+
+
+def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
+    """Least of a grid of instants, then of finer ones around the least of them.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        Its motion.
+
+    Returns
+    -------
+    tuple of float
+        The smallest singular value of the Jacobian [1, with metres and radians counted alike], and when [s].
+    """
+    end = trajectory.end
+    low, high, count = 0.0, end, GRID_INSTANTS
+    while True:
+        t, values = np.linspace(low, high, count), np.empty(count)
+        _singular_values(robot.chain, trajectory.padded, trajectory.knots, t, values)
+        k = int(values.argmin())
+        if high - low <= GRID_WIDTH * end:
+            return float(values[k]), float(t[k])
+        low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], FINER_INSTANTS
+
+
+@compiled
+def _singular_values(chain: Chain, c: Array, knots: Array, t: Array, out: Array) -> None:
+    """Smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
+    q = np.empty((t.shape[0], c.shape[2]))
+    for k in range(t.shape[0]):
+        i = min(max(np.searchsorted(knots, t[k], side="right") - 1, 0), c.shape[1] - 1)
+        u = t[k] - knots[i]
+        for j in range(c.shape[2]):
+            value = 0.0
+            for power in range(6):
+                value = value * u + c[power, i, j]
+            q[k, j] = value
+    kinematics.singular_values_batch(chain, q, out)

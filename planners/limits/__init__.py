@@ -1,0 +1,30 @@
+"""Limits of a motion, one file a kind: its bound, its rows for time laws, its judgement and its key in files."""
+
+from planners.limits._derivative import DerivativeLimit
+from planners.limits._extreme import Extreme, ToolExtreme
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, TOOL_SPEEDS, kind_of, register
+from planners.limits._motion_limits import MotionLimits
+from planners.limits._points import PathPoints
+from planners.limits._tool import ToolSpeedLimit
+from planners.limits.base import Limit, scale_of
+
+SAME_SPEED = 1e-6
+"""Largest relative change of a requested tool speed that counts as none: whole nanoseconds and rounding change it."""
+
+__all__ = [
+    "ALL_LIMITS",
+    "DERIVATIVES",
+    "FIELD_LIMITS",
+    "SAME_SPEED",
+    "TOOL_SPEEDS",
+    "DerivativeLimit",
+    "Extreme",
+    "Limit",
+    "MotionLimits",
+    "PathPoints",
+    "ToolExtreme",
+    "ToolSpeedLimit",
+    "kind_of",
+    "register",
+    "scale_of",
+]

@@ -1,0 +1,100 @@
+"""The kinds of limits that are known: those of this folder, and those that programs add."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from optik.errors import InvalidInput, UnknownName
+from optik.registry import build_method, names
+from planners.limits._derivative import DerivativeLimit
+from planners.limits.acceleration import Acceleration
+from planners.limits.base import Limit
+from planners.limits.jerk import Jerk
+from planners.limits.rotation_speed import RotationSpeed
+from planners.limits.tool_speed import ToolSpeed
+from planners.limits.velocity import Velocity
+
+FOLDER = "planners.limits"
+"""Where a limit is a file."""
+FIELD_LIMITS: tuple[Limit, ...] = (Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed())
+"""The limits that are arguments of `MotionLimits`, in the order of its arguments, of files and of reports."""
+ALL_LIMITS = tuple(kind.name for kind in FIELD_LIMITS)
+"""Names of the limits that are arguments of `MotionLimits`."""
+DERIVATIVES = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, DerivativeLimit))
+"""Names of those on derivatives of every joint, by order."""
+TOOL_SPEEDS = tuple(kind.name for kind in FIELD_LIMITS if kind.subject == "tool")
+"""Names of those of the tool."""
+
+_BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
+"""Limits that are fields of `MotionLimits`, by name."""
+_ADDED: dict[str, Limit] = {}
+"""Limits that `register` has added in this process, by name."""
+
+
+def register(kind: Limit) -> None:
+    """Make a kind of limit known by its name, in ``MotionLimits(extra=...)`` and in motion files, in this process.
+
+    Parameters
+    ----------
+    kind : Limit
+        The kind; of the same class as before where its name was registered already.
+
+    Raises
+    ------
+    InvalidInput
+        Another kind of thing, or a name that another limit has.
+    """
+    if not isinstance(kind, Limit):
+        raise InvalidInput("kind", repr(kind)[:60], "a Limit")
+    taken = kind.name in names(FOLDER) or type(_ADDED.get(kind.name, kind)) is not type(kind)
+    if taken:
+        raise InvalidInput("kind", f"the name {kind.name!r}", "a name that no other limit has")
+    _ADDED[kind.name] = kind
+
+
+def is_known(name: object) -> bool:
+    """Say whether there is a limit of a name.
+
+    Parameters
+    ----------
+    name : object
+        What may be a name.
+
+    Returns
+    -------
+    bool
+        True for a registered limit, and for a file in this folder.
+    """
+    return name in _ADDED or name in names(FOLDER)
+
+
+def kind_of(name: str) -> Limit:
+    """Return the kind of limit of a name.
+
+    Parameters
+    ----------
+    name : str
+        Of a registered limit, or of a file in this folder.
+
+    Returns
+    -------
+    Limit
+        The kind.
+
+    Raises
+    ------
+    UnknownName
+        No such limit; the nearest names are offered.
+    """
+    found = _BY_NAME.get(name) or _ADDED.get(name)
+    if found is not None:
+        return found
+    if name not in names(FOLDER):
+        raise UnknownName("limit", name, (*names(FOLDER), *_ADDED))
+    return _from_folder(name)
+
+
+@cache
+def _from_folder(name: str) -> Limit:
+    kind: Limit = build_method(FOLDER, name, "limit")
+    return kind

@@ -1,0 +1,293 @@
+"""The limits of one motion: a bound for each kind of limit that is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.plain import record
+from optik.arm.robot import Robot
+from optik.content import content
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.curve import monomials
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, is_known, kind_of
+from planners.limits._points import PathPoints
+from planners.limits.base import Limit
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of a motion, symmetric, per joint; None where free.
+
+    Parameters
+    ----------
+    velocity, acceleration, jerk : scalar or (n,) array, optional
+        [rad/s, rad/s², rad/s³, or metres for prismatic joints].
+    tool_speed, rotation_speed : float, optional
+        Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms.
+    extra : mapping, optional
+        Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws keep those of first order as they
+        keep velocities, and the others by a uniform slow-down.
+
+    Raises
+    ------
+    InvalidInput
+        Limits that are not above 0, or not numbers.
+    UnknownName
+        A name in ``extra`` that no limit has.
+    """
+
+    velocity: ArrayLike | None = None
+    acceleration: ArrayLike | None = None
+    jerk: ArrayLike | None = None
+    tool_speed: float | None = None
+    rotation_speed: float | None = None
+    extra: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        for kind in FIELD_LIMITS:
+            value = getattr(self, kind.name)
+            if value is not None:
+                object.__setattr__(self, kind.name, kind.checked(value))
+        if self.extra is None:
+            return
+        if not isinstance(self.extra, Mapping) or any(name in ALL_LIMITS for name in self.extra):
+            raise InvalidInput(
+                "extra", repr(self.extra)[:120], "a mapping from names of further limits to their bounds"
+            )
+        kept = {name: kind_of(name).checked(value) for name, value in self.extra.items() if value is not None}
+        object.__setattr__(self, "extra", MappingProxyType(kept) if kept else None)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MotionLimits) and self._content() == other._content()
+
+    def __hash__(self) -> int:
+        return hash(self._content())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = [getattr(self, name) for name in ALL_LIMITS]
+        return MotionLimits, (*values, None if self.extra is None else dict(self.extra))
+
+    def _content(self) -> Any:
+        return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
+
+    @staticmethod
+    def of(robot: Robot) -> MotionLimits:
+        """Return the robot's own limits.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+
+        Returns
+        -------
+        MotionLimits
+            Its velocities, accelerations and jerks, where it has them.
+        """
+        return MotionLimits(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
+
+    @property
+    def kinds(self) -> tuple[Limit, ...]:
+        """All kinds of limits: those with an argument of their own, given or not, then the extra ones."""
+        return FIELD_LIMITS if self.extra is None else (*FIELD_LIMITS, *map(kind_of, self.extra))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of `kinds`."""
+        return ALL_LIMITS if self.extra is None else (*ALL_LIMITS, *self.extra)
+
+    def value(self, name: str) -> Any:
+        """Return a bound as it was given.
+
+        Parameters
+        ----------
+        name : str
+            Of a limit.
+
+        Returns
+        -------
+        float, (n,) array or None
+            In the limit's units; None where free.
+        """
+        return getattr(self, name) if name in ALL_LIMITS else (self.extra or {}).get(name)
+
+    def bounds(self, n: int) -> dict[str, Array]:
+        """Return the bounds of all kinds as arrays.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        dict of arrays
+            By name: (n,), or (1,) for limits of the whole arm [as the limit's units], infinity where free; read-only.
+
+        Raises
+        ------
+        InvalidInput
+            A length other than n.
+        """
+        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_bounds", {})  # laws read it many times
+        if n not in kept:
+            kept[n] = {kind.name: kind.array(self.value(kind.name), n) for kind in self.kinds}
+        return dict(kept[n])
+
+    def arrays(self, n: int) -> dict[str, Array]:
+        """Return the bounds on velocity, acceleration and jerk as arrays.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        dict of (n,) arrays
+            By name [rad/s, rad/s², rad/s³, or m]; infinity where free; read-only.
+
+        Raises
+        ------
+        InvalidInput
+            A length other than n.
+        """
+        bounds = self.bounds(n)
+        return {name: bounds[name] for name in DERIVATIVES}
+
+    def rows(self, name: str, at: PathPoints) -> Array:
+        """Return the rows of one limit at points of a joint path.
+
+        Parameters
+        ----------
+        name : str
+            Of the limit.
+        at : PathPoints
+            Points of the joint path.
+
+        Returns
+        -------
+        (k, m, order) array
+            See `Limit.rows` [as 1 over the monomials].
+        """
+        return kind_of(name).rows(at, self.bounds(at.joint_path.robot.n)[name])
+
+    def ratios(self, name: str, at: PathPoints, rates: Sequence[Array]) -> Array:
+        """Return the values of a motion along a joint path over one limit.
+
+        Parameters
+        ----------
+        name : str
+            Of the limit.
+        at : PathPoints
+            Points of the joint path.
+        rates : (k,) arrays
+            ṡ, s̈, s⃛ there [m/s, m/s², m/s³, or rad]; as many as the limit's order, or more.
+
+        Returns
+        -------
+        (k, m) array
+            Absolute values [1]; the limit is kept where they are at most 1.
+        """
+        products = monomials(rates[: kind_of(name).order])
+        return np.asarray(np.abs(np.einsum("kmi,ik->km", self.rows(name, at), np.stack(products))))
+
+    def only(self, names: tuple[str, ...]) -> MotionLimits:
+        """Return those limits that have these names; all others are free.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of limits.
+
+        Returns
+        -------
+        MotionLimits
+            The chosen limits.
+        """
+        extra = {name: value for name, value in (self.extra or {}).items() if name in names}
+        return MotionLimits(**{name: getattr(self, name) for name in ALL_LIMITS if name in names}, extra=extra)
+
+    def scaled(self, share: float, names: tuple[str, ...] | None = None) -> MotionLimits:
+        """Return the limits multiplied by a factor.
+
+        Parameters
+        ----------
+        share : float
+            Factor of the bounds [1].
+        names : tuple of str, optional
+            Which limits; by default all.
+
+        Returns
+        -------
+        MotionLimits
+            The scaled limits.
+        """
+        chosen = self.names if names is None else names
+        wider: dict[str, Any] = {
+            name: share * np.asarray(v) if np.ndim(v) else share * float(v)
+            for name in chosen
+            if (v := self.value(name)) is not None
+        }
+        extra = None if self.extra is None else {name: wider.pop(name, self.extra[name]) for name in self.extra}
+        return replace(self, **wider, extra=extra)
+
+    def to_dict(self, n: int) -> dict[str, Any]:
+        """Return plain data for programs: lists of n numbers, None where free.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        dict
+            By name, in the limits' units.
+        """
+        joints = {f: [float(x) if np.isfinite(x) else None for x in a] for f, a in self.arrays(n).items()}
+        others = [kind for kind in self.kinds if kind.name not in joints]
+        return joints | {kind.name: kind.to_plain(self.value(kind.name)) for kind in others}
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return plain data for files, which `from_plain` reads back to the last bit."""
+        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in self.kinds}
+
+    @classmethod
+    def from_plain(cls, data: Any, n: int) -> MotionLimits:
+        """Return the limits that `to_plain` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data by name: all limits with an argument of their own, and any others that are known.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        MotionLimits
+            The limits.
+
+        Raises
+        ------
+        InvalidInput
+            Names that are missing or not known here, or data that describe no bound.
+        """
+        extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
+        checked = record(data, (*ALL_LIMITS, *extra), "limits")
+        found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
+        return cls(**{name: found.pop(name) for name in ALL_LIMITS}, extra=found)
+
+    @property
+    def tool(self) -> tuple[float, float]:
+        """Greatest tool speed [m/s] and rotation speed [rad/s], infinity where free."""
+        speed, rotation = self.tool_speed, self.rotation_speed
+        return (np.inf if speed is None else float(speed), np.inf if rotation is None else float(rotation))

@@ -1,0 +1,51 @@
+"""Points of a joint path with all that the rows of limits are made from, each evaluated once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from optik.types import Array
+
+if TYPE_CHECKING:
+    from planners.following.follow import JointPath
+
+
+class PathPoints:
+    """A joint path at places.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    s : (k,) array
+        Places [m, or rad].
+    derivatives : sequence of (k, n) arrays
+        q, q', q'' … there [as q over powers of s], where they are known; the others are evaluated.
+    """
+
+    def __init__(self, joint_path: JointPath, s: Array, derivatives: Array | tuple[Array, ...] = ()) -> None:
+        self.joint_path, self.s = joint_path, s
+        self._derivatives: list[Array] = list(derivatives)
+
+    def q(self, order: int = 0) -> Array:
+        """Configurations or their derivatives in s.
+
+        Parameters
+        ----------
+        order : int
+            0 to 3.
+
+        Returns
+        -------
+        (k, n) array
+            [as q over powers of s].
+        """
+        while len(self._derivatives) <= order:
+            self._derivatives.append(self.joint_path(self.s, len(self._derivatives)))
+        return self._derivatives[order]
+
+    @cached_property
+    def twist(self) -> Array:
+        """Twists (k, 6) of the path per unit of s: (v, ω), linear first."""
+        return self.joint_path.path.twist(self.s)

@@ -1,0 +1,243 @@
+"""What a limit is: how its bound is given and filed, the rows that it puts on a time law, and its judgement of a motion."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.limits import positive
+from optik.arm.plain import numbers, plain_numbers
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.types import Array
+from planners.certificate.examined import Examined
+from planners.limits._extreme import Extreme, ToolExtreme
+from planners.limits._points import PathPoints
+
+
+class Limit(ABC):
+    """One kind of limit. It is the only place that knows what its bound means.
+
+    A limit is a subclass in a file of its own in this folder that names itself ``METHOD``, or an object that is made known
+    by `planners.limits.register`. The file's stem is its ``name``: its key in motion files, in ``MotionLimits(extra=...)``,
+    in `TimeLaw.keeps` and in certificates.
+
+    Attributes
+    ----------
+    name : str
+        The key.
+    units : tuple of str
+        Unit of the bound for revolute and for sliding joints; a limit of the whole arm repeats its one unit.
+    order : int
+        Power of the time scale: a motion run c times as slowly has 1 / c**order of the value. Also the order of its rows.
+    subject : str or None
+        What the one bound of the whole arm is on, such as ``"tool"``; None for a bound on every joint.
+    """
+
+    name: ClassVar[str]
+    units: ClassVar[tuple[str, str]]
+    order: ClassVar[int]
+    subject: ClassVar[str | None] = None
+
+    # ------------------------------------------------------------ the bound, as given and in files
+
+    def checked(self, value: Any) -> Any:
+        """Return a bound as `MotionLimits` keeps it: a float, or a read-only array.
+
+        Parameters
+        ----------
+        value : scalar or (n,) array
+            The bound [as `units`]; a scalar for a limit of the whole arm.
+
+        Returns
+        -------
+        float or (n,) array
+            The bound [as `units`].
+
+        Raises
+        ------
+        InvalidInput
+            No number, or none above 0.
+        """
+        if self.subject is not None:
+            return check_number(value, self.name, f"a {self.name.replace('_', ' ')} above 0", above=0.0)
+        kept = positive(value, np.size(value), self.name)
+        return kept if np.ndim(value) else float(kept[0])
+
+    def array(self, value: ArrayLike | None, n: int) -> Array:
+        """Return a bound as an array, one entry for each subject.
+
+        Parameters
+        ----------
+        value : scalar or (n,) array, or None
+            What `checked` returned [as `units`]; None where nothing is limited.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        (n,) array, or (1,) array for a limit of the whole arm
+            [as `units`], infinity where free; read-only.
+
+        Raises
+        ------
+        InvalidInput
+            A length other than n.
+        """
+        return positive(np.inf if value is None else value, 1 if self.subject is not None else n, self.name)
+
+    def to_plain(self, value: ArrayLike | None) -> Any:
+        """Return a bound as plain data for files.
+
+        Parameters
+        ----------
+        value : scalar or (n,) array, or None
+            What `checked` returned [as `units`].
+
+        Returns
+        -------
+        float, list or None
+            Read back by `from_plain` to the last bit.
+        """
+        return None if value is None else plain_numbers(value)
+
+    def from_plain(self, data: Any, n: int) -> Array | float | None:
+        """Return the bound that `to_plain` wrote.
+
+        Parameters
+        ----------
+        data : float, list or None
+            Plain data.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        float, (n,) array or None
+            The bound [as `units`].
+
+        Raises
+        ------
+        InvalidInput
+            Data that describe no bound.
+        """
+        if data is None:
+            return None
+        if self.subject is None and isinstance(data, list):
+            return numbers(data, (n,), f"limits.{self.name}")
+        return float(numbers(data, (), f"limits.{self.name}"))
+
+    # ------------------------------------------------------------ time laws
+
+    @abstractmethod
+    def rows(self, at: PathPoints, bound: Array) -> Array:
+        """Coefficients of the limited value over its bound, at points of a joint path.
+
+        Parameters
+        ----------
+        at : PathPoints
+            Points of the joint path.
+        bound : (m,) array
+            What `array` returned [as `units`].
+
+        Returns
+        -------
+        (k, m, order) array
+            [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
+            s⃛, ṡ s̈ and ṡ³ for order 3. The limit is kept where |rows · monomials| ≤ 1.
+        """
+
+    # ------------------------------------------------------------ judgement
+
+    def subjects(self, robot: Robot) -> tuple[str, ...]:
+        """Names of what the bounds are on.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+
+        Returns
+        -------
+        tuple of str
+            The joints' names, or the one `subject`.
+        """
+        return robot.joint_names if self.subject is None else (self.subject,)
+
+    @abstractmethod
+    def judge(self, motion: Examined, bound: Array) -> Extreme | ToolExtreme:
+        """Worst value over a whole motion: exact or a proved bound, not the largest of samples.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `array` returned [as `units`].
+
+        Returns
+        -------
+        Extreme or ToolExtreme
+            The first for a bound on every joint, the second for one on the whole arm.
+        """
+
+    @abstractmethod
+    def piece_ratios(self, motion: Examined, bound: Array) -> Array:
+        """Worst ratio to the bound on each piece of a motion, which tells the active constraint there.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `array` returned [as `units`].
+
+        Returns
+        -------
+        (pieces, m) array
+            Ratios [1]; 0 where free.
+        """
+
+    def slowing(self, motion: Examined, bound: Array) -> float:
+        """Least factor by which a motion is stretched in time so that it keeps the limit.
+
+        A limit whose value has a part that no slowing changes (the torque against gravity) overrides this, and returns
+        infinity where no factor suffices.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) array
+            What `array` returned [as `units`].
+
+        Returns
+        -------
+        float
+            Below 1 where the motion may be run faster; 0 where nothing limits it.
+        """
+        if not np.isfinite(bound).any():
+            return 0.0
+        ratio = float(np.nanmax(self.judge(motion, bound).ratio))
+        return scale_of(ratio, self.order)
+
+
+def scale_of(ratio: float, order: int) -> float:
+    """Time scale at which a value that goes with 1 / scale**order is at its bound.
+
+    Parameters
+    ----------
+    ratio : float
+        Value over bound [1].
+    order : int
+        Power of the time scale.
+
+    Returns
+    -------
+    float
+        Above 1 wherever the ratio is, however the root rounds.
+    """
+    return float(max(ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0))

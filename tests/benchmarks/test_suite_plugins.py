@@ -1,0 +1,83 @@
+"""Suites with plug-ins: refused unless allowed, the same in workers, recorded, and not continued with other files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from benchmarks.records import RunFolder
+from benchmarks.run import run_suite
+from benchmarks.suite import load_suite
+from optik.errors import InvalidInput
+from optik.plugins.files import digest
+from tests.benchmarks.test_cli import optik_command
+from tests.benchmarks.test_report import page_of
+from tests.oracles import REPOSITORY
+
+MARK = '\nimport pathlib; pathlib.Path(__file__).with_suffix(".ran").touch()\n'
+"""What a file does where it is run: it leaves another beside it."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The example suite in a folder of its own, so that each test has other files; every file tells that it was run."""
+    examples = tmp_path / "examples"
+    shutil.copytree(REPOSITORY / "examples", examples, ignore=shutil.ignore_patterns("__pycache__", "*.ran"))
+    for file in examples.glob("*.py"):
+        file.write_text(file.read_text() + MARK)
+    return examples
+
+
+def ran(folder: Path) -> list[str]:
+    return sorted(file.stem for file in folder.glob("*.ran"))
+
+
+def cli(*arguments: str) -> tuple[int, str]:
+    done = optik_command(*arguments)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_none(folder: Path) -> None:
+    suite, out = str(folder / "suite.toml"), str(folder.parent / "run")
+    code, words = cli("bench", "run", suite, "--out", out)
+    assert code == 2
+    assert "--allow-plugins" in words
+    assert str(folder / "jt.py") in words
+    assert not Path(out).exists()
+    code, words = cli("bench", "check", suite, "--json")
+    assert code == 0
+    assert {row["name"] for row in json.loads(words)["plugins"]} == {"arm", "beside", "fk_time", "jt"}
+    assert ran(folder) == []
+
+    code, words = cli("bench", "run", suite, "--out", out, "--allow-plugins", "--workers", "2")
+    assert code == 0, words
+    assert ran(folder) == ["beside", "fk_time", "jt"]
+    recorded = {row["name"]: row for row in RunFolder(out).manifest()["plugins"]}
+    assert recorded["jt"]["sha256"] == digest(folder / "jt.py")
+    assert recorded["arm"]["path"] == str(folder / "arm.toml")
+    rows = RunFolder(out).rows("beside")
+    assert rows is not None
+    assert set(rows["method"]) == {"dls", "Jacobian transpose"}
+    assert set(rows["solver"]) == {"dls", "jt"}
+
+    (folder / "jt.py").write_text((folder / "jt.py").read_text() + "\n# changed\n")
+    code, words = cli("bench", "run", suite, "--out", out, "--allow-plugins")
+    assert code == 2
+    assert "plug-in jt (optik.ik)" in words
+    shutil.rmtree(folder)
+    code, words = cli("bench", "report", out)
+    assert code == 0, words
+    page = page_of(RunFolder(out))
+    assert "arm (6 joints)" in page.text
+    assert str(folder / "arm.toml") not in page.text
+    assert "Forward kinematics of the example's arm" in page.text
+    assert not folder.exists()
+
+
+def test_a_suite_that_was_only_looked_at_is_not_run(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="--allow-plugins"):
+        run_suite(load_suite(str(folder / "suite.toml")), tmp_path / "run")
+    assert ran(folder) == []

@@ -1,0 +1,219 @@
+"""The layout of the packages: no import circles, few entries at the top, short files and functions, few parameters."""
+
+import ast
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tests.oracles import REPOSITORY
+
+PACKAGES = ("optik", "planners", "benchmarks")
+FILES = sorted(f for package in PACKAGES for f in (REPOSITORY / package).rglob("*.py"))
+MOST_AT_TOP = {"optik": 17, "planners": 16, "benchmarks": 16}
+"""Files and folders of a package besides ``__init__.py`` and ``py.typed``; the next package inside planners needs one more."""
+LONGEST_FILE, LONGEST_FUNCTION, MOST_POSITIONAL = 450, 60, 8
+SUFFIXES = {".py", ".toml", ".typed", ".j2", ".css", ".js"}
+"""What may lie in a package: anything else would be in the wheel, too."""
+REASON = "More than 8 parameters:"
+"""A comment that begins so, inside a kernel or above it, says why a kernel takes more."""
+
+
+def relative(path: Path) -> str:
+    return path.relative_to(REPOSITORY).as_posix()
+
+
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+# ---------------------------------------------------------------- the graph of imports
+
+
+def only_for_types(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and any(
+        isinstance(n, ast.Name | ast.Attribute) and getattr(n, "id", getattr(n, "attr", "")) == "TYPE_CHECKING"
+        for n in ast.walk(node.test)
+    )
+
+
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Every node below one, also inside functions, but what only a type checker reads."""
+    for child in ast.iter_child_nodes(node):
+        if only_for_types(child):
+            yield from (n for other in child.orelse for n in (other, *statements(other)))
+            continue
+        yield child
+        yield from statements(child)
+
+
+def imports(root: Path, packages: tuple[str, ...]) -> dict[str, set[str]]:
+    """For each module the modules that it names in imports, anywhere in it; of a package, what is imported from it."""
+    files = {}
+    for package in packages:
+        for file in (root / package).rglob("*.py"):
+            parts = file.relative_to(root).with_suffix("").parts
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    graph: dict[str, set[str]] = defaultdict(set)
+    for module, file in files.items():
+        inside = module if file.name == "__init__.py" else module.rpartition(".")[0]
+        for node in statements(parsed(file)):
+            if isinstance(node, ast.Import):
+                graph[module] |= {a.name for a in node.names if a.name in files}
+            elif isinstance(node, ast.ImportFrom):
+                before = inside.split(".")[: inside.count(".") + 2 - node.level] if node.level else []
+                source = ".".join([*before, *([node.module] if node.module else [])])
+                for alias in node.names:
+                    inner = f"{source}.{alias.name}"
+                    graph[module] |= {inner} if inner in files else {source} & set(files)
+        graph[module].discard(module)
+    return graph
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules of which each is reached from each, by the closure of the graph: slow, plain and right."""
+    reached = {m: set(graph[m]) for m in list(graph)}
+    changed = True
+    while changed:
+        changed = False
+        for m, found in reached.items():
+            more = found.union(*(reached.get(k, set()) for k in found))
+            changed |= more != found
+            reached[m] = more
+    groups = {tuple(sorted(k for k in reached[m] if m in reached.get(k, ()))) for m in reached if m in reached[m]}
+    return sorted(list(group) for group in groups)
+
+
+def test_no_module_is_imported_by_what_it_imports() -> None:
+    assert circles(imports(REPOSITORY, PACKAGES)) == []
+
+
+def test_a_circle_is_found_through_a_function_a_package_and_a_relative_import(tmp_path: Path) -> None:
+    files = {
+        "p/__init__.py": "",
+        "p/a.py": "def f():\n    from p.b import g\n",
+        "p/b.py": "from p import c\n",
+        "p/c.py": "from .a import f\n",
+        "p/d.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from p.e import x\n",
+        "p/e.py": "import p.d\n",
+        "p/inner/__init__.py": "from .. import a\nfrom . import one\n",
+        "p/inner/one.py": "import numpy\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    graph = imports(tmp_path, ("p",))
+    assert graph["p.a"] == {"p.b"}
+    assert graph["p.c"] == {"p.a"}
+    assert graph["p.e"] == {"p.d"}
+    assert graph["p.inner"] == {"p.a", "p.inner.one"}
+    assert circles(graph) == [["p.a", "p.b", "p.c"]]
+
+
+# ---------------------------------------------------------------- sizes
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_few_files_and_folders_are_at_the_top_of_a_package(package: str) -> None:
+    top = {f.name for f in (REPOSITORY / package).iterdir()} - {"__init__.py", "py.typed", "__pycache__"}
+    assert len(top) <= MOST_AT_TOP[package], sorted(top)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_nothing_but_code_data_and_templates_lies_in_a_package(package: str) -> None:
+    inside = [f for f in (REPOSITORY / package).rglob("*") if f.is_file() and "__pycache__" not in f.parts]
+    assert [relative(f) for f in inside if f.suffix not in SUFFIXES and f.name != "py.typed"] == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_files_and_functions_are_short(path: Path) -> None:
+    assert path.read_text(encoding="utf-8").count("\n") <= LONGEST_FILE
+    long = {
+        node.name: node.end_lineno - node.lineno + 1
+        for node in ast.walk(parsed(path))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and node.end_lineno is not None
+        and node.end_lineno - node.lineno + 1 > LONGEST_FUNCTION
+    }
+    assert long == {}
+
+
+def is_kernel(node: ast.FunctionDef) -> bool:
+    """Whether a function is compiled: some decorator of `optik.compiled` is on it."""
+    names = {n.id for d in node.decorator_list for n in ast.walk(d) if isinstance(n, ast.Name)}
+    return bool(names & {"compiled", "inlined", "parallel"})
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_kernels_take_few_parameters_or_say_why(path: Path) -> None:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    many = []
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.FunctionDef) and is_kernel(node):
+            count = len(node.args.posonlyargs) + len(node.args.args)
+            around = lines[max(node.lineno - 8, 0) : node.end_lineno]
+            if count > MOST_POSITIONAL and not any(line.strip().startswith(f"# {REASON}") for line in around):
+                many.append((node.name, count))
+    assert many == []
+
+
+# ---------------------------------------------------------------- constants
+
+SHARED = {"METHOD", "METHOD_BASE", "MEASURES", "SECTIONS"}
+"""Names that mean the same in every file that has them: what a file of its kind brings."""
+
+
+def constants(path: Path) -> Iterator[tuple[str, bool]]:
+    """Names of a module's constants, and whether words say why they are what they are.
+
+    That is: a sentence below, or a comment above or beside it; of a block of lines without a gap, the block's.
+    """
+    text = path.read_text(encoding="utf-8")
+    lines, body = text.splitlines(), ast.parse(text).body
+    said_below = {
+        before.end_lineno
+        for before, after in pairwise(body)
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) and isinstance(after.value.value, str)
+    }
+    for block in blocks(body):
+        first, last = block[0], block[-1]
+        commented = first.lineno > 1 and lines[first.lineno - 2].lstrip().startswith("#")
+        for node in block:
+            beside = any("  # " in line for line in lines[node.lineno - 1 : node.end_lineno])
+            said = commented or beside or node.end_lineno in said_below or last.end_lineno in said_below
+            for name in names_of(node):
+                yield name, said
+
+
+def blocks(body: list[ast.stmt]) -> Iterator[list[ast.Assign | ast.AnnAssign]]:
+    """Assignments that follow each other line by line."""
+    block: list[ast.Assign | ast.AnnAssign] = []
+    for node in body:
+        if block and (
+            not isinstance(node, ast.Assign | ast.AnnAssign) or node.lineno != (block[-1].end_lineno or 0) + 1
+        ):
+            yield block
+            block = []
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            block.append(node)
+    if block:
+        yield block
+
+
+def names_of(node: ast.Assign | ast.AnnAssign) -> list[str]:
+    """Names in capitals that an assignment gives; one letter is a symbol of a formula."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+    flat = [name for t in targets for name in (t.elts if isinstance(t, ast.Tuple) else [t])]
+    return [n.id for n in flat if isinstance(n, ast.Name) and n.id.isupper() and len(n.id) > 1 and n.id not in SHARED]
+
+
+def test_a_constants_name_has_one_meaning() -> None:
+    count = Counter(name for path in FILES for name in {name for name, _ in constants(path)})
+    assert sorted(name for name, times in count.items() if times > 1) == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_every_constant_says_why(path: Path) -> None:
+    assert [name for name, said in constants(path) if not said] == []

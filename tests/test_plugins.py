@@ -1,0 +1,542 @@
+"""Plug-ins from outside: files by their paths and entry points of installed packages, in the API, commands and workers."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import json
+import os
+import pickle
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import optik
+import planners
+from benchmarks.cli.app import app
+from benchmarks.peers.ik.base import build_peer
+from benchmarks.peers.laws.base import build_timing_peer
+from benchmarks.problems.base import ProblemSet
+from optik import registry
+from optik.errors import InvalidInput, MissingDependency, UnknownName
+from optik.plugins import files, used
+from tests.oracles import REPOSITORY
+from tests.planners.cases import START, default_joint_path, paper6r
+
+EXAMPLES = REPOSITORY / "examples"
+
+IK = '''
+from optik.ik.base import Attempt, IKSolver, IKStatus
+
+class Stay(IKSolver):
+    """Answers its start."""
+
+    def attempt(self, target, start, trace, seconds):
+        return Attempt(start.copy(), IKStatus.STALLED, 0, None, "{said}")
+
+METHOD = Stay
+'''
+
+
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Every test begins as a process does that has loaded no plug-in."""
+    monkeypatch.setattr(registry, "_loaded", {})
+    monkeypatch.setattr(files, "_expected", {})
+    yield
+
+
+def write(file: Path, text: str = IK, **values: str) -> Path:
+    for key, value in values.items():
+        text = text.replace("{" + key + "}", value)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+    return file
+
+
+def package(folder: Path, name: str, points: str, **modules: str) -> Path:
+    """A package as an installer leaves it: modules, and a folder with its name, version and entry points."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(points)
+    for module, text in modules.items():
+        (folder / f"{module}.py").write_text(text)
+    return folder
+
+
+def command(*arguments: str, cwd: Path | None = None, path: tuple[Path, ...] = ()) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (REPOSITORY, *path))), "COLUMNS": "160"}
+    return subprocess.run(
+        [sys.executable, "-m", "benchmarks.cli", *arguments],
+        capture_output=True, text=True, timeout=300, cwd=cwd, env=environment,
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- files: what is one, and what is refused
+
+
+@pytest.mark.parametrize(
+    "name", ["./jt", "jt.py", "a/b", "ARM.URDF", "arm.urdf#tip=tool", "x.toml", "x.json", Path("lm")]
+)
+def test_a_separator_or_a_suffix_makes_a_path(name: Any) -> None:
+    assert files.is_path(name)
+
+
+@pytest.mark.parametrize("name", ["lm", "jt", "v1.2", "", "arm#tip=tool", None, 3])
+def test_a_bare_name_is_never_a_path(name: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not files.is_path(name)
+    write(tmp_path / "jt.py")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((UnknownName, InvalidInput)):
+        registry.load_method("optik.ik", "jt")
+
+
+def test_a_file_is_a_method_that_reports_call_by_its_stem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write(tmp_path / "stay_1.py", said="here")
+    monkeypatch.chdir(tmp_path)
+    solver = optik.ik.make_solver(paper6r(), "./stay_1.py")
+    assert (solver.name, registry.short_name("./stay_1.py")) == ("stay_1", "stay_1")
+    assert type(optik.ik.make_solver(paper6r(), file)) is type(solver)
+    assert optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), "stay_1.py").message == "here"
+    kept = optik.ik.solver_for(paper6r(), "./stay_1.py")
+    assert optik.ik.solver_for(paper6r(), str(file)).__class__ is kept.__class__
+    assert registry.loaded("optik.ik", "stay_1") is type(solver)
+
+
+def test_the_same_relative_path_elsewhere_is_another_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = []
+    for folder in ("a", "b"):
+        write(tmp_path / folder / "stay_2.py", said=folder)
+        monkeypatch.chdir(tmp_path / folder)
+        monkeypatch.setattr(registry, "_loaded", {})
+        said.append(optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), "./stay_2.py").message)
+    assert said == ["a", "b"]
+
+
+def test_a_file_that_has_changed_is_refused_and_not_mixed_with_what_was_loaded(tmp_path: Path) -> None:
+    file = write(tmp_path / "stay_3.py", said="one")
+    optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), file)
+    write(file, said="two")
+    with pytest.raises(InvalidInput, match=r"start a new process.*a file that has changed"):
+        optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), file)
+    write(file, said="one")
+    assert optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), file).message == "one"
+
+
+@pytest.mark.parametrize(
+    ("name", "group", "kind"),
+    [
+        ("lm.py", "optik.ik", "IK method"),
+        ("optimal.py", "planners.timing", "time law"),
+        ("ur5e.toml", "optik.robots", "robot"),
+    ],
+)
+def test_a_file_with_the_name_of_one_of_ours_is_refused(tmp_path: Path, name: str, group: str, kind: str) -> None:
+    file = write(tmp_path / name)
+    for use in (registry.data_file if name.endswith("toml") else registry.load_method, registry.check_name):
+        with pytest.raises(InvalidInput, match=rf"^{kind}: .*{file.stem} as is one of ours, {group}.{file.stem}"):
+            use(group, str(file), kind)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    first, second = write(tmp_path / "a" / "stay_4.py"), write(tmp_path / "b" / "stay_4.py")
+    registry.load_method("optik.ik", first)
+    with pytest.raises(InvalidInput, match=r"b/stay_4.py.*another file, .*a/stay_4.py"):
+        registry.load_method("optik.ik", second)
+    with used.reading(tmp_path), pytest.raises(InvalidInput, match=r"a/beside.py and .*b/beside.py"):
+        for folder in "ab":
+            write(tmp_path / folder / "beside.py")
+            registry.check_name("benchmarks.problems", f"{folder}/beside.py", "problem set")
+
+
+BROKEN = {
+    "no METHOD": ("x = 1", "a line METHOD = …, a subclass of optik.ik.IKSolver"),
+    "a function": ("def METHOD(robot): ...", "a subclass of optik.ik.IKSolver"),
+    "another class": ("class METHOD: ...", "a subclass of optik.ik.IKSolver"),
+    "abstract": ("from optik.ik import IKSolver\nclass METHOD(IKSolver): ...", "METHOD without attempt"),
+    "another name": (IK.replace("def attempt", "name = 'other'\n    def attempt"), "the name 'other'"),
+    "one of ours": ("from optik.ik.dls import DLS as METHOD", "the name 'dls'"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_what_is_no_method_is_refused_by_what_it_must_be(tmp_path: Path, case: str) -> None:
+    text, words = BROKEN[case]
+    file = write(tmp_path / "broken.py", text)
+    with pytest.raises(InvalidInput) as caught:
+        registry.load_method("optik.ik", file)
+    assert words in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_what_must_be_declared_is_named(tmp_path: Path) -> None:
+    text = "from planners import TimeLaw\nclass METHOD(TimeLaw):\n    def run(self, joint_path, limits): ...\n"
+    with pytest.raises(
+        InvalidInput, match=r"a subclass of planners\.timing\.TimeLaw that defines them; got METHOD without keeps"
+    ):
+        planners.make_law(write(tmp_path / "undeclared.py", text))
+
+
+def test_errors_in_a_file_show_themselves_and_a_missing_package_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError) as caught:
+        registry.load_method("optik.ik", write(tmp_path / "divides.py", "\n1 / 0\n"))
+    assert Path(caught.traceback[-1].path).name == "divides.py"
+    assert caught.traceback[-1].lineno == 1
+    with pytest.raises(MissingDependency, match=r"IK method 'needs' needs the package no_such_package"):
+        registry.load_method("optik.ik", write(tmp_path / "needs.py", "import no_such_package.inner"), "IK method")
+    with pytest.raises(ModuleNotFoundError, match=r"optik\.no_such"):
+        registry.load_method("optik.ik", write(tmp_path / "typo.py", "import optik.no_such"))
+
+
+# ---------------------------------------------------------------- processes, kernels
+
+
+def test_a_solver_from_a_file_answers_the_same_in_another_process_that_knows_nothing_of_it(tmp_path: Path) -> None:
+    solver = optik.ik.make_solver(paper6r(), write(tmp_path / "stay_5.py", said="there"))
+    data = pickle.dumps(solver)
+    code = (
+        "import pickle, sys; solver = pickle.load(sys.stdin.buffer)\n"
+        "print(type(solver).name, solver.solve(solver.robot.fk([0.1] * 6), [0.0] * 6).message)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=data, capture_output=True, check=False, cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+    )  # fmt: skip
+    assert done.stdout.split() == [b"stay_5", b"there"], done.stderr.decode()
+
+
+KERNEL = """
+from optik.compiled import compiled
+
+@compiled
+def METHOD(x):
+    {doc}
+    return 2.0 * x
+"""
+
+
+def test_a_compiled_function_of_a_file_is_kept_beside_it(tmp_path: Path) -> None:
+    file = write(tmp_path / "doubles.py", KERNEL, doc='"""Doubles."""')
+    assert registry.load_method("benchmarks.problems", file)(1.5) == 3.0
+    write(file, KERNEL, doc='"""Doubles a number."""')
+    code = (
+        "import sys; from optik.registry import load_method; f = load_method('benchmarks.problems', sys.argv[1])\n"
+        "assert f(1.5) == 3.0; print(sum(f.stats.cache_hits.values()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, cwd=REPOSITORY)
+    assert done.stdout.strip() == "1", done.stderr
+    assert len(list((tmp_path / "__pycache__").glob("doubles.*.nbk"))) == 1
+
+
+# ---------------------------------------------------------------- entry points
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    site = tmp_path / "site"
+    points = "[optik.ik]\nstay_put = stays:METHOD\nlm = stays:METHOD\nboth = stays:METHOD\na/b = stays:METHOD\n"
+    package(
+        site,
+        "stays",
+        points,
+        stays=IK.replace("{said}", "installed").replace("def att", "name = 'stay_put'\n    def att"),
+    )
+    package(site, "others", "[optik.ik]\nboth = stays:METHOD\nabsent = stays:nothing\n[optik.robots]\nmade = arms:make\n",
+            arms="import optik\ndef make():\n    return optik.load('ur5e')\n")  # fmt: skip
+    monkeypatch.syspath_prepend(site)
+    return site
+
+
+def test_an_entry_point_is_a_name_and_listing_imports_nothing(installed: Path) -> None:
+    assert "stays" not in sys.modules
+    assert "stay_put" in optik.ik.solvers()
+    assert "made" in optik.robots()
+    assert "lm" in optik.ik.solvers()
+    assert not {"both", "a/b"} & set(optik.ik.solvers())
+    assert registry.check_name("optik.ik", "stay_put", "IK method") == "stay_put"
+    assert "stays" not in sys.modules
+    solver = optik.ik.make_solver(paper6r(), "stay_put")
+    assert (solver.name, solver.solve(paper6r().fk(START), np.zeros(6)).message) == ("stay_put", "installed")
+    assert optik.load("made") == optik.load("ur5e")
+
+
+def test_ours_stay_what_they_are_and_a_name_of_two_packages_is_refused(installed: Path) -> None:
+    assert optik.ik.make_solver(paper6r(), "lm").__class__ is optik.ik.LM
+    with pytest.raises(InvalidInput, match=r"'both' of (stays 1.0 and others 1.0|others 1.0 and stays 1.0)"):
+        optik.ik.make_solver(paper6r(), "both")
+    with pytest.raises(InvalidInput, match="no nothing in it"):
+        optik.ik.make_solver(paper6r(), "absent")
+    with pytest.raises(InvalidInput, match=r"stay_put as is an entry point of stays 1.0"):
+        optik.ik.make_solver(paper6r(), write(installed.parent / "stay_put.py"))
+    refused = {(r.name, r.distribution) for r in registry.refused("optik.ik")}
+    assert refused == {("lm", "stays 1.0"), ("both", "stays 1.0"), ("both", "others 1.0"), ("a/b", "stays 1.0")}
+
+
+def test_a_warm_solve_looks_at_no_installed_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    target = paper6r().fk(START)
+    optik.solve_ik(paper6r(), target, START)
+
+    def asked(**_: Any) -> None:
+        raise AssertionError("installed packages were asked")
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", asked)
+    monkeypatch.setattr(sys, "path", [*sys.path, "elsewhere"])
+    assert optik.solve_ik(paper6r(), target, START)
+    assert planners.make_law("quintic").name == "quintic"
+    assert optik.load("ur5e").n == 6
+
+
+def test_the_command_line_lists_what_is_installed_and_what_is_refused(installed: Path) -> None:
+    done = command("doctor", "--json", path=(installed,))
+    rows = {(r["name"], r["distribution"]): r["refused"] for r in json.loads(done.stdout)["plugins"]}
+    assert done.returncode == 1
+    assert rows["stay_put", "stays 1.0"] == ""
+    assert "one of ours" in rows["lm", "stays 1.0"]
+    assert "2 packages" in rows["both", "others 1.0"]
+
+
+# ---------------------------------------------------------------- robots
+
+
+def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
+    arm = optik.load(EXAMPLES / "arm.toml")
+    saved = write(tmp_path / "arm.json", json.dumps(arm.to_dict()))
+    code = write(tmp_path / "arm_2.py", f"import optik\ndef METHOD():\n    return optik.load({str(saved)!r})\n")
+    q = arm.limits.lower + 0.3 * (arm.limits.upper - arm.limits.lower)
+    assert arm.name == "arm"
+    assert optik.load(saved) == optik.load(str(code)) == arm
+    assert "ur5e" in optik.robots()
+    for name in (EXAMPLES / "arm.urdf", f"{EXAMPLES}/arm.urdf#tip=tool&base=base"):
+        np.testing.assert_allclose(optik.load(name).fk(q), arm.fk(q), atol=1e-12)
+    inner = optik.load(EXAMPLES / "arm.urdf", tip="link3")
+    assert inner.n == 3
+    assert optik.load(f"{EXAMPLES}/arm.urdf#tip=link3") == inner
+
+
+@pytest.mark.parametrize(
+    ("name", "links", "words"),
+    [
+        ("ur5e", {"tip": "tool"}, "tip: expected none: 'ur5e' is no URDF"),
+        ("{examples}/arm.toml", {"base": "base"}, "base: expected none"),
+        ("{examples}/arm.urdf#end=tool", {}, "links of a URDF"),
+        ("{examples}/arm.urdf", {"tip": "no_link"}, "no_link"),
+        ("{examples}/jt.py", {}, "a Robot, a function that returns one"),
+        ("{examples}/arm.step", {}, "no file"),
+    ],
+)
+def test_a_file_that_is_no_robot_is_refused(name: str, links: dict[str, str], words: str) -> None:
+    with pytest.raises((InvalidInput, optik.errors.RobotModelError), match=words):
+        optik.load(name.replace("{examples}", str(EXAMPLES)), **links)
+
+
+# ---------------------------------------------------------------- paths, laws, formats, problem sets, peers
+
+
+def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm, spiral, tsv = paper6r(), EXAMPLES / "spiral.py", EXAMPLES / "tsv.py"
+    data = {"start": arm.fk(START).tolist(), "radius": 0.02, "turns": 1.0, "rise": 0.02}
+    path = planners.make_path(spiral, arm, **data)
+    limits = planners.MotionLimits(2.0, 10.0, 100.0)
+    plan = planners.plan(arm, path, START, ik=EXAMPLES / "jt.py", timing=EXAMPLES / "law.py", limits=limits)
+    assert plan, plan.stop
+    assert (plan.ik, plan.law) == ("jt", "law")
+    file = tmp_path / "spiral.tsv"
+    plan.save(file, format=tsv)
+    again = planners.load_motion(file, format=tsv)
+    assert again.path.to_dict() == path.to_dict()
+    assert again.certify().to_dict() == plan.certificate.to_dict()
+    plan.save(tmp_path / "spiral.json")
+    monkeypatch.setattr(registry, "_loaded", {})
+    for named in ("spiral", str(spiral)):
+        with pytest.raises(UnknownName, match="unknown path"):
+            planners.path_of(path.to_dict() | {"path": named}, arm)
+    with pytest.raises(InvalidInput, match="radius_m"):
+        planners.make_path(spiral, arm, **data, radius_m=1.0)
+
+
+def test_the_law_of_the_example_passes_the_middle_slowly() -> None:
+    path, limits = default_joint_path(), planners.MotionLimits(2.0, 10.0, 100.0)
+    slow, even = (planners.make_law(EXAMPLES / "law.py", slowness=x).run(path, limits).slowed(1.0) for x in (8.0, 0.0))
+    middle = 0.5 * (path.robot.limits.lower + path.robot.limits.upper)
+    half = 0.5 * (path.robot.limits.upper - path.robot.limits.lower)
+
+    def speeds(motion: planners.Trajectory) -> tuple[float, float]:
+        """Share of its duration that a motion spends on the half of the path whose joints are nearer to the middle."""
+        t = np.linspace(0.0, motion.duration, 2001)
+        nearness = np.mean(1.0 - ((motion(t) - middle) / half) ** 2, axis=1)
+        between = np.mean(1.0 - ((path(np.linspace(0.0, path.end, 2001)) - middle) / half) ** 2, axis=1)
+        return float(np.mean(nearness > np.median(between))), motion.duration
+
+    assert speeds(slow)[0] > speeds(even)[0]
+
+
+def test_the_example_peers_and_problems_keep_their_contracts() -> None:
+    arm = optik.load(EXAMPLES / "arm.toml")
+    draw = registry.load_method("benchmarks.problems", EXAMPLES / "beside.py", "problem set")
+    problems, again = draw(arm, 3, count=5), draw(arm, 3, count=5)
+    assert isinstance(problems, ProblemSet)
+    np.testing.assert_array_equal(problems.targets, again.targets)
+    assert problems.frame(arm).height == 5
+    way = problems.targets[:, :3, 3] - arm.fk(problems.starts)[:, :3, 3]
+    np.testing.assert_allclose(np.linalg.norm(way, axis=1), 0.1)
+    peer: Any = build_peer(str(EXAMPLES / "scipy_least_squares.py"), paper6r())
+    found = peer.answers(peer.call(paper6r().fk(START), START + 0.1))
+    np.testing.assert_allclose(paper6r().fk(found[0]), paper6r().fk(START), atol=1e-6)
+    limits = planners.MotionLimits(2.0, 10.0, 100.0)
+    law: Any = build_timing_peer(str(EXAMPLES / "scipy_spline.py"), limits.arrays(6))
+    motion = law.trajectory(default_joint_path(), law.call(default_joint_path()))
+    worst = [float((motion.extrema(order).worst / bound).max()) for order, bound in ((1, 2.0), (2, 10.0))]
+    assert max(worst) <= 1.0
+    assert max(worst) > 0.99
+
+
+def invoked(*arguments: str) -> Any:
+    """A command in this process, which starts faster, from the folder of the examples."""
+    before = Path.cwd()
+    os.chdir(EXAMPLES)
+    try:
+        return CliRunner().invoke(app, list(arguments))
+    finally:
+        os.chdir(before)
+
+
+def test_the_command_line_takes_files_wherever_it_takes_names(tmp_path: Path) -> None:
+    done = invoked(
+        "plan", "path", "spiral.py", "--set", "radius=0.02", "--set", "turns=0.5", "--set", "rise=0.01",
+        "--ik", "jt.py", "--timing", "law.py", "--velocity", "2", "--acceleration", "10", "--jerk", "100",
+        "--out", str(tmp_path / "x.tsv"), "--format", "tsv.py",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "jt + law" in done.stdout
+    assert (tmp_path / "x.tsv").read_text().startswith("format\t")
+    done = invoked(
+        "ik", "-r", "./arm.urdf", "--tip", "link6", "--xyz", "0.3", "0.2", "0.4", "--solver", "./jt.py", "--json"
+    )
+    assert json.loads(done.stdout)["solver"] == "jt"
+    q = json.loads(done.stdout)["q_deg"]
+    done = invoked("fk", *map(str, q), "-r", "./arm.toml", "--json")
+    assert json.loads(done.stdout)["robot"] == "arm"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["ik", "--xyz", "0", "0", "1", "--solver", "./none.py"], "'./none.py', which is no file"),
+        (["plan", "path", "./spiral.py", "--set", "radius"], "KEY=VALUE"),
+        (["plan", "path", "./spiral.py", "--set", "radius=0.1"], "turns"),
+        (["plan", "line", "--format", "./tsv.py"], "--out FILE"),
+        (["plan", "line", "--robot", "./arm.toml", "--tip", "tool"], "no URDF"),
+    ],
+)
+def test_misuse_is_one_line(arguments: list[str], words: str) -> None:
+    result = invoked(*arguments)
+    assert isinstance(result.exception, optik.errors.OptikError), result.output
+    assert words in str(result.exception)
+
+
+# ---------------------------------------------------------------- suites: what may run, and what is recorded
+
+
+def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_folder(tmp_path: Path) -> None:
+    bomb = write(tmp_path / "methods" / "bomb.py", "raise SystemExit('run')")
+    with used.reading(tmp_path) as found:
+        assert registry.check_name("optik.ik", "./methods/bomb.py", "IK method") == str(bomb)
+        assert registry.check_name("optik.ik", "lm", "IK method") == "lm"
+        assert registry.check_name("optik.ik", "methods/bomb.py", "IK method") == str(bomb)
+        with pytest.raises(InvalidInput, match="no file"):
+            registry.check_name("optik.ik", "./bomb.py", "IK method")
+    assert found == [("optik.ik", "bomb", bomb)]
+    with pytest.raises(InvalidInput, match=r"--allow-plugins.*methods/bomb.py"):
+        used.check_allowed(found, False)
+    used.check_allowed(found, True)
+    used.check_allowed([], False)
+
+
+def test_a_suite_with_files_is_checked_without_running_them_and_runs_only_where_they_are_allowed(
+    tmp_path: Path,
+) -> None:
+    bomb = write(tmp_path / "bomb.py", "raise SystemExit('run')")
+    text = '[[blocks]]\nid = "a"\nrobot = "ur5e"\nset = "./bomb.py"\nmethods = [{ solver = "lm" }]\n'
+    suite = write(tmp_path / "with_files.toml", text)
+    done = invoked("bench", "check", str(suite), "--json")
+    assert [row["path"] for row in json.loads(done.stdout)["plugins"]] == [str(bomb)]
+    done = invoked("bench", "run", str(suite), "--out", str(tmp_path / "out"))
+    assert "--allow-plugins" in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_settings_of_a_finished_run_are_read_where_its_files_are_gone() -> None:
+    with used.reading(None) as found:
+        assert registry.check_name("optik.ik", "./gone.py", "IK method") == "./gone.py"
+    assert found == []
+
+
+def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tmp_path: Path) -> None:
+    file = write(tmp_path / "stay_6.py", said="a")
+    with used.reading(tmp_path) as found:
+        registry.check_name("optik.ik", "./stay_6.py", "IK method")
+        registry.check_name("optik.ik", "stay_put", "IK method")
+    first = used.record(found)
+    assert [(row["name"], sorted(row)) for row in first] == [
+        ("stay_6", ["group", "name", "path", "sha256"]), ("stay_put", ["distribution", "group", "name", "version"])
+    ]  # fmt: skip
+    first.reverse()
+    used.compare(first, used.record(found))
+    used.compare(first, [first[0], first[1] | {"path": "elsewhere"}])
+    write(file, said="b")
+    for now in (
+        used.record(found),
+        first[:1],
+        [first[0] | {"version": "2.0"}, first[1]],
+        [*first, first[1] | {"name": "x"}],
+    ):
+        with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began"):
+            used.compare(first, now)
+    files.expect(first)
+    with pytest.raises(InvalidInput, match="the file as the run recorded it"):
+        registry.load_method("optik.ik", file)
+
+
+def test_where_no_code_may_run_none_does(tmp_path: Path) -> None:
+    file = write(tmp_path / "stay_7.py")
+    with files.without_code(), pytest.raises(InvalidInput, match="runs no code"):
+        registry.load_method("optik.ik", file)
+    kind = registry.load_method("optik.ik", file)
+    with files.without_code():
+        assert registry.load_method("optik.ik", file) is kind
+
+
+# ---------------------------------------------------------------- examples
+
+
+def test_every_example_says_what_it_is_and_how_to_try_it() -> None:
+    found = sorted(EXAMPLES.glob("*.py"))
+    assert len(found) >= 7
+    for file in found:
+        docstring = ast.get_docstring(ast.parse(file.read_text()))
+        assert docstring and "in one file" in docstring.splitlines()[0]
+
+
+def test_the_package_of_the_examples_works_as_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project = tomllib.loads((EXAMPLES / "package" / "pyproject.toml").read_text())["project"]
+    points = "\n".join(
+        f"[{group}]\n" + "\n".join(f"{name} = {value}" for name, value in named.items())
+        for group, named in project["entry-points"].items()
+    )
+    site = package(tmp_path, "fast_arms", points)
+    for place in (EXAMPLES / "package", site):
+        monkeypatch.syspath_prepend(place)
+    arm = optik.load("pointer")
+    target, options = arm.fk([0.1] * 3), {"tolerance": optik.Tolerance(1e-3, 1e-3), "max_iterations": 2000}
+    assert optik.solve_ik(arm, target, [0.2] * 3, "random_search", **options)
+    assert registry.data_file("benchmarks.suites", "fast_arms", "suite").name == "fast_arms.toml"
