@@ -34,6 +34,20 @@ def _stack(J: Array, rows: Array, A: Array) -> None:
 
 
 @compiled
+def _residual(rows: Array, values: Array, q: Array, e: Array) -> tuple[float, float]:
+    """Write values − rows · q behind the six components of a pose's error e (6 + d,); its square, and its largest part."""
+    for i in range(rows.shape[0]):
+        e[6 + i] = values[i]
+        for j in range(q.shape[0]):
+            e[6 + i] -= rows[i, j] * q[j]
+    size, largest = 0.0, 0.0
+    for i in range(e.shape[0]):
+        size += e[i] * e[i]
+        largest = max(largest, abs(e[i]))
+    return size, largest
+
+
+@compiled
 def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
     """Undamped Newton steps onto a target pose and rows · q = values, until rounding stops them.
 
@@ -69,14 +83,7 @@ def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
     smallest, worst, rank = np.inf, np.inf, 1.0
     for _ in range(steps + 1):
         error_of_pose(chain, target, q, frame, T, e)
-        for i in range(d):
-            e[6 + i] = values[i]
-            for j in range(n):
-                e[6 + i] -= rows[i, j] * q[j]
-        size, largest = 0.0, 0.0
-        for i in range(6 + d):
-            size += e[i] * e[i]
-            largest = max(largest, abs(e[i]))
+        size, largest = _residual(rows, values, q, e)
         if not size < smallest:
             break
         before, smallest, worst = smallest, size, largest

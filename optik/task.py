@@ -247,6 +247,32 @@ def keep_rows(flags: Array, J: Array, e: Array) -> int:
     return m
 
 
+@compiled
+def task_system(target: Array, flags: Array, w: Array, J: Array, e: Array) -> int:
+    """`task_rows` and `keep_rows` in one call: the equations that a task asks for, in front.
+
+    Parameters
+    ----------
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    w : (3,) array
+        Rotation vector that `task_error` wrote [rad].
+    J : (6, n) array
+        Geometric Jacobian [m/rad, 1]; overwritten.
+    e : (6,) array
+        Error [m, rad]; its entries are moved.
+
+    Returns
+    -------
+    int
+        Number of the equations.
+    """
+    task_rows(target, flags, w, J)
+    return keep_rows(flags, J, e)
+
+
 @inlined
 def whole_pose(flags: Array) -> bool:
     """Whether a task asks for the whole pose, exactly: `Task.is_pose` for kernels.

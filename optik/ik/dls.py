@@ -14,7 +14,7 @@ from optik.ik.base import Attempt, IKSolver
 from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
 from optik.linear import copy_vector, damped_step
 from optik.se3 import pose_error
-from optik.task import Goal, keep_rows, task_error, task_rows, whole_pose
+from optik.task import Goal, task_error, task_system, whole_pose
 from optik.types import Array
 
 _ENDINGS = {
@@ -57,12 +57,9 @@ def iterate(
     code : int
         SOLVED, MAX_ITERATIONS, or STALLED where the system is singular.
     """
-    damping, step, tolerance_p, tolerance_r, as_printed = options[0], options[1], options[2], options[3], options[4]
-    n, (flags, target), (lower, upper) = q.shape[0], goal, limits
-    frame, T, J = workspace(n)
+    n, (flags, target), (lower, upper), (frame, T, J) = q.shape[0], goal, limits, workspace(q.shape[0])
     A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
-    pose = whole_pose(flags)
-    smallest, k = np.inf, 0
+    pose, smallest, k = whole_pose(flags), np.inf, 0
     while True:
         forward(chain, q, frame, T)
         if pose:  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
@@ -72,25 +69,22 @@ def iterate(
         p2, r2 = squares(e)
         if trace.shape[0] > 0:
             copy_vector(e, trace[k])
-        if p2 + r2 < smallest:
+        met = p2 <= options[2] * options[2] and r2 <= options[3] * options[3]
+        if met or p2 + r2 < smallest:
             smallest = p2 + r2
             copy_vector(q, best)
-        if p2 <= tolerance_p * tolerance_p and r2 <= tolerance_r * tolerance_r:
-            copy_vector(q, best)
+        if met:
             return k, SOLVED
         if k == max_iterations:
             return k, MAX_ITERATIONS
-        if as_printed != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
+        if options[4] != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
             e[3], e[4], e[5] = -e[3], -e[4], -e[5]
         jacobian_from(chain, frame, T, J)
-        m = 6
-        if not pose:
-            task_rows(target, flags, w, J)
-            m = keep_rows(flags, J, e)
-        if not damped_step(J[:m], e[:m], damping * damping, A, y[:m], dq):  # eq. 11
+        m = 6 if pose else task_system(target, flags, w, J, e)
+        if not damped_step(J[:m], e[:m], options[0] * options[0], A, y[:m], dq):  # eq. 11
             return k, STALLED
         for i in range(n):  # eq. 12 with its α, eq. 13, and the limits
-            q[i] = min(max(q[i] + step * dq[i], lower[i]), upper[i])
+            q[i] = min(max(q[i] + options[1] * dq[i], lower[i]), upper[i])
         k += 1
 
 

@@ -190,7 +190,7 @@ class _Tracker:
         q, dq, singular = np.empty((k, n)), np.empty((k, 3, n)), np.empty(k)
         q[0], dq[0] = self.q[self.count - 1], self.dq[self.count - 1]
         good, code, value, joint = march.march(
-            self.chain, *self.slack, *nodes, self.allowed, self.least, q, dq, singular
+            self.chain, self.slack, (*nodes,), self.allowed, self.least, q, dq, singular
         )
         self._keep(nodes.s[1:good], q[1:good], dq[1:good])
         if self.least < march.REGULAR and good > 1 and smallest(self.robot, q[good - 1]) >= march.REGULAR:
