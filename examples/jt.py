@@ -9,7 +9,8 @@ import numpy as np
 
 from optik.compiled import compiled
 from optik.ik.base import Attempt, IKSolver, IKStatus
-from optik.kinematics import copy_vector, frames, jacobian_from, tool_pose
+from optik.kinematics import frames, jacobian_from, tool_pose
+from optik.linear import copy_vector
 from optik.se3 import pose_error
 
 
