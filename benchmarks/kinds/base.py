@@ -12,7 +12,7 @@ import polars as pl
 from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
 from benchmarks.kinds._contest import timed, turns
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import Target, all_of, check_keys
+from benchmarks.settings import Target, all_of, check_keys, check_known
 from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
@@ -26,6 +26,14 @@ __all__ = [
 
 KINDS = "benchmarks.kinds"
 """The package in which a kind is found by its name."""
+
+NAMED_KEYS = {
+    "robot": ("optik.robots", "robot"),
+    "set": ("benchmarks.problems", "problem set"),
+    "solver": ("optik.ik", "IK method"),
+    "law": ("planners.timing", "time law"),
+}
+"""Keys whose value is a name or the path of a file: group, and what errors call it. They mean the same in every kind."""
 
 Tell = Callable[[str], None]
 """Called with what is done next, for the progress bar."""
@@ -87,7 +95,7 @@ class Kind(ABC):
         """
 
     def common(self, data: Any, known: Collection[str] = (), need: Collection[str] = ()) -> dict[str, Any]:
-        """Check the keys of a block, and read its id and title.
+        """Check the keys of a block, and read its id, its title and what is found by a name.
 
         Parameters
         ----------
@@ -101,15 +109,19 @@ class Kind(ABC):
         Returns
         -------
         dict
-            ``id`` and ``title``: arguments of a `Block`.
+            ``id`` and ``title``, arguments of a `Block`; and those of ``robot``, ``set``, ``solver`` and ``law`` that the
+            block has: names that exist, or absolute paths of files, which the run records.
 
         Raises
         ------
         InvalidInput
-            No table, an unknown key, or one that is missing.
+            No table, an unknown key, one that is missing, or a file that does not exist.
+        UnknownName
+            No such robot, set, IK method or time law.
         """
         check_keys(data, {"id", "title", "targets", *known}, self._where(data), need={"id", *need})
-        return {"id": str(data["id"]), "title": str(data.get("title", data["id"]))}
+        named = {key: check_known(data[key], *where) for key, where in NAMED_KEYS.items() if key in data}
+        return {"id": str(data["id"]), "title": str(data.get("title", data["id"]))} | named
 
     def targets(self, data: dict[str, Any], labels: Sequence[str] = ()) -> tuple[Target, ...]:
         """Read the targets of a block.
