@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from benchmarks.kinds.base import KINDS, NAMED_KEYS, Block, Kind, load_kind
+from benchmarks.kinds.base import KINDS, Block, Kind, load_kind
 from benchmarks.records import slug
-from benchmarks.settings import check_different, check_known
+from benchmarks.settings import NAMED_KEYS, check_different, check_known
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path

@@ -12,7 +12,7 @@ import polars as pl
 from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
 from benchmarks.kinds._contest import timed, turns
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import Target, all_of, check_keys, check_known
+from benchmarks.settings import NAMED_KEYS, Target, all_of, check_keys, check_known
 from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
@@ -26,14 +26,6 @@ __all__ = [
 
 KINDS = "benchmarks.kinds"
 """The package in which a kind is found by its name."""
-
-NAMED_KEYS = {
-    "robot": ("optik.robots", "robot"),
-    "set": ("benchmarks.problems", "problem set"),
-    "solver": ("optik.ik", "IK method"),
-    "law": ("planners.timing", "time law"),
-}
-"""Keys whose value is a name or the path of a file: group, and what errors call it. They mean the same in every kind."""
 
 Tell = Callable[[str], None]
 """Called with what is done next, for the progress bar."""
@@ -109,15 +101,14 @@ class Kind(ABC):
         Returns
         -------
         dict
-            ``id`` and ``title``, arguments of a `Block`; and those of ``robot``, ``set``, ``solver`` and ``law`` that the
-            block has: names that exist, or absolute paths of files, which the run records.
+            Arguments of a `Block`: ``id``, ``title``, and what of `NAMED_KEYS` it has: a name or a file's absolute path.
 
         Raises
         ------
         InvalidInput
             No table, an unknown key, one that is missing, or a file that does not exist.
         UnknownName
-            No such robot, set, IK method or time law.
+            As `check_known`.
         """
         check_keys(data, {"id", "title", "targets", *known}, self._where(data), need={"id", *need})
         named = {key: check_known(data[key], *where) for key, where in NAMED_KEYS.items() if key in data}
@@ -446,8 +437,7 @@ def load_kind(name: str) -> Kind:
     UnknownName
         No such kind; the nearest names are offered.
     """
-    kind: type[Kind] = load_method(KINDS, name, "kind of block")
-    return _built(kind)
+    return _built(load_method(KINDS, name, "kind of block"))
 
 
 @cache
