@@ -12,6 +12,14 @@ from optik.registry import check_name
 
 Item = TypeVar("Item")
 
+NAMED_KEYS = {
+    "robot": ("optik.robots", "robot"),
+    "set": ("benchmarks.problems", "problem set"),
+    "solver": ("optik.ik", "IK method"),
+    "law": ("planners.timing", "time law"),
+}
+"""Keys whose value is a name or the path of a file: group, and what errors call it. They mean the same in every kind."""
+
 
 @dataclass(frozen=True)
 class Target:

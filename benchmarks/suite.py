@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.kinds.base import KINDS, Block, Kind, load_kind
 from benchmarks.records import slug
-from benchmarks.settings import check_different, check_known
+from benchmarks.settings import NAMED_KEYS, check_different, check_known
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
@@ -89,6 +89,11 @@ class Suite:
         return tuple(dict.fromkeys(robot for _, block in self.pairs() for robot in block.robots))
 
     @property
+    def unread(self) -> tuple[str, ...]:
+        """Names of the kinds whose settings are not checked, since they come from files that may not be run."""
+        return tuple(kind.name for kind in self.kinds if isinstance(kind, _Unread))
+
+    @property
     def fingerprint(self) -> str:
         """First 16 hexadecimal digits of the SHA-256 of all settings."""
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:16]
@@ -123,7 +128,8 @@ def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"suite {file.name}", str(error), "a TOML file") from None
     with reading(file.parent) as used:
-        suite = suite_of(file.stem, data, find=_kind if allow_plugins else _kind_without_code)
+        called = file.stem if is_path(name) else name
+        suite = suite_of(called, data, find=_kind if allow_plugins else _kind_without_code)
     return replace(suite, plugins=tuple(used), allow_plugins=allow_plugins)
 
 
@@ -136,6 +142,9 @@ class _Unread(Kind):
 
     def settings(self, data: Any) -> Block:
         found = data if isinstance(data, dict) else {}
+        for key, where in NAMED_KEYS.items():
+            if is_path(found.get(key)):  # so that the files of its blocks are noted, too
+                check_known(found[key], *where)
         name = str(found.get("id", self.name))
         return Block(id=name, title=str(found.get("title", name)))
 

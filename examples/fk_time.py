@@ -1,4 +1,7 @@
-"""Time of forward kinematics: one call for many configurations."""
+"""A kind of suite block in one file: time of forward kinematics, one call for many configurations.
+
+Try it: ``optik bench run examples/suite.toml --allow-plugins --out run``, and ``optik bench report run``.
+"""
 
 from dataclasses import dataclass
 
@@ -33,10 +36,10 @@ class ForwardKinematics(Kind):
     )
 
     def settings(self, data):
-        """Check one table of a suite: keys that are known, keys that must be there."""
+        """Check one table of a suite: keys that are known, keys that must be there; the robot must exist."""
         shared = self.common(data, {"robot", "sizes"}, need={"robot", "sizes"})
         targets = self.targets(data, [f"{size} at once" for size in data["sizes"]])
-        return FkBlock(**shared, targets=targets, robot=data["robot"], sizes=tuple(data["sizes"]))
+        return FkBlock(**shared, targets=targets, sizes=tuple(data["sizes"]))
 
     def measure(self, block, seed, tell):
         """Return the rows; ``method`` is the label of what is compared, and what a target calls ``method``."""

@@ -65,15 +65,18 @@ class UnknownName(OptikError, LookupError):
         All names that exist.
     nearest : tuple of str
         The known names that are spelt most similarly.
+
+    The message ends with the ``advice`` that the constructor takes, if there is any.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: str, known: Iterable[str], advice: str = "") -> None:
         self.kind = kind
         self.name = name
         self.known = tuple(known)
         self.nearest = tuple(difflib.get_close_matches(name, self.known, n=3, cutoff=0.4))
         hint = f"did you mean {' or '.join(self.nearest)}? " if self.nearest else ""
-        super().__init__(f"unknown {kind} {name!r}; {hint}there are: {', '.join(self.known) or 'none'}")
+        there_are = f"{hint}there are: {', '.join(self.known) or 'none'}"
+        super().__init__("; ".join(filter(None, (f"unknown {kind} {name!r}", there_are, advice))))
 
     def __str__(self) -> str:  # a LookupError would show its message in quotes
         return str(self.args[0])

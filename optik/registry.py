@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from optik.errors import InvalidInput, UnknownName
-from optik.plugins.files import is_path, module_of, split_links
+from optik.plugins.files import SUFFIXES, is_path, module_of, split_links
 from optik.plugins.installed import Refused, distribution_of, entry_points
-from optik.plugins.methods import NamedDependency, base_of, checked, wanted
-from optik.plugins.used import Used, file_of, in_finished_run, note
+from optik.plugins.methods import DATA_GROUPS, NamedDependency, base_of, checked, wanted
+from optik.plugins.used import Used, file_beside, file_of, in_finished_run, note
 
 GROUPS = (
     "optik.ik",
@@ -131,7 +131,7 @@ def check_name(group: str, name: Any, kind: str) -> str:
 
 
 def short_name(name: str | os.PathLike[str]) -> str:
-    """Return what reports call a method: its name, or the stem of its file.
+    """Return what reports call a method or a robot: its name, or the stem of its file.
 
     Parameters
     ----------
@@ -141,10 +141,14 @@ def short_name(name: str | os.PathLike[str]) -> str:
     Returns
     -------
     str
-        Such as ``"jt"`` for ``"./jt.py"``.
+        Such as ``"jt"`` for ``"./jt.py"``, and ``"arm (tip tool0)"`` for ``"./arm.urdf#tip=tool0"``.
     """
     text = os.fspath(name)
-    return Path(text.removesuffix(_links(text))).stem if is_path(text) else text
+    if not is_path(name):
+        return text
+    file, links = split_links(text)
+    words = links.replace("=", " ").replace("&", ", ")
+    return f"{Path(file).stem} ({words})" if words else Path(file).stem
 
 
 def loaded(group: str, name: str) -> Any | None:
@@ -333,7 +337,8 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
         return None
     points = entry_points(group).get(name, ())
     if not points:
-        raise UnknownName(kind, name, names(group))
+        file = file_beside(name, SUFFIXES if group in DATA_GROUPS else (".py",))
+        raise UnknownName(kind, name, names(group), f"for a file write ./{file}" if file else "")
     reason = _reason(group, name, len(points))
     if reason:
         both = " and ".join(distribution_of(point) for point in points)

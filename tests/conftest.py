@@ -17,4 +17,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     for option in config.getoption("--plugin"):
-        give(option)
+        try:
+            give(option)
+        except ValueError as error:
+            raise pytest.UsageError(str(error)) from None

@@ -37,6 +37,10 @@ def everything(group: str) -> tuple[str, ...]:
 def give(option: str) -> None:
     """Take one ``GROUP=PATH`` of the command line."""
     group, equals, path = option.partition("=")
-    if not equals or not Path(path).is_file():
+    if not equals:
         raise ValueError(f"--plugin {option}: expected GROUP=PATH, such as optik.ik=./jt.py")
+    if group not in EXAMPLES:
+        raise ValueError(f"--plugin {option}: no group {group!r}; there are: {', '.join(EXAMPLES)}")
+    if not Path(path).is_file():
+        raise ValueError(f"--plugin {option}: no such file: {path}")
     GIVEN[group].append(str(Path(path).resolve()))

@@ -24,9 +24,11 @@ from benchmarks.cli.app import app
 from benchmarks.peers.ik.base import build_peer
 from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.problems.base import ProblemSet
+from benchmarks.suite import load_suite
 from optik import registry
 from optik.errors import InvalidInput, MissingDependency, UnknownName
 from optik.plugins import files, used
+from tests import conftest
 from tests.oracles import REPOSITORY
 from tests.planners.cases import START, default_joint_path, paper6r
 
@@ -163,6 +165,7 @@ BROKEN = {
     "another class": ("class METHOD: ...", "a subclass of optik.ik.IKSolver"),
     "abstract": ("from optik.ik import IKSolver\nclass METHOD(IKSolver): ...", "METHOD without attempt"),
     "another name": (IK.replace("def attempt", "name = 'other'\n    def attempt"), "the name 'other'"),
+    "an object": (IK.replace("METHOD = Stay", "METHOD = Stay.__new__(Stay)"), "the class itself, METHOD = Stay"),
     "one of ours": ("from optik.ik.dls import DLS as METHOD", "the name 'dls'"),
 }
 
@@ -183,6 +186,42 @@ def test_what_must_be_declared_is_named(tmp_path: Path) -> None:
         InvalidInput, match=r"a subclass of planners\.timing\.TimeLaw that defines them; got METHOD without keeps"
     ):
         planners.make_law(write(tmp_path / "undeclared.py", text))
+
+
+def test_a_file_whose_suffix_was_forgotten_is_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "slow.py")
+    write(tmp_path / "slow_arm.toml")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UnknownName, match=r"there are: .*; for a file write \./slow\.py$"):
+        optik.ik.make_solver(paper6r(), "slow")
+    with pytest.raises(UnknownName, match=r"for a file write \./slow_arm\.toml$"):
+        optik.load("slow_arm")
+    with pytest.raises(UnknownName, match=r"there are: [^;]*$"):
+        optik.ik.make_solver(paper6r(), "slow_arm")
+    with pytest.raises(InvalidInput, match=r"expected \./slow\.py, which is one; got '\./slow', which is no file"):
+        optik.ik.make_solver(paper6r(), "./slow")
+    monkeypatch.chdir(tmp_path.parent)
+    with used.reading(tmp_path), pytest.raises(UnknownName, match=r"\./slow\.py$"):
+        registry.check_name("optik.ik", "slow", "IK method")
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("planners.timings=./law.py", "no group 'planners.timings'; there are: optik.ik, planners.timing"),
+        ("planners.timing=./none.py", "no such file: ./none.py"),
+        ("./law.py", "expected GROUP=PATH"),
+    ],
+)
+def test_a_wrong_plug_in_for_the_contract_tests_is_a_usage_error(option: str, words: str) -> None:
+    class Config:
+        def getoption(self, name: str) -> list[str]:
+            return [option]
+
+    config: Any = Config()
+    with pytest.raises(pytest.UsageError) as caught:
+        conftest.pytest_configure(config)
+    assert words in str(caught.value)
 
 
 def test_errors_in_a_file_show_themselves_and_a_missing_package_is_named(tmp_path: Path) -> None:
@@ -335,6 +374,69 @@ def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
 def test_a_file_that_is_no_robot_is_refused(name: str, links: dict[str, str], words: str) -> None:
     with pytest.raises((InvalidInput, optik.errors.RobotModelError), match=words):
         optik.load(name.replace("{examples}", str(EXAMPLES)), **links)
+
+
+ARMS = """
+from pathlib import Path
+ARM = Path(__file__).parent / "myarm.toml"
+OTHER = str(ARM)
+SUITE = Path(__file__).parent / "in_the_package.toml"
+def broken():
+    return 1 / 0
+"""
+SUITE = '[[blocks]]\nid = "a"\nrobot = "ur5e"\nset = "near_start"\nmethods = [{ solver = "lm" }]\nbudgets = [1]\n'
+
+
+@pytest.fixture
+def myarms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package whose entry points name files, one of them called as the entry point is."""
+    points = (
+        "[optik.robots]\nmyarm = myarms:ARM\nother_arm = myarms:OTHER\nbroken_arm = myarms:broken\n"
+        "[benchmarks.suites]\nmysuite = myarms:SUITE\nbroken_suite = myarms:nothing\n"
+    )
+    site = package(tmp_path / "arms", "myarms", points, myarms=ARMS)
+    write(site / "myarm.toml", (EXAMPLES / "arm.toml").read_text())
+    write(site / "in_the_package.toml", SUITE)
+    monkeypatch.delitem(sys.modules, "myarms", raising=False)
+    monkeypatch.syspath_prepend(site)
+    return site
+
+
+def test_what_an_entry_point_gives_has_its_name_whatever_its_file_is_called(myarms: Path) -> None:
+    q = [0.1] * 6
+    np.testing.assert_array_equal(optik.load("myarm").fk(q), optik.load(EXAMPLES / "arm.toml").fk(q))
+    assert (optik.load("myarm").name, optik.load("other_arm").name) == ("myarm", "other_arm")
+    assert load_suite("mysuite").name == "mysuite"
+    with pytest.raises(InvalidInput, match="called myarm as is an entry point of myarms"):
+        optik.load(myarms / "myarm.toml")
+
+
+def test_a_broken_robot_or_suite_of_a_package_is_listed_with_its_error_beside_the_others(myarms: Path) -> None:
+    for arguments, broken, error in (
+        (["robots"], "broken_arm", "division by zero"),
+        (["bench", "list"], "broken_suite", "no nothing in it"),
+    ):
+        done = invoked(*arguments, "--json")
+        rows = {row["name"]: row for row in json.loads(done.stdout)}
+        assert done.exit_code == 0
+        assert error in rows[broken]["error"]
+        assert sum("error" in row for row in rows.values()) == 1
+        assert {"ur5e", "myarm"} <= set(rows) or {"paper", "mysuite"} <= set(rows)
+        assert "error:" in invoked(*arguments).stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "short"),
+    [
+        ("a/two.urdf", "two"),
+        ("a/two.urdf#tip=a", "two (tip a)"),
+        ("two.urdf#tip=a&base=b", "two (tip a, base b)"),
+        (Path("jt.py"), "jt"),
+        ("lm", "lm"),
+    ],
+)
+def test_reports_tell_two_arms_of_one_urdf_apart(name: Any, short: str) -> None:
+    assert registry.short_name(name) == short
 
 
 # ---------------------------------------------------------------- paths, laws, formats, problem sets, peers
@@ -500,7 +602,7 @@ def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tm
         [first[0] | {"version": "2.0"}, first[1]],
         [*first, first[1] | {"name": "x"}],
     ):
-        with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began"):
+        with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began; restore it, or use another --out"):
             used.compare(first, now)
     files.expect(first)
     with pytest.raises(InvalidInput, match="the file as the run recorded it"):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 import optik
@@ -21,6 +22,7 @@ from benchmarks.cli.shared import (
     arm_of,
     command,
     configuration,
+    either,
     err_console,
     out_console,
     print_json,
@@ -65,27 +67,37 @@ def main() -> None:
 
 @command(app)
 def robots(as_json: AsJson = False) -> None:
-    """List the robots that come with optik, and those of installed packages.
+    """List the robots that come with optik, and those of installed packages; one that cannot be loaded with its error.
 
     Parameters
     ----------
     as_json
         As ``--help`` says.
     """
-    found = [optik.load(name) for name in optik.robots()]
+    found = {name: either(optik.load, name) for name in optik.robots()}
     if as_json:
-        print_json([{"name": r.name, "joints": r.n, "source": r.source, "fingerprint": r.fingerprint} for r in found])
+        print_json([_robot_row(name, robot) for name, robot in found.items()])
         return
     table = Table("robot", "joints", "joint ranges", "source")
-    for robot in found:
-        ranges = ", ".join(
-            f"{lo:.0f}…{hi:.0f}{unit}"
-            for lo, hi, unit in zip(
-                robot.limits.lower * per(robot), robot.limits.upper * per(robot), units(robot), strict=True
-            )
-        )
-        table.add_row(robot.name, str(robot.n), ranges, robot.source)
+    for name, robot in found.items():
+        if isinstance(robot, Robot):
+            table.add_row(name, str(robot.n), _ranges(robot), escape(robot.source))
+        else:
+            table.add_row(name, "", "", escape(f"error: {robot}"))
     out_console.print(table)
+
+
+def _robot_row(name: str, robot: Robot | Exception) -> dict[str, Any]:
+    """What ``optik robots --json`` says of a robot, or of the error in its place."""
+    if not isinstance(robot, Robot):
+        return {"name": name, "error": str(robot)}
+    return {"name": name, "joints": robot.n, "source": robot.source, "fingerprint": robot.fingerprint}
+
+
+def _ranges(robot: Robot) -> str:
+    """Joint ranges in degrees and millimetres."""
+    lower, upper = robot.limits.lower * per(robot), robot.limits.upper * per(robot)
+    return ", ".join(f"{lo:.0f}…{hi:.0f}{unit}" for lo, hi, unit in zip(lower, upper, units(robot), strict=True))
 
 
 @command(app, context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
-from benchmarks.cli.shared import AsJson, command, err_console, out_console, print_json
+from benchmarks.cli.shared import AsJson, command, either, err_console, out_console, print_json
 from optik.plugins.used import record
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
@@ -23,7 +24,7 @@ Workers = Annotated[int, typer.Option(help="Processes; more than one disturb eac
 
 @command(bench_app, "list")
 def bench_list(as_json: AsJson = False) -> None:
-    """List the suites.
+    """List the suites; one of an installed package that cannot be read with its error.
 
     Parameters
     ----------
@@ -33,19 +34,27 @@ def bench_list(as_json: AsJson = False) -> None:
     from benchmarks.suite import SUITES, load_suite
     from optik.registry import names
 
-    suites = [load_suite(name) for name in names(SUITES)]
+    found = {name: either(load_suite, name) for name in names(SUITES)}
     if as_json:
-        print_json(
-            [{"name": s.name, "title": s.title, "fingerprint": s.fingerprint, "settings": s.settings} for s in suites]
-        )
+        print_json([_suite_row(name, suite) for name, suite in found.items()])
         return
     kinds = {"blocks": "budgets", "timed call by call": "calls", "batches": "batch", "time laws": "laws"}
     table = Table("suite", "what", *kinds, "line")
-    for suite in suites:
+    for name, suite in found.items():
+        if isinstance(suite, Exception):
+            table.add_row(name, escape(f"error: {suite}"))
+            continue
         lines = [f"{len(line.ik)} IK methods × {len(line.laws)} laws" for line in suite.of("plans")]
         ids = [", ".join(b.id for b in suite.of(kind)) or "none" for kind in kinds.values()]
         table.add_row(suite.name, suite.title, *ids, ", ".join(lines) or "none")
     out_console.print(table)
+
+
+def _suite_row(name: str, suite: Any) -> dict[str, Any]:
+    """What ``optik bench list --json`` says of a suite, or of the error in its place."""
+    if isinstance(suite, Exception):
+        return {"name": name, "error": str(suite)}
+    return {"name": name, "title": suite.title, "fingerprint": suite.fingerprint, "settings": suite.settings}
 
 
 @command(bench_app, "run")
@@ -103,7 +112,12 @@ def bench_check(
     if as_json:
         print_json({"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows})
         return
-    out_console.print(f"the settings of {asked.name} are right", highlight=False, markup=False)
+    words = f"the settings of {asked.name} are right"
+    if any("path" in row for row in rows):
+        words += "; the files were not run"
+    if asked.unread:
+        words += f", so the settings of their kinds of block were not checked: {', '.join(asked.unread)}"
+    out_console.print(words, highlight=False, markup=False, soft_wrap=True)
     for row in rows:
         what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
         out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)

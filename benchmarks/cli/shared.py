@@ -92,6 +92,27 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None) -> optik
     return optik.load(robot, tip=tip, base=base)
 
 
+def either(load: Callable[[str], Any], name: str) -> Any:
+    """Load what a name stands for, or return the error: a broken plug-in must not keep the others from being listed.
+
+    Parameters
+    ----------
+    load : callable
+        From a name to what it stands for.
+    name : str
+        The name.
+
+    Returns
+    -------
+    object or Exception
+        What was loaded, or why it could not be.
+    """
+    try:
+        return load(name)
+    except Exception as error:  # code of a package may raise any
+        return error
+
+
 def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -> Any:
     """Read a configuration given in degrees, sliding joints in millimetres; the middle of the ranges if empty.
 

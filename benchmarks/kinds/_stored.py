@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.base import Block, Kind, Measure, Outcome, Target, load_kind
+from benchmarks.kinds.base import KINDS, Block, Kind, Measure, Outcome, Target, load_kind
 from benchmarks.records import RunFolder, slug
 from optik.errors import UnknownName
 from optik.plugins.files import is_path
-from optik.registry import short_name
+from optik.registry import names, short_name
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -117,10 +117,10 @@ class _StoredBlock(Block):
 
 
 class _Stored(Kind):
-    """A kind whose code is not available, or must not run: what a run has stored of its blocks."""
+    """A kind whose code is not available, or must not run, and why: what a run has stored of its blocks."""
 
-    def __init__(self, name: str, folder: RunFolder) -> None:
-        self._folder = folder
+    def __init__(self, name: str, folder: RunFolder, why: str) -> None:
+        self._folder, self.why = folder, why
         self.name = name  # type: ignore[misc]
         files = sorted((folder.path / self.folder).glob(f"*.{TABLE_ENDING}"))
         stored = folder.read_json(f"{self.folder}/{files[0].name}") if files else {}
@@ -164,11 +164,20 @@ def kind_or_stored(name: str, folder: RunFolder) -> Kind:
         The kind.
     """
     if is_path(name):
-        return _Stored(short_name(name), folder)
+        return _Stored(short_name(name), folder, "a report runs no code from a file that a suite names")
     try:
         return load_kind(name)
-    except (UnknownName, ImportError):
-        return _Stored(name, folder)
+    except (UnknownName, ImportError) as error:
+        return _Stored(name, folder, _package_words(name, folder) or f"{str(error).partition(';')[0]}")
+
+
+def _package_words(name: str, folder: RunFolder) -> str:
+    """Which package a kind came from as the run recorded it, where that package is not installed."""
+    rows = (row for row in folder.manifest().get("plugins", []) if (row["group"], row["name"]) == (KINDS, name))
+    package = next((row for row in rows if "distribution" in row), None)
+    if package is None or name in names(KINDS):
+        return ""
+    return f"the package {package['distribution']} {package['version']}, which it comes from, is not installed"
 
 
 def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:
@@ -189,14 +198,14 @@ def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:
     found: list[tuple[Any, dict[str, Any] | None]] = []
     for block in run.suite.of(kind.name):
         table = run.folder.read_json(kind.file(block, TABLE_ENDING))
-        if table is None and not is_stored(kind):
+        if table is None and not why_stored(kind):
             table = table_of(kind, block, run.folder)
         found.append((block, table))
     return found
 
 
-def is_stored(kind: Kind) -> bool:
-    """Whether the code of a kind is not available.
+def why_stored(kind: Kind) -> str:
+    """Why the code of a kind is not available.
 
     Parameters
     ----------
@@ -205,7 +214,7 @@ def is_stored(kind: Kind) -> bool:
 
     Returns
     -------
-    bool
-        True where only what runs have stored is there.
+    str
+        Why only what runs have stored is there; empty where the code is available.
     """
-    return isinstance(kind, _Stored)
+    return kind.why if isinstance(kind, _Stored) else ""

@@ -12,7 +12,7 @@ import polars as pl
 from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
 from benchmarks.kinds._contest import timed, turns
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import Target, all_of, check_keys
+from benchmarks.settings import NAMED_KEYS, Target, all_of, check_keys, check_known
 from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
@@ -87,7 +87,7 @@ class Kind(ABC):
         """
 
     def common(self, data: Any, known: Collection[str] = (), need: Collection[str] = ()) -> dict[str, Any]:
-        """Check the keys of a block, and read its id and title.
+        """Check the keys of a block, and read its id, its title and what is found by a name.
 
         Parameters
         ----------
@@ -101,15 +101,18 @@ class Kind(ABC):
         Returns
         -------
         dict
-            ``id`` and ``title``: arguments of a `Block`.
+            Arguments of a `Block`: ``id``, ``title``, and what of `NAMED_KEYS` it has: a name or a file's absolute path.
 
         Raises
         ------
         InvalidInput
-            No table, an unknown key, or one that is missing.
+            No table, an unknown key, one that is missing, or a file that does not exist.
+        UnknownName
+            As `check_known`.
         """
         check_keys(data, {"id", "title", "targets", *known}, self._where(data), need={"id", *need})
-        return {"id": str(data["id"]), "title": str(data.get("title", data["id"]))}
+        named = {key: check_known(data[key], *where) for key, where in NAMED_KEYS.items() if key in data}
+        return {"id": str(data["id"]), "title": str(data.get("title", data["id"]))} | named
 
     def targets(self, data: dict[str, Any], labels: Sequence[str] = ()) -> tuple[Target, ...]:
         """Read the targets of a block.
@@ -434,8 +437,7 @@ def load_kind(name: str) -> Kind:
     UnknownName
         No such kind; the nearest names are offered.
     """
-    kind: type[Kind] = load_method(KINDS, name, "kind of block")
-    return _built(kind)
+    return _built(load_method(KINDS, name, "kind of block"))
 
 
 @cache

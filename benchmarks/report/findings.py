@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Any
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
@@ -130,6 +132,14 @@ def provenance(run: Run) -> dict[str, Any]:
         ("Python", p.get("python")),
         ("machine", f"{p.get('cpu')}, {p.get('cores')} cores, {p.get('system')}"),
         ("worker processes", p.get("workers")),
+        *((f"plug-in {row['name']} ({row['group']})", _plugin_words(row)) for row in run.manifest.get("plugins", [])),
     ]
     command = run.manifest.get("command") or f"optik bench run {run.manifest['suite']} --out RUN"
     return {"rows": rows, "command": command, "report": "optik bench report RUN"}
+
+
+def _plugin_words(row: Mapping[str, str]) -> str:
+    """File or package of a plug-in, and its version. Folders stay in the manifest: a report may be passed on."""
+    if "sha256" in row:
+        return f"{PurePath(row['path'].replace(chr(92), '/')).name}, SHA-256 {row['sha256']}"
+    return f"{row['distribution']} {row['version']}"

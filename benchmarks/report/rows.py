@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kinds._stored import is_stored, tables
+from benchmarks.kinds._stored import tables, why_stored
 from benchmarks.kinds.base import Kind, Measure, Section
 from benchmarks.records import slug
 from benchmarks.report.run import Run
@@ -43,11 +43,10 @@ def _build(kind: Kind, run: Run) -> dict[str, Any] | None:
 
 def _why(kind: Kind, run: Run, lacking: int) -> str:
     """Why there is a table and no more, where the code of the kind is not here."""
-    if not is_stored(kind):
+    why = why_stored(kind)
+    if not why:
         return ""
-    words = (
-        f"The kind of block {kind.name!r} is not available here: a report runs no code from a file that a suite names."
-    )
+    words = f"The kind of block {kind.name!r} is not available here: {why}."
     if not lacking:
         return f"{words} The figures below were computed at the end of the run."
     return (

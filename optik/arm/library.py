@@ -109,23 +109,26 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     """
     if is_path(name):
         path, links = split_links(os.fspath(name))
-        return _from_file(path, {**_links(links), **{k: v for k, v in (("tip", tip), ("base", base)) if v is not None}})
+        given = {k: v for k, v in (("tip", tip), ("base", base)) if v is not None}
+        if Path(path).suffix.lower() not in URDF:  # a URDF states its robot's name, so its file may have one of ours
+            data_file(ROBOTS, path, "robot")
+        return _from_file(path, {**_links(links), **given})
     if tip is not None or base is not None:
         raise InvalidInput("tip" if tip is not None else "base", repr(tip or base), f"none: {name!r} is no URDF file")
     if name in own_names(ROBOTS):
         return robot_from_toml(data_file(ROBOTS, str(name), "robot"))
-    return _robot_of(load_method(ROBOTS, name, "robot"), f"robot {name!r}")
+    return _robot_of(load_method(ROBOTS, name, "robot"), f"robot {name!r}", str(name))
 
 
-def _from_file(path: str, links: dict[str, str]) -> Robot:
-    suffix = Path(path).suffix.lower()
-    if suffix in URDF:  # it says its robot's own name, so its file may be called as one of ours is
-        return Robot.from_urdf(file_of(path, "robot"), **links)
+def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Robot:
+    """Robot in a file; a TOML file, which states no name, takes the given one, or its stem."""
+    suffix, file = Path(path).suffix.lower(), file_of(path, "robot")
+    if suffix in URDF:
+        return Robot.from_urdf(file, **links)
     if links:
         raise InvalidInput(", ".join(links), ", ".join(links.values()), f"none: {path!r} is no URDF file")
     if suffix == ".py":
-        return _robot_of(load_method(ROBOTS, path, "robot"), f"METHOD of {path}")
-    file = data_file(ROBOTS, path, "robot")
+        return _robot_of(load_method(ROBOTS, path, "robot"), f"METHOD of {path}", file.stem)
     if suffix == ".json":
         try:
             return Robot.from_dict(json.loads(file.read_text(encoding="utf-8")))
@@ -135,7 +138,7 @@ def _from_file(path: str, links: dict[str, str]) -> Robot:
             raise InvalidInput(f"robot {path!r}", str(error)[:120], "JSON of Robot.to_dict()") from None
     if suffix != ".toml":
         raise InvalidInput("robot", repr(path), "a file that ends in .toml, .urdf, .json or .py")
-    return robot_from_toml(file)
+    return robot_from_toml(file, name)
 
 
 def _links(text: str) -> dict[str, str]:
@@ -146,23 +149,26 @@ def _links(text: str) -> dict[str, str]:
     return links
 
 
-def _robot_of(value: Any, where: str) -> Robot:
-    """Robot of a plug-in: a robot, what returns one, or the path of its file."""
+def _robot_of(value: Any, where: str, name: str) -> Robot:
+    """Robot of a plug-in: a robot, what returns one, or the path of its file, which may have the plug-in's own name."""
     if isinstance(value, str | os.PathLike):
-        return _from_file(os.fspath(value), {})
+        path, links = split_links(os.fspath(value))
+        return _from_file(str(Path(path).absolute()), _links(links), name)
     robot = value() if callable(value) and not isinstance(value, Robot | type) else value
     if not isinstance(robot, Robot):
         raise InvalidInput(where, repr(robot)[:60], "a Robot, a function that returns one, or the path of its file")
     return robot
 
 
-def robot_from_toml(file: Path) -> Robot:
-    """Read a robot from a TOML file, in the format that this module describes; the file's stem is the robot's name.
+def robot_from_toml(file: Path, name: str | None = None) -> Robot:
+    """Read a robot from a TOML file, in the format that this module describes.
 
     Parameters
     ----------
     file : Path
         The file.
+    name : str, optional
+        Of the robot; by default the file's stem.
 
     Returns
     -------
@@ -178,7 +184,7 @@ def robot_from_toml(file: Path) -> Robot:
     """
     data = _parsed(file)
     try:
-        return _robot(data, file)
+        return _robot(data, file, name or file.stem)
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error.argument}", error.got, error.expected) from None
 
@@ -194,7 +200,7 @@ def _parsed(file: Path) -> dict[str, Any]:
         raise InvalidInput(file.name, error.got, error.expected) from None
 
 
-def _robot(data: dict[str, Any], file: Path) -> Robot:
+def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     record(data, REQUIRED_KEYS, "the file", optional=OPTIONAL_KEYS)
     convention = _one_of(data["convention"], "convention", tuple(CONVENTIONS))
     joints = data["joints"]
@@ -205,7 +211,7 @@ def _robot(data: dict[str, Any], file: Path) -> Robot:
     return CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
         _limits(joints, data.get("dynamic_limits", {})),
-        name=file.stem,
+        name=name,
         base=_placed(data.get("base", {}), "base"),
         tool=_placed(data.get("tool", {}), "tool"),
         joint_names=check_words(data.get("joint_names", ()), "joint_names"),

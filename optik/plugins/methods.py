@@ -10,7 +10,7 @@ from typing import Any
 
 from optik.errors import InvalidInput, MissingDependency
 
-_DATA = ("optik.robots", "benchmarks.suites")
+DATA_GROUPS = ("optik.robots", "benchmarks.suites")
 """Groups of data: folders that are not imported, which would put the module in the place of `optik.robots()`."""
 
 _OURS = ("optik", "planners", "benchmarks")
@@ -35,7 +35,7 @@ def base_of(group: str) -> Any:
     ModuleNotFoundError
         The group's module needs one that is not there.
     """
-    if group in _DATA:
+    if group in DATA_GROUPS:
         return None
     try:
         return getattr(importlib.import_module(f"{group}.base"), "METHOD_BASE", None)
@@ -95,6 +95,9 @@ def checked(group: str, method: Any, name: str, where: str) -> Any:
         if not callable(method) and group != "optik.robots":
             raise InvalidInput(where, repr(method)[:60], wanted(base))
         return method
+    if isinstance(method, base):
+        found = type(method).__name__
+        raise InvalidInput(where, f"an object of the class {found}", f"the class itself, METHOD = {found}")
     if not (isinstance(method, type) and issubclass(method, base)):
         raise InvalidInput(where, repr(method)[:60], wanted(base))
     kind: Any = method

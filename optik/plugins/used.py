@@ -72,9 +72,33 @@ def file_of(name: str | os.PathLike[str], kind: str) -> Path:
     except (OSError, ValueError):  # ValueError: a NUL in the name
         file, there = Path(text), False
     if not there:
+        beside = file_beside(text)
         expected = f"a file, because a name with a separator or one of {', '.join(SUFFIXES)} is a path"
-        raise InvalidInput(kind, f"{text!r}, which is no file", expected)
+        raise InvalidInput(kind, f"{text!r}, which is no file", f"{beside}, which is one" if beside else expected)
     return file
+
+
+def file_beside(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
+    """Return a name with the suffix that makes it an existing file, for advice where the suffix was forgotten.
+
+    Parameters
+    ----------
+    name : str
+        A name or a path that is no file.
+    suffixes : iterable of str
+        What may be missing.
+
+    Returns
+    -------
+    str
+        Such as ``"jt.py"``, where that file lies in the suite's folder or else in the working directory; empty where none does.
+    """
+    reading = _reading.get()
+    folder = (reading and reading.folder) or Path()
+    try:
+        return next((name + suffix for suffix in suffixes if (folder / (name + suffix)).is_file()), "")
+    except (OSError, ValueError):  # ValueError: a NUL in the name
+        return ""
 
 
 @contextmanager
@@ -198,19 +222,22 @@ def compare(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, st
     InvalidInput
         A plug-in that is missing, added, or has another SHA-256 or version; the message names it.
     """
-
-    def content(rows: Sequence[Mapping[str, str]]) -> dict[tuple[str, str], dict[str, str]]:
-        return {(r["group"], r["name"]): {k: v for k, v in r.items() if k != "path"} for r in rows}
-
-    before, after = content(recorded), content(now)
+    before, after = ({(row["group"], row["name"]): row for row in rows} for rows in (recorded, now))
     for key in sorted(before.keys() | after.keys()):
-        if before.get(key) != after.get(key):
-            what = [_version_words(rows.get(key)) for rows in (after, before)]
-            expected = f"{what[1]}, as when the run began; a new folder starts a new run"
-            raise InvalidInput(f"plug-in {key[1]} ({key[0]})", what[0], expected)
+        if _content(before.get(key)) != _content(after.get(key)):
+            advice = "restore it, or use another --out"
+            expected = f"{_words(before.get(key))}, as when the run began; {advice}"
+            raise InvalidInput(f"plug-in {key[1]} ({key[0]})", _words(after.get(key)), expected)
 
 
-def _version_words(row: Mapping[str, str] | None) -> str:
+def _content(row: Mapping[str, str] | None) -> dict[str, str] | None:
+    """What must be the same in all of a run: everything but where a file lies."""
+    return None if row is None else {key: value for key, value in row.items() if key != "path"}
+
+
+def _words(row: Mapping[str, str] | None) -> str:
     if row is None:
         return "none"
-    return f"SHA-256 {row['sha256'][:16]}…" if "sha256" in row else f"{row['distribution']} {row['version']}"
+    if "sha256" in row:
+        return f"{row['path']} with SHA-256 {row['sha256'][:16]}…"
+    return f"{row['distribution']} {row['version']}"

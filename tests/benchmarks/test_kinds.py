@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -147,6 +148,17 @@ def test_a_report_has_its_table_without_its_code(outside: type[Kind], run: RunFo
     worst = rows.filter(pl.col("method") == "100 at once")["us"].max()
     assert table["rows"][1]["values"][1] == [worst]
     assert number(float(worst)) in page.text
+
+
+def test_a_report_names_the_package_of_a_kind_that_is_not_installed(run: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(run.path, tmp_path / "run")
+    row = {"group": KINDS, "name": "fk_time", "distribution": "fast-kinds", "version": "1.2"}
+    manifest = run.manifest() | {"settings": {"fk_time": [BLOCK]}, "plugins": [row]}
+    (tmp_path / "run" / "run.json").write_text(json.dumps(manifest))
+    text = page_of(RunFolder(tmp_path / "run")).text
+    assert "'fk_time' is not available here: the package fast-kinds 1.2, which it comes from, is not installed." in text
+    assert "runs no code" not in text
+    assert "plug-in fk_time (benchmarks.kinds) fast-kinds 1.2" in text
 
 
 def test_a_kind_without_a_stored_table_says_where_its_rows_are(

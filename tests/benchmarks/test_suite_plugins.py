@@ -11,7 +11,8 @@ import pytest
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
-from optik.errors import InvalidInput
+from optik import registry
+from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import digest
 from tests.benchmarks.test_cli import optik_command
 from tests.benchmarks.test_report import page_of
@@ -51,6 +52,8 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     assert code == 0
     assert {row["name"] for row in json.loads(words)["plugins"]} == {"arm", "beside", "fk_time", "jt"}
     assert ran(folder) == []
+    words = cli("bench", "check", suite)[1]
+    assert "the files were not run, so the settings of their kinds of block were not checked: fk_time" in words
 
     code, words = cli("bench", "run", suite, "--out", out, "--allow-plugins", "--workers", "2")
     assert code == 0, words
@@ -67,12 +70,14 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     code, words = cli("bench", "run", suite, "--out", out, "--allow-plugins")
     assert code == 2
     assert "plug-in jt (optik.ik)" in words
+    assert f"got {folder / 'jt.py'} with SHA-256" in " ".join(words.split())
     shutil.rmtree(folder)
     code, words = cli("bench", "report", out)
     assert code == 0, words
     page = page_of(RunFolder(out))
     assert "arm (6 joints)" in page.text
     assert str(folder / "arm.toml") not in page.text
+    assert f"plug-in jt (optik.ik) jt.py, SHA-256 {recorded['jt']['sha256']}" in page.text
     assert "Forward kinematics of the example's arm" in page.text
     assert not folder.exists()
 
@@ -81,3 +86,21 @@ def test_a_suite_that_was_only_looked_at_is_not_run(folder: Path, tmp_path: Path
     with pytest.raises(InvalidInput, match="--allow-plugins"):
         run_suite(load_suite(str(folder / "suite.toml")), tmp_path / "run")
     assert ran(folder) == []
+
+
+def test_a_kind_from_a_file_finds_its_robot_in_the_suite_s_folder_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(registry, "_loaded", {})
+    for name in ("fk_time.py", "arm.toml"):
+        shutil.copy(REPOSITORY / "examples" / name, tmp_path / name)
+    (tmp_path / "arm.toml").rename(tmp_path / "x.toml")
+    suite = tmp_path / "suite.toml"
+    suite.write_text('[["./fk_time.py"]]\nid = "poses"\nrobot = "./x.toml"\nsizes = [1]\n')
+    read = load_suite(str(suite), allow_plugins=True)
+    assert read.robots == (str(tmp_path / "x.toml"),)
+    for found in (read, load_suite(str(suite))):
+        assert {used.name for used in found.plugins} == {"fk_time", "x"}
+    suite.write_text(suite.read_text().replace("./x.toml", "ur5"))
+    with pytest.raises(UnknownName, match="ur5e"):
+        load_suite(str(suite), allow_plugins=True)
