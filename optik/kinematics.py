@@ -3,10 +3,11 @@
 Every kernel that needs the arm takes it first, as one argument: a `Chain`. Joint frame i is reached from the one before
 by fixed_i followed by Rot(z, q_i), or Trans(z, q_i) where the joint slides. Outputs are written into the caller's arrays.
 
-A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike, and a kernel names the parts that it reads in
-its first line. To call a kernel with a plain tuple of arrays takes the same 0.65 µs as with the arrays themselves; a
-NamedTuple, whose type Numba finds anew at every call, takes 1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that
-belong together go from Python into a kernel as a plain tuple; NamedTuples are made and used inside kernels.
+A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike. To call a kernel with a plain tuple of arrays
+takes the same 0.65 µs as with the arrays themselves; a NamedTuple, whose type Numba finds anew at every call, takes
+1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that belong together go from Python into a kernel as a plain tuple;
+NamedTuples are made and used inside kernels. Where a kernel that others call in their loops calls further ones, Numba
+counts references to its arrays each time; so `forward` makes one call, of a kernel that makes none.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from math import cos, sin
 
 import numpy as np
 
-from optik.compiled import compiled
-from optik.linear import damped_step, qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from optik.compiled import compiled, inlined
+from optik.linear import smallest_singular_value
 from optik.se3 import pose_error
 from optik.types import Array, Flags
 
@@ -26,13 +27,21 @@ Chain = tuple[Array, Flags, Array]
 """An arm as kernels take it: fixed (n, 4, 4), the transforms [1, m] from the joint before (the base, for the first) to
 each joint at q = 0; prismatic (n,), which joints slide; tool (4, 4), the transform from the last joint to the tool."""
 
-DAMPED = 1e-4
-"""Damping at a singular configuration: directions that move the tool 100 times as far keep 1e-4 of their error a step."""
+Range = tuple[Array, Array]
+"""Position limits, or bounds of an iteration, as kernels take them: lower (n,) and upper (n,) [rad, m]."""
 
 
 @compiled
 def multiply(A: Array, B: Array, out: Array) -> None:
-    """Product of two poses into out, a third array."""
+    """Product of two poses.
+
+    Parameters
+    ----------
+    A, B : (4, 4) arrays
+        Poses [1, m].
+    out : (4, 4) array
+        A B [1, m]; a third array, overwritten.
+    """
     for i in range(3):
         for j in range(4):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
@@ -43,51 +52,98 @@ def multiply(A: Array, B: Array, out: Array) -> None:
 
 @compiled
 def copy_pose(A: Array, out: Array) -> None:
-    """Copy a pose; a loop compiles in a tenth of the time that a slice assignment takes."""
+    """Copy a pose; a loop compiles in a tenth of the time that a slice assignment takes.
+
+    Parameters
+    ----------
+    A : (4, 4) array
+        Pose [1, m].
+    out : (4, 4) array
+        The copy [1, m]; overwritten.
+    """
     for i in range(4):
         for j in range(4):
             out[i, j] = A[i, j]
 
 
 @compiled
-def copy_vector(a: Array, out: Array) -> None:
-    """Copy a vector."""
-    for i in range(a.shape[0]):
-        out[i] = a[i]
+def _frames(fixed: Array, prismatic: Flags, q: Array, out: Array) -> None:
+    """`frames` of the parts of a chain; without calls, so that no references are counted."""
+    before = np.empty((3, 4))
+    for i in range(q.shape[0]):
+        for r in range(3):
+            for c in range(4):
+                if i == 0:
+                    before[r, c] = fixed[0, r, c]
+                else:
+                    before[r, c] = (
+                        out[i - 1, r, 0] * fixed[i, 0, c]
+                        + out[i - 1, r, 1] * fixed[i, 1, c]
+                        + out[i - 1, r, 2] * fixed[i, 2, c]
+                    )
+            if i > 0:
+                before[r, 3] += out[i - 1, r, 3]
+        co, si = cos(q[i]), sin(q[i])
+        for r in range(3):
+            x, y, z = before[r, 0], before[r, 1], before[r, 2]
+            if prismatic[i]:
+                out[i, r, 0], out[i, r, 1], out[i, r, 3] = x, y, before[r, 3] + z * q[i]
+            else:
+                out[i, r, 0], out[i, r, 1], out[i, r, 3] = co * x + si * y, co * y - si * x, before[r, 3]
+            out[i, r, 2] = z
+            out[i, 3, r] = 0.0
+        out[i, 3, 3] = 1.0
 
 
 @compiled
 def frames(chain: Chain, q: Array, out: Array) -> None:
-    """Pose of every joint frame in the base, after its own motion, into out (n, 4, 4)."""
+    """Pose of every joint frame, after the joint's own motion.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+    out : (n, 4, 4) array
+        Poses of the joint frames in the base frame [1, m]; overwritten.
+    """
     fixed, prismatic, _tool = chain
-    before = np.empty((4, 4))
-    for i in range(q.shape[0]):
-        if i == 0:
-            copy_pose(fixed[0], before)
-        else:
-            multiply(out[i - 1], fixed[i], before)
-        T = out[i]
-        copy_pose(before, T)
-        if prismatic[i]:
-            for r in range(3):
-                T[r, 3] += before[r, 2] * q[i]
-        else:
-            c, s = cos(q[i]), sin(q[i])
-            for r in range(3):
-                T[r, 0] = c * before[r, 0] + s * before[r, 1]
-                T[r, 1] = c * before[r, 1] - s * before[r, 0]
+    _frames(fixed, prismatic, q, out)
 
 
 @compiled
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
-    """Tool pose (4, 4) from the joint frames of `frames`."""
+    """Tool pose from the joint frames.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    frame : (n, 4, 4) array
+        Joint frames as `frames` writes them [1, m].
+    out : (4, 4) array
+        Pose of the tool in the base frame [1, m]; overwritten.
+    """
     _fixed, _prismatic, tool = chain
     multiply(frame[frame.shape[0] - 1], tool, out)
 
 
 @compiled
 def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
-    """Geometric Jacobian (6, n) in the base frame at the tool point, (v, ω), from joint frames and the tool pose T."""
+    """Geometric Jacobian in the base frame at the tool point, rows (v, ω).
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    frame : (n, 4, 4) array
+        Joint frames as `frames` writes them [1, m].
+    T : (4, 4) array
+        Pose of the tool [1, m].
+    J : (6, n) array
+        The Jacobian [m/rad, 1], of prismatic joints [1]; overwritten.
+    """
     _fixed, prismatic, _tool = chain
     for i in range(frame.shape[0]):
         zx, zy, zz = frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2]
@@ -102,9 +158,106 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
             J[3, i], J[4, i], J[5, i] = zx, zy, zz
 
 
+@inlined
+def workspace(n: int) -> tuple[Array, Array, Array]:
+    """Allocate joint frames, a tool pose and a Jacobian.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    frame : (n, 4, 4) array
+        Joint frames, not yet written [1, m].
+    T : (4, 4) array
+        Tool pose, not yet written [1, m].
+    J : (6, n) array
+        Jacobian, not yet written [m/rad, 1].
+    """
+    return np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+
+
+@compiled
+def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
+    """Joint frames and tool pose of one configuration.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+    frame : (n, 4, 4) array
+        Joint frames in the base frame [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose in the base frame [1, m]; overwritten.
+    """
+    fixed, prismatic, tool = chain
+    _frames(fixed, prismatic, q, frame)
+    multiply(frame[frame.shape[0] - 1], tool, T)
+
+
+@compiled
+def squares(e: Array) -> tuple[float, float]:
+    """Squared norms of the two parts of an error.
+
+    Parameters
+    ----------
+    e : (6,) array
+        Position and rotation error [m, rad].
+
+    Returns
+    -------
+    p2, r2 : float
+        Square of the position error and of the rotation error, both scalars [m², rad²].
+    """
+    return e[0] * e[0] + e[1] * e[1] + e[2] * e[2], e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
+
+
+@compiled
+def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array, e: Array) -> tuple[float, float]:
+    """Error twist of one configuration, and what forward kinematics finds on the way.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    q : (n,) array
+        Configuration [rad, m].
+    frame : (n, 4, 4) array
+        Joint frames in the base frame [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose in the base frame [1, m]; overwritten.
+    e : (6,) array or longer
+        The error twist (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad]; the first six entries are overwritten.
+
+    Returns
+    -------
+    p2, r2 : float
+        Square of the position error and of the rotation error, both scalars [m², rad²].
+    """
+    forward(chain, q, frame, T)
+    pose_error(T, target, e)
+    return squares(e)
+
+
 @compiled
 def fk_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Tool poses (k, 4, 4) of configurations (k, n)."""
+    """Tool poses of many configurations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k, 4, 4) array
+        Poses of the tool in the base frame [1, m]; overwritten.
+    """
     frame = np.empty((q.shape[1], 4, 4))
     for k in range(q.shape[0]):
         frames(chain, q[k], frame)
@@ -113,7 +266,17 @@ def fk_batch(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def frames_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Joint frames and, last, the tool pose: (k, n + 1, 4, 4) of configurations (k, n)."""
+    """Joint frames and, last, the tool pose of many configurations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k, n + 1, 4, 4) array
+        Poses in the base frame [1, m]; overwritten.
+    """
     n = q.shape[1]
     for k in range(q.shape[0]):
         frames(chain, q[k], out[k, :n])
@@ -122,24 +285,41 @@ def frames_batch(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Geometric Jacobians (k, 6, n) of configurations (k, n)."""
-    frame = np.empty((q.shape[1], 4, 4))
-    T = np.empty((4, 4))
+    """Geometric Jacobians of many configurations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k, 6, n) array
+        Jacobians as `jacobian_from` writes them [m/rad, 1]; overwritten.
+    """
+    frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        frames(chain, q[k], frame)
-        tool_pose(chain, frame, T)
+        forward(chain, q[k], frame, T)
         jacobian_from(chain, frame, T, out[k])
 
 
 @compiled
 def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
-    """Error twists (k, 6) from the tool at q (k, n) to targets (k, 4, 4): what judges every method."""
-    frame = np.empty((q.shape[1], 4, 4))
-    T = np.empty((4, 4))
+    """Error twists from the tool to target poses: what every method is judged by.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+    targets : (k, 4, 4) array
+        Target poses in the base frame [1, m].
+    out : (k, 6) array
+        (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad]; overwritten.
+    """
+    frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        frames(chain, q[k], frame)
-        tool_pose(chain, frame, T)
-        pose_error(T, targets[k], out[k])
+        error_of_pose(chain, targets[k], q[k], frame, T, out[k])
 
 
 @compiled
@@ -165,10 +345,25 @@ def _turned(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tuple[Triple, Trip
 
 @compiled
 def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: Array) -> None:
-    """Twist of the tool and its first two derivatives, (3, 6) rows (v, ω), (v̇, ω̇), (v̈, ω̈), base frame.
+    """Twist of the tool and its first two derivatives with respect to any parameter.
 
     By the forward recursion of Newton–Euler dynamics carried one order further (Siciliano et al., Robotics, §7.5;
-    differentiated once more). dq (3, n) holds q̇, q̈, q⃛ with respect to any parameter.
+    differentiated once more).
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    frame : (n, 4, 4) array
+        Joint frames at q [1, m].
+    T : (4, 4) array
+        Tool pose at q [1, m].
+    q : (n,) array
+        Configuration [rad, m].
+    dq : (3, n) array
+        First three derivatives of q [rad, m], per power of the parameter.
+    out : (3, 6) array
+        Rows (v, ω), (v̇, ω̇), (v̈, ω̈) in the base frame [m, rad], per power of the parameter; overwritten.
     """
     fixed, prismatic, _tool = chain
     n = q.shape[0]
@@ -210,198 +405,40 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
 
 @compiled
 def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
-    """`tool_motion` of configurations (k, n) with derivatives dq (k, 3, n), into out (k, 3, 6)."""
-    frame = np.empty((q.shape[1], 4, 4))
-    T = np.empty((4, 4))
+    """`tool_motion` of many configurations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+    dq : (k, 3, n) array
+        First three derivatives of each [rad, m], per power of the parameter.
+    out : (k, 3, 6) array
+        Twists and their derivatives [m, rad], per power of the parameter; overwritten.
+    """
+    frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        frames(chain, q[k], frame)
-        tool_pose(chain, frame, T)
+        forward(chain, q[k], frame, T)
         tool_motion(chain, frame, T, q[k], dq[k], out[k])
 
 
 @compiled
 def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Smallest singular value of the Jacobian (of n where n < 6, else of 6) at configurations (k, n), into out (k,)."""
-    n = q.shape[1]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
+    """Smallest singular value of the Jacobian at many configurations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k,) array
+        The smallest of n singular values where n < 6, else of 6 [m/rad, 1]; overwritten.
+    """
+    frame, T, J = workspace(q.shape[1])
     for k in range(q.shape[0]):
-        frames(chain, q[k], frame)
-        tool_pose(chain, frame, T)
+        forward(chain, q[k], frame, T)
         jacobian_from(chain, frame, T, J)
         out[k] = smallest_singular_value(J)
-
-
-@compiled
-def _stack(J: Array, rows: Array, A: Array) -> None:
-    """[J; rows] into A (6 + d, n)."""
-    for j in range(A.shape[1]):
-        for i in range(6):
-            A[i, j] = J[i, j]
-        for i in range(rows.shape[0]):
-            A[6 + i, j] = rows[i, j]
-
-
-@compiled
-def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
-    """Undamped Newton, in place, on q (n,) for a target (4, 4) and rows · q = values, until rounding stops it.
-
-    For n ≤ 6 joints there are no rows (0, n), and steps are least squares where n < 6; for n > 6 there are n − 6, which
-    say where on its curve of solutions q shall be. Returns the largest error left [m, rad or values] and |r_nn / r_11|
-    of the last system, which is 0 where rank is lost.
-    """
-    n, d = q.shape[0], rows.shape[0]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
-    e, dq, best = np.empty(6 + d), np.empty(n), q.copy()
-    smallest, worst, rank = np.inf, np.inf, 1.0
-    for _ in range(steps + 1):
-        frames(chain, q, frame)
-        tool_pose(chain, frame, T)
-        pose_error(T, target, e)
-        for i in range(d):
-            e[6 + i] = values[i]
-            for j in range(n):
-                e[6 + i] -= rows[i, j] * q[j]
-        size, largest = 0.0, 0.0
-        for i in range(6 + d):
-            size += e[i] * e[i]
-            largest = max(largest, abs(e[i]))
-        if not size < smallest:
-            break
-        before, smallest, worst = smallest, size, largest
-        copy_vector(q, best)
-        # Newton squares the error: from 1e-9 it comes to rounding, and another step would only stir that
-        if size < 1e-30 or (before < 1e-18 and size < 1e-26):
-            break
-        jacobian_from(chain, frame, T, J)
-        _stack(J, rows, A)
-        rank = qr_factor(A, beta, order)
-        if rank == 0.0:
-            break
-        qr_solve(A, beta, order, e, dq)
-        for i in range(n):
-            q[i] += dq[i]
-    copy_vector(best, q)
-    return worst, rank
-
-
-@compiled
-def derivatives_at(
-    chain: Chain, q: Array, twists: Array, rows: Array, values: Array, dq: Array,
-    floor: float = np.inf,
-) -> tuple[float, float]:  # fmt: skip
-    """q', q'', q''' into dq (3, n) at q (n,), of a motion with tool twists (3, 6) and rows(s) · q(s) = values(s); exact.
-
-    J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on. rows (4, d, n) and values (4, d)
-    hold their own derivatives of order 0 to 3; d = 0 for n ≤ 6 joints, n − 6 otherwise, and [J; rows] is square. Returns
-    |r_nn / r_11| of the system, and the smallest singular value of J; where that is proved to be above `floor`, a lower
-    bound on it above `floor`, which costs less.
-    """
-    n, d = q.shape[0], rows.shape[1]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
-    e, made = np.empty(6 + d), np.empty((3, 6))
-    frames(chain, q, frame)
-    tool_pose(chain, frame, T)
-    jacobian_from(chain, frame, T, J)
-    _stack(J, rows[0], A)
-    rank = qr_factor(A, beta, order)
-    singular = 0.0
-    if d > 0:
-        singular = smallest_singular_value(J, floor)
-    elif rank > 0.0:  # A is J
-        singular = smallest_of_factor(A, floor)
-    for k in range(3):
-        for i in range(n):
-            dq[k, i] = 0.0
-    if rank == 0.0:
-        return rank, singular
-    for k in range(3):
-        if k > 0:
-            tool_motion(chain, frame, T, q, dq, made)
-        for i in range(6):
-            e[i] = twists[k, i] - (made[k, i] if k > 0 else 0.0)
-        for i in range(d):  # Leibniz: the derivative of order k + 1 of rows · q, less its term rows · q⁽ᵏ⁺¹⁾
-            e[6 + i] = values[k + 1, i]
-            for j in range(n):
-                part = rows[k + 1, i, j] * q[j]
-                if k == 1:
-                    part += 2.0 * rows[1, i, j] * dq[0, j]
-                elif k == 2:
-                    part += 3.0 * (rows[2, i, j] * dq[0, j] + rows[1, i, j] * dq[1, j])
-                e[6 + i] -= part
-        qr_solve(A, beta, order, e, dq[k])
-    return rank, singular
-
-
-@compiled
-def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: Array) -> float:
-    """Bring q (n,) onto a target (4, 4) and v (n,) onto a twist (6,), in place, at or near a singular configuration.
-
-    By damped least squares: what moves the tool is corrected, what does not stays as it was given. Returns the largest
-    error left in pose and twist.
-    """
-    n = q.shape[0]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
-    worst = 0.0
-    for step in range(2 * steps):
-        of_pose = step < steps
-        frames(chain, q, frame)
-        tool_pose(chain, frame, T)
-        jacobian_from(chain, frame, T, J)
-        if of_pose:
-            pose_error(T, target, e)
-        else:
-            for i in range(6):
-                e[i] = twist[i]
-                for j in range(n):
-                    e[i] -= J[i, j] * v[j]
-        if step == steps - 1 or step == 2 * steps - 1:
-            for i in range(6):
-                worst = max(worst, abs(e[i]))
-            continue
-        if not damped_step(J, e, DAMPED * DAMPED, A, y, dq, 0.0):
-            return np.inf
-        for j in range(n):
-            if of_pose:
-                q[j] += dq[j]
-            else:
-                v[j] += dq[j]
-    return worst
-
-
-@compiled
-def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
-    """Undamped Newton, in place, on q (k, n) that nearly solve targets (k, 4, 4), until rounding stops it.
-
-    Steps are least squares where n < 6, and the shortest where n > 6.
-    """
-    n = q.shape[1]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
-    best, no_rows, no_values = np.empty(n), np.empty((0, n)), np.empty(0)
-    for k in range(q.shape[0]):
-        if n <= 6:
-            put_on(chain, targets[k], no_rows, no_values, steps, q[k])
-            continue
-        smallest = np.inf
-        for _ in range(steps + 1):
-            frames(chain, q[k], frame)
-            tool_pose(chain, frame, T)
-            pose_error(T, targets[k], e)
-            size = 0.0
-            for i in range(6):
-                size += e[i] * e[i]
-            if not size < smallest:
-                break
-            smallest = size
-            copy_vector(q[k], best)
-            if size < 1e-30:
-                break
-            jacobian_from(chain, frame, T, J)
-            if not damped_step(J, e, 0.0, A, y, dq):
-                break
-            for i in range(n):
-                q[k, i] += dq[i]
-        copy_vector(best, q[k])

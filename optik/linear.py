@@ -10,15 +10,48 @@ from optik.compiled import compiled
 from optik.types import Array, Indices
 
 ORTHOGONAL = 1e-10
-"""Cosine below which two rows count as orthogonal: its square is what it changes of lengths, itself where they are equal."""
+"""Cosine [1] below which two rows count as orthogonal: treating them so changes their lengths by its square, relative,
+or by itself where the lengths are equal."""
+
+MOST_SWEEPS = 30
+"""Sweeps of Jacobi rotations at most: two or three are enough, so this only ends a loop over numbers that are not finite."""
+
+
+@compiled
+def copy_vector(a: Array, out: Array) -> None:
+    """Copy a vector.
+
+    Parameters
+    ----------
+    a : (n,) array
+        Vector [as given].
+    out : (n,) array
+        The copy [as a]; overwritten.
+    """
+    for i in range(a.shape[0]):
+        out[i] = a[i]
 
 
 @compiled
 def qr_factor(A: Array, beta: Array, order: Indices) -> float:
-    """Householder QR of A (m, n), m ≥ n, in place, the longest column first; |r_nn / r_11|, 0 where rank is lost.
+    """Householder QR with column pivoting, in place.
 
-    Golub and Van Loan, Matrix Computations, §5.4.2. R stands on and above the diagonal, the reflectors (first entry 1)
-    below it; beta (n,) their factors, order (n,) which column of A each one is.
+    Golub and Van Loan, Matrix Computations, §5.4.2: the longest remaining column comes first.
+
+    Parameters
+    ----------
+    A : (m, n) array
+        Matrix, m ≥ n [as given]; overwritten by R on and above the diagonal and the reflectors, whose first entry 1 is not
+        stored, below it.
+    beta : (n,) array
+        Factors of the reflectors [1]; overwritten.
+    order : (n,) array of int
+        Column of A that each column of R belongs to; overwritten.
+
+    Returns
+    -------
+    float
+        |r_nn / r_11|, 0 where rank is lost.
     """
     m, n = A.shape
     first, last = 0.0, 0.0
@@ -63,7 +96,26 @@ def qr_factor(A: Array, beta: Array, order: Indices) -> float:
 
 @compiled
 def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float:
-    """Least squares of A x = b by the factors of `qr_factor`, into x (n,); b (m,) is overwritten. Returns |A x − b|."""
+    """Least-squares solution of A x = b by the factors of `qr_factor`.
+
+    Parameters
+    ----------
+    A : (m, n) array
+        Factors [as given].
+    beta : (n,) array
+        Factors of the reflectors [1].
+    order : (n,) array of int
+        Column of the matrix that each column of R belongs to.
+    b : (m,) array
+        Right-hand side [as A x]; overwritten.
+    x : (n,) array
+        Solution [as b / A]; overwritten.
+
+    Returns
+    -------
+    float
+        Norm of the residual |A x − b|.
+    """
     m, n = A.shape
     for j in range(n):
         s = b[j]
@@ -87,9 +139,19 @@ def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float
 
 @compiled
 def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
-    """Smallest of the min(m, n) singular values of J (m, n), to 1e-10 of itself or rounding of the largest.
+    """Smallest singular value, to 1e-10 of itself or rounding of the largest.
 
-    Where it is proved to be above `floor`, a lower bound on it above `floor`.
+    Parameters
+    ----------
+    J : (m, n) array
+        Matrix [as given].
+    floor : float, optional
+        Where the value is proved to be above it, a lower bound above it is returned instead, which costs less.
+
+    Returns
+    -------
+    float
+        The smallest of the min(m, n) singular values, or a lower bound on it that is above `floor`.
     """
     m, n = J.shape
     tall = m >= n
@@ -105,12 +167,23 @@ def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
 
 @compiled
 def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
-    """Smallest singular value of a matrix (m, k), m ≥ k, of full rank, from what `qr_factor` made of it.
+    """Smallest singular value of a matrix of full rank, from what `qr_factor` made of it.
 
     One-sided Jacobi rotations of the rows of R, which column exchanges have made nearly diagonal, so that two or three
-    sweeps are enough (Drmač and Veselić 2008). Of a factor with column exchanges it is at least
-    3 |r_kk| / √(4ᵏ + 6k − 1) (Lawson and Hanson, Solving Least Squares Problems, eq. 6.31): where that is above `floor`,
-    it is the answer.
+    sweeps are enough (Drmač and Veselić 2008). With column exchanges the value is at least 3 |r_kk| / √(4ᵏ + 6k − 1)
+    (Lawson and Hanson, Solving Least Squares Problems, eq. 6.31).
+
+    Parameters
+    ----------
+    QR : (m, k) array
+        Factors, m ≥ k [as given].
+    floor : float, optional
+        Where the lower bound is above it, the bound is returned.
+
+    Returns
+    -------
+    float
+        The smallest singular value, or a lower bound on it that is above `floor`.
     """
     k = QR.shape[1]
     bound = 3.0 * abs(QR[k - 1, k - 1]) / sqrt(4.0**k + 6.0 * k - 1.0)
@@ -120,7 +193,7 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
     for i in range(k):
         for j in range(i, k):
             A[i, j] = QR[i, j]
-    for _ in range(30):
+    for _ in range(MOST_SWEEPS):
         turned = False
         for p in range(k - 1):
             for q in range(p + 1, k):
@@ -155,10 +228,21 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
 
 @compiled
 def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
-    """Solve A x = b for a symmetric positive definite A (only its lower part is read); x replaces b, A is overwritten.
+    """Solve A x = b for a symmetric positive definite A.
 
-    Returns False, with b spoilt, where a pivot keeps less than the share `least` of its diagonal entry: A is then not
-    positive definite to working precision.
+    Parameters
+    ----------
+    A : (n, n) array
+        Matrix, of which only the lower part is read [as given]; overwritten by its factor.
+    b : (n,) array
+        Right-hand side [as A x]; overwritten by x.
+    least : float, optional
+        Share of its diagonal entry that every pivot must keep [1].
+
+    Returns
+    -------
+    bool
+        False, with b not to be used, where a pivot keeps less: A is not positive definite to working precision.
     """
     n = b.shape[0]
     for j in range(n):
@@ -189,9 +273,29 @@ def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
 
 @compiled
 def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
-    """Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12, into dq (n,), of J (m, n); y (m,) and A, at least (m, m), are scratch.
+    """Damped least-squares step Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12.
 
-    Returns False where the matrix is singular to working precision (only without damping).
+    Parameters
+    ----------
+    J : (m, n) array
+        Jacobian [m/rad, 1].
+    e : (m,) array
+        Error [m, rad].
+    damping2 : float
+        λ² [m², rad²].
+    A : (m, m) array or larger
+        Scratch [m²]; overwritten.
+    y : (m,) array
+        Scratch [1/m]; overwritten.
+    dq : (n,) array
+        The step [rad, m]; overwritten.
+    least : float, optional
+        Share of its diagonal entry that every pivot must keep, as in `cholesky_solve` [1].
+
+    Returns
+    -------
+    bool
+        False where the matrix is singular to working precision: only without damping.
     """
     m, n = J.shape
     for i in range(m):

@@ -272,6 +272,8 @@ def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments
         As `load_method`.
     InvalidInput
         An option that the method does not have, or one that it needs and nobody gave.
+    TypeError
+        One that the method itself raises.
     """
     method = load_method(group, name, kind)
     try:

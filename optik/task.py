@@ -11,13 +11,21 @@ from typing import Any
 import numpy as np
 
 from optik.check import real_array
-from optik.compiled import compiled
+from optik.compiled import compiled, inlined
 from optik.errors import InvalidInput
-from optik.kinematics import Chain, frames, tool_pose
+from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
 from optik.se3 import log_rotation, pose_error
 from optik.types import Array
 
-FRAMES = ("target", "base")
+Goal = tuple[Array, Array]
+"""A task's target as kernels take it: `Task.flags` (13,) [1, m, rad], and the target pose (4, 4) [1, m]."""
+
+TASK_FRAMES = ("target", "base")
+"""Frames whose axes the components of an error can be taken along."""
+
+SERIES_ANGLE = 1e-3
+"""Angle [rad] below which (1 − ½a cot ½a) / a² is taken as 1/12, its limit: the next term is a²/720."""
+
 _MASKS = {
     "pose": (1, 1, 1, 1, 1, 1),
     "position": (1, 1, 1, 0, 0, 0),
@@ -26,6 +34,7 @@ _MASKS = {
     "axis_y": (1, 1, 1, 1, 0, 1),
     "axis_z": (1, 1, 1, 1, 1, 0),
 }
+"""Tasks that have a name, and the components that each of them asks for."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +52,13 @@ class Task:
     frame : {"target", "base"}
         Whose axes they stand along.
     box : number or six of them
-        How far each component may be off for nothing, ≥ 0 [m, rad]: only what is beyond counts as error, so a pose
-        anywhere in the box is as good as the target. Zero by default.
+        Half-width of the tolerance box of each component, ≥ 0 [m, rad]: only what is outside the box counts as error,
+        so every pose inside it is as good as the target. Zero by default.
 
     Raises
     ------
     InvalidInput
-        A mask that is no six flags, or with nothing to meet; another frame; a box with a negative or infinite side.
+        The mask is not six flags or asks for no component; the frame is unknown; a side of the box is negative or infinite.
     """
 
     mask: tuple[bool, ...] = (True,) * 6
@@ -61,8 +70,8 @@ class Task:
         flags = tuple(given) if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
         if len(flags) != 6 or any(isinstance(f, str) or f not in (0, 1) for f in flags) or not any(flags):
             raise InvalidInput("task", repr(given)[:60], "six flags (x, y, z, rx, ry, rz), at least one of them true")
-        if self.frame not in FRAMES:
-            raise InvalidInput("task.frame", repr(self.frame)[:60], " or ".join(FRAMES))
+        if self.frame not in TASK_FRAMES:
+            raise InvalidInput("task.frame", repr(self.frame)[:60], " or ".join(TASK_FRAMES))
         object.__setattr__(self, "mask", tuple(bool(f) for f in flags))
         sides = real_array(self.box, "task.box", "a number ≥ 0, or six (x, y, z, rx, ry, rz)")
         if sides.shape not in ((), (6,)) or not (np.isfinite(sides) & (sides >= 0.0)).all():
@@ -86,22 +95,33 @@ class Task:
 
     @cached_property
     def flags(self) -> Array:
-        """What compiled code takes: the mask as six numbers, 1 where the frame is the base, and the box; (13,)."""
+        """The task as kernels take it: the mask as six numbers, 1 where the frame is the base, and the box; (13,)."""
         return np.array([*self.mask, self.frame == "base", *self.box], dtype=np.float64)
 
 
 POSE = Task()
+"""The task that asks for the whole pose."""
 
 
 def as_task(value: object) -> Task:
-    """Return a task from a Task, or from its name: pose, position, rotation, axis_x, axis_y, axis_z.
+    """Return a task from a Task or from its name: pose, position, rotation, axis_x, axis_y, axis_z.
 
     ``axis_z`` is the position and the direction of the tool's z axis, free to turn about it (a spindle, a torch).
+
+    Parameters
+    ----------
+    value : Task or str
+        A task, or the name of one.
+
+    Returns
+    -------
+    Task
+        The task.
 
     Raises
     ------
     InvalidInput
-        Neither a task nor a name of one.
+        The value is neither a task nor the name of one.
     """
     if isinstance(value, Task):
         return value
@@ -112,7 +132,21 @@ def as_task(value: object) -> Task:
 
 @compiled
 def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> None:
-    """Masked error (6,) of the tool pose T beyond the box, along the axes of the task's frame; w (3,) gets log(D)."""
+    """Error of the tool outside the tolerance box, along the axes of the task's frame.
+
+    Parameters
+    ----------
+    T : (4, 4) array
+        Pose of the tool in the base frame [1, m].
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    e : (6,) array
+        The error [m, rad], 0 for components that are not asked for; overwritten.
+    w : (3,) array
+        Rotation vector of the tool relative to the target, log(D) [rad]; overwritten.
+    """
     pose_error(T, target, e)
     p0, p1, p2 = e[0], e[1], e[2]
     D = np.empty((3, 3))
@@ -148,14 +182,25 @@ def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> Non
 
 @compiled
 def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
-    """Turn the geometric Jacobian J (6, n) into that of `task_error`, in place: the task's axes, masked rows zero.
+    """Turn the geometric Jacobian into that of `task_error`, in place.
 
     A component inside its box keeps its row, though its error is zero: a step then holds it where it is.
+
+    Parameters
+    ----------
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    w : (3,) array
+        Rotation vector that `task_error` wrote [rad].
+    J : (6, n) array
+        Geometric Jacobian [m/rad, 1]; overwritten by the rows along the task's axes, 0 for components that are not asked for.
     """
     free = 3.0 - flags[3] - flags[4] - flags[5]
     a = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     # J_l⁻¹(w) = I − ½[w] + c [w]² (Barfoot, State Estimation for Robotics, §7.1.5), where one component counts alone
-    c = 1.0 / 12.0 if a < 1e-3 else (1.0 - 0.5 * a / tan(0.5 * a)) / (a * a)
+    c = 1.0 / 12.0 if a < SERIES_ANGLE else (1.0 - 0.5 * a / tan(0.5 * a)) / (a * a)
     x, y, z = w[0], w[1], w[2]
     for k in range(J.shape[1]):
         if flags[6] == 0.0:
@@ -176,7 +221,22 @@ def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
 
 @compiled
 def keep_rows(flags: Array, J: Array, e: Array) -> int:
-    """Move the rows of J (6, n) and e (6,) that count to the front; returns how many they are."""
+    """Move the components that a task asks for to the front.
+
+    Parameters
+    ----------
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    J : (6, n) array
+        Jacobian of the task's error [m/rad, 1]; its rows are moved.
+    e : (6,) array
+        Error [m, rad]; its entries are moved.
+
+    Returns
+    -------
+    int
+        Number of these components.
+    """
     m = 0
     for i in range(6):
         if flags[i] != 0.0:
@@ -188,21 +248,140 @@ def keep_rows(flags: Array, J: Array, e: Array) -> int:
 
 
 @compiled
-def judge(
-    chain: Chain,
-    lower: Array,
-    upper: Array,
-    flags: Array,
-    slack: float,
-    q: Array,
-    target: Array,
-) -> tuple[float, float, bool]:
-    """Position and rotation error of q (n,) against a target, and whether q stands inside its limits within slack."""
-    frame, T, e, w = np.empty((q.shape[0], 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(3)
-    frames(chain, q, frame)
-    tool_pose(chain, frame, T)
+def task_system(target: Array, flags: Array, w: Array, J: Array, e: Array) -> int:
+    """`task_rows` and `keep_rows` in one call: the equations that a task asks for, in front.
+
+    Parameters
+    ----------
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    w : (3,) array
+        Rotation vector that `task_error` wrote [rad].
+    J : (6, n) array
+        Geometric Jacobian [m/rad, 1]; overwritten.
+    e : (6,) array
+        Error [m, rad]; its entries are moved.
+
+    Returns
+    -------
+    int
+        Number of the equations.
+    """
+    task_rows(target, flags, w, J)
+    return keep_rows(flags, J, e)
+
+
+@inlined
+def whole_pose(flags: Array) -> bool:
+    """Whether a task asks for the whole pose, exactly: `Task.is_pose` for kernels.
+
+    Parameters
+    ----------
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+
+    Returns
+    -------
+    bool
+        True where no component is free or has a box.
+    """
+    pose = True
+    for i in range(6):
+        pose = pose and flags[i] == 1.0 and flags[7 + i] == 0.0
+    return pose
+
+
+@compiled
+def goal_error(
+    chain: Chain, flags: Array, target: Array, q: Array, frame: Array, T: Array, e: Array, w: Array
+) -> tuple[float, float]:
+    """Error of one configuration against a task's target, and what forward kinematics finds on the way.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    q : (n,) array
+        Configuration [rad, m].
+    frame : (n, 4, 4) array
+        Joint frames in the base frame [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose in the base frame [1, m]; overwritten.
+    e : (6,) array
+        Error as `task_error` writes it [m, rad]; overwritten.
+    w : (3,) array
+        Rotation vector as `task_error` writes it [rad]; overwritten.
+
+    Returns
+    -------
+    p2, r2 : float
+        Square of the position error and of the rotation error, both scalars [m², rad²].
+    """
+    forward(chain, q, frame, T)
     task_error(T, target, flags, e, w)
+    return squares(e)
+
+
+@compiled
+def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Array, w: Array, J: Array) -> None:
+    """Jacobian of the error that `goal_error` found.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    frame : (n, 4, 4) array
+        Joint frames that `goal_error` wrote [1, m].
+    T : (4, 4) array
+        Tool pose that `goal_error` wrote [1, m].
+    w : (3,) array
+        Rotation vector that `goal_error` wrote [rad].
+    J : (6, n) array
+        The Jacobian, as `task_rows` writes it [m/rad, 1]; overwritten.
+    """
+    jacobian_from(chain, frame, T, J)
+    task_rows(target, flags, w, J)
+
+
+@compiled
+def judge(chain: Chain, limits: Range, goal: Goal, slack: float, q: Array) -> tuple[float, float, bool]:
+    """Errors of a configuration against a goal, and whether it satisfies its limits.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Its position limits.
+    goal : Goal
+        The task and its target.
+    slack : float
+        Numerical slack on the limits [rad, m].
+    q : (n,) array
+        Configuration [rad, m].
+
+    Returns
+    -------
+    position, rotation : float
+        Norms of the two parts of the error, both scalars [m, rad].
+    inside : bool
+        Whether every joint is inside its limits within the slack; False for NaN.
+    """
+    (lower, upper), (flags, target) = limits, goal
+    e, w = np.empty(6), np.empty(3)
+    frame, T, _J = workspace(q.shape[0])
+    p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
     inside = True
     for i in range(q.shape[0]):
         inside = inside and lower[i] - slack <= q[i] <= upper[i] + slack
-    return sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2), inside
+    return sqrt(p2), sqrt(r2), inside

@@ -13,7 +13,7 @@ parameter is there and no other, what it returns or yields, and what it raises i
    or "int" on the type line.
 3. The same holds for what it returns: for the section as a whole, and for each entry whose type line says "array".
 
-`python tests/test_docstrings.py FILE …` prints what is missing in these files, also in those still PENDING.
+`python tests/test_docstrings.py FILE …` prints what is missing in these files.
 """
 
 import ast
@@ -27,17 +27,6 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FILES = sorted(f for part in ("optik", "planners", "benchmarks") for f in (REPOSITORY / part).rglob("*.py"))
-
-PENDING = (
-    "optik/ik/",
-    "optik/kinematics.py",
-    "optik/linear.py",
-    "optik/task.py",
-    "optik/newton.py",
-    "optik/registry.py",
-    "benchmarks/cli/",
-)
-"""Folders and files that do not keep the rules yet; pyproject.toml has the same list for ruff."""
 
 REAL, WHOLE = {"real"}, {"whole"}
 TYPES = {"Array": REAL, "ArrayLike": REAL, "Flags": WHOLE, "Indices": WHOLE}
@@ -167,8 +156,7 @@ def test_public_functions_say_parameters_shapes_and_units():
     found = []
     for file in FILES:
         name = file.relative_to(REPOSITORY).as_posix()
-        if not name.startswith(PENDING):
-            found += [f"{name}:{line}" for line in complaints(file.read_text(encoding="utf-8"), array_names())]
+        found += [f"{name}:{line}" for line in complaints(file.read_text(encoding="utf-8"), array_names())]
     assert not found, "\n" + "\n".join(found)
 
 

@@ -134,7 +134,7 @@ def solve_ik(
     Raises
     ------
     InvalidInput
-        An argument that cannot be meant, named.
+        An invalid argument.
     UnknownName
         No such method; the nearest names are offered.
     """
@@ -179,7 +179,7 @@ def solve_ik_batch(
     Raises
     ------
     InvalidInput
-        An argument that cannot be meant, named, with the index of the first such problem.
+        An invalid argument; of targets and starts the index of the first invalid one.
     UnknownName
         No such method; the nearest names are offered.
     """
@@ -207,6 +207,8 @@ def solver_for(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dic
     ------
     UnknownName, InvalidInput
         As `make_solver`.
+    TypeError
+        A key of the options cannot be compared; values without a hash are taken.
     """
     name: Any = solver
     options = options or {}

@@ -1,4 +1,4 @@
-"""A problem as it is given: targets and starts checked and named where they are wrong, and the starts of restarts."""
+"""Targets and starts: their checks, and the starts of restarts."""
 
 from __future__ import annotations
 
@@ -12,35 +12,66 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
+from optik.kinematics import Range
 from optik.se3 import check_pose, is_pose
 from optik.types import Array
 
 
 def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array, Array]:
-    """Return a target (4, 4) and a start (n,), or say which one is wrong.
+    """Check a target and a start.
 
-    Plain arrays that are right, the usual case, are seen to be so by compiled code, in a tenth of the time.
+    Plain arrays that are valid, the usual case, are checked by compiled code, in a tenth of the time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    q0 : (n,) array
+        Start [rad, m].
+
+    Returns
+    -------
+    target : (4, 4) array
+        Target pose [1, m].
+    q0 : (n,) array
+        Start [rad, m].
 
     Raises
     ------
     InvalidInput
-        A target that is no pose, NaN, wrong shapes, a start outside the limits.
+        The target is not a pose, numbers are NaN, a shape is wrong, or the start is outside the limits.
     """
     if type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == np.float64:
         plain = target.shape == (4, 4) and q0.shape == (robot.n,) and target.flags.carray and q0.flags.carray
         limits = robot.limits
-        if plain and first_wrong(target[None], q0[None], limits.lower, limits.upper, LIMIT_TOLERANCE) == (-1, -1):
+        if plain and first_wrong(target[None], q0[None], (limits.lower, limits.upper), LIMIT_TOLERANCE) == (-1, -1):
             return target, q0
     return check_pose(target, "target"), check_start(robot, q0)
 
 
 def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
-    """Return a start configuration, or say which joint stands outside its limits.
+    """Check a start configuration.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q0 : (n,) array
+        Start [rad, m].
+    argument : str, optional
+        What an error calls it.
+
+    Returns
+    -------
+    (n,) array
+        The start [rad, m].
 
     Raises
     ------
     InvalidInput
-        Wrong length, NaN, or outside the limits.
+        Wrong length, NaN, or a joint outside its limits, which the message names.
     """
     q = robot.configuration(q0, argument)
     if not robot.limits.contains(q):
@@ -55,12 +86,28 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
 
 
 def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Array, Array]:
-    """Return targets (N, 4, 4) and starts (N, n), both contiguous, or say which one is wrong.
+    """Check the targets and starts of a batch.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    targets : (N, 4, 4) array
+        Target poses in the base frame [1, m].
+    starts : (N, n) or (n,) array
+        Starts, or one for all [rad, m].
+
+    Returns
+    -------
+    targets : (N, 4, 4) array
+        Target poses [1, m], contiguous.
+    starts : (N, n) array
+        Starts [rad, m], contiguous.
 
     Raises
     ------
     InvalidInput
-        Wrong shapes, something that is no pose, a start that is no configuration inside the limits.
+        A wrong shape, or the index of the first target that is not a pose or of the first start outside the limits.
     """
     poses = np.ascontiguousarray(real_array(targets, "targets", "poses (N, 4, 4)"))
     if poses.shape == (0,):
@@ -73,7 +120,8 @@ def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Ar
     if q.shape not in ((robot.n,), (len(poses), robot.n)):
         wanted = f"shape ({len(poses)}, {robot.n}) or ({robot.n},) for {robot.name}"
         raise InvalidInput("starts", f"shape {q.shape}", wanted)
-    wrong = first_wrong(poses, np.atleast_2d(q), robot.limits.lower, robot.limits.upper, LIMIT_TOLERANCE)
+    limits = robot.limits.lower, robot.limits.upper
+    wrong = first_wrong(poses, np.atleast_2d(q), limits, LIMIT_TOLERANCE)
     if wrong[0] >= 0:
         check_pose(poses[wrong[0]], f"targets[{wrong[0]}]")
     if wrong[1] >= 0:
@@ -88,8 +136,28 @@ def _own(array: Array) -> Array:
 
 
 @compiled
-def first_wrong(poses: Array, q: Array, lower: Array, upper: Array, slack: float) -> tuple[int, int]:
-    """Index of the first target that is no pose and of the first start outside the limits (NaN is), −1 where none."""
+def first_wrong(poses: Array, q: Array, limits: Range, slack: float) -> tuple[int, int]:
+    """Indices of the first target and of the first start that are not valid.
+
+    Parameters
+    ----------
+    poses : (N, 4, 4) array
+        Targets [1, m].
+    q : (k, n) array
+        Starts [rad, m].
+    limits : Range
+        Position limits.
+    slack : float
+        Numerical slack on the limits [rad, m].
+
+    Returns
+    -------
+    bad_pose : int
+        Index of the first target that is not a pose, −1 where all are.
+    bad_start : int
+        Index of the first start outside the limits or with NaN, −1 where all are inside.
+    """
+    lower, upper = limits
     bad_pose, bad_start = -1, -1
     for i in range(poses.shape[0]):
         if not is_pose(poses[i]):
@@ -98,7 +166,7 @@ def first_wrong(poses: Array, q: Array, lower: Array, upper: Array, slack: float
     for i in range(q.shape[0]):
         inside = True
         for j in range(q.shape[1]):
-            # infinite joints are in no limits, open or not
+            # an infinite joint value is outside also where the limits are infinite
             inside = inside and lower[j] - slack <= q[i, j] <= upper[j] + slack and abs(q[i, j]) < np.inf
         if not inside:
             bad_start = i
@@ -107,7 +175,24 @@ def first_wrong(poses: Array, q: Array, lower: Array, upper: Array, slack: float
 
 
 def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
-    """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
+    """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    q0 : (n,) array
+        Start of the solve [rad, m].
+    restart : int
+        Number of the restart.
+
+    Returns
+    -------
+    (n,) array
+        Its start [rad, m].
+    """
     problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
     rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
     return np.asarray(robot.limits.draw(rng, 1)[0])

@@ -1,183 +1,53 @@
-"""What every IK method shares: the result, its status, the tolerance, the checks, the restarts and the judgement."""
+"""What every IK method shares: its options, the checks, the restarts, and the check of what it claims."""
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
-from optik.content import content, equal
 from optik.errors import InvalidInput
 from optik.ik._closest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
+from optik.ik._result import SOLVED_WITHIN
+from optik.ik._result import IKBatch as IKBatch
+from optik.ik._result import IKResult as IKResult
+from optik.ik._result import Tolerance as Tolerance
+from optik.ik._status import STATUS_OF_CODE
+from optik.ik._status import IKStatus as IKStatus
 from optik.task import Task, as_task, judge
-from optik.types import Array, Flags
+from optik.types import Array
 
 MOST_TRIES = 1_000_000_000
-"""Iterations of an attempt, and restarts: more would not end, nor be counted in the integers of compiled code."""
+"""Largest number of iterations of an attempt, and of restarts: more would take days, and overflow the int32 of a batch."""
 
 MOST_TRACED = 1_000_000
-"""Iterations of an attempt whose errors are kept: 48 MB."""
+"""Largest number of iterations whose errors are kept: an error takes 48 bytes, so these take 48 MB."""
 
 
-class IKStatus(StrEnum):
-    """How a solve ended."""
-
-    SOLVED = "solved"
-    MAX_ITERATIONS = "max_iterations"
-    STALLED = "stalled"
-    TIME_LIMIT = "time_limit"
-    OUTSIDE_LIMITS = "outside_limits"
-    UNREACHABLE = "unreachable"
-    REJECTED = "rejected"
-
-    @property
-    def advice(self) -> str:
-        """What to try."""
-        return _ADVICE[self]
-
-
-_ADVICE: Mapping[IKStatus, str] = {
-    IKStatus.SOLVED: "",
-    IKStatus.MAX_ITERATIONS: "more iterations, restarts (max_restarts), or a start nearer to the target",
-    IKStatus.STALLED: "restarts (max_restarts) or another start: this one leads to a local minimum or a joint limit",
-    IKStatus.TIME_LIMIT: "a longer time limit, or a start nearer to the target",
-    IKStatus.OUTSIDE_LIMITS: "restarts (max_restarts) or wider limits: the pose was met only with a joint outside its limits",
-    IKStatus.UNREACHABLE: "a target within reach (the message says how far that is), or another tool",
-    IKStatus.REJECTED: "another method: this one claimed a success that forward kinematics does not confirm",
-}
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """What counts as solved: BOTH error norms within it, by our own forward kinematics.
-
-    Parameters
-    ----------
-    position : float
-        Largest distance [m].
-    rotation : float
-        Largest angle [rad].
-    """
-
-    position: float = 1e-6
-    rotation: float = 1e-6
-
-    def __post_init__(self) -> None:
-        for field in ("position", "rotation"):
-            check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
-
-
-class IKResult(NamedTuple):
-    """The answer of one solve. ``bool(result)`` is success.
+class Attempt(NamedTuple):
+    """What a method reports of one attempt from one start; `IKSolver.solve` checks it by our own forward kinematics.
 
     Attributes
     ----------
     q : (n,) array
-        The configuration; on failure the best found, inside the limits.
+        Its configuration [rad, m].
     status : IKStatus
-        How it ended; ``status.advice`` says what to try.
+        How it ended, by the method.
     iterations : int
-        Of the method, over all attempts.
-    restarts : int
-        Attempts after the first.
-    position_error, rotation_error : float
-        At q, by our own forward kinematics [m, rad].
+        As the method counts them.
     trace : (k + 1, 6) array or None
-        On request, the error twist (p_t − p, log(R_t Rᵀ)) before the first and after each of the k iterations of the
-        attempt that found q, base frame.
+        On request, the error twists of its iterates in the base frame [m, rad].
     message : str
-        The method's own word on how it ended.
+        More, in words.
     """
-
-    q: Array
-    status: IKStatus
-    iterations: int
-    restarts: int
-    position_error: float
-    rotation_error: float
-    trace: Array | None = None
-    message: str = ""
-
-    def __bool__(self) -> bool:
-        return self.status is IKStatus.SOLVED
-
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        return not equal(self, other)
-
-    def __hash__(self) -> int:
-        return hash(content(self))
-
-
-class IKBatch(NamedTuple):
-    """The answers of a batch of N solves, field by field as in `IKResult`.
-
-    Attributes
-    ----------
-    q : (N, n) array
-        Configurations; where there was no success the best found, inside the limits.
-    status : (N,) array of uint8
-        Index into ``tuple(IKStatus)``; 0 is solved.
-    iterations, restarts : (N,) array of int32
-        As in `IKResult`.
-    position_error, rotation_error : (N,) array
-        At q, by our own forward kinematics [m, rad].
-    """
-
-    q: Array
-    status: NDArray[np.uint8]
-    iterations: NDArray[np.int32]
-    restarts: NDArray[np.int32]
-    position_error: Array
-    rotation_error: Array
-
-    @property
-    def solved(self) -> Flags:
-        """Which of them succeeded, (N,)."""
-        return np.asarray(self.status == 0)
-
-    def result(self, i: int) -> IKResult:
-        """Answer i alone."""
-        return IKResult(
-            self.q[i], STATUSES[self.status[i]], int(self.iterations[i]), int(self.restarts[i]),
-            float(self.position_error[i]), float(self.rotation_error[i]),
-        )  # fmt: skip
-
-    @classmethod
-    def empty(cls, N: int, n: int) -> IKBatch:
-        """Arrays of N answers, to be written into."""
-        count = (np.empty(N, np.int32), np.empty(N, np.int32))
-        return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
-
-    def __eq__(self, other: object) -> bool:
-        return equal(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        return not equal(self, other)
-
-    def __hash__(self) -> int:
-        return hash(content(self))
-
-
-STATUSES = tuple(IKStatus)
-_CODES = {status: code for code, status in enumerate(STATUSES)}
-
-
-class Attempt(NamedTuple):
-    """What a method says of one attempt from one start. It is judged, never believed."""
 
     q: Array
     status: IKStatus
@@ -198,11 +68,11 @@ class IKSolver(ABC):
     tolerance : Tolerance
         What counts as solved.
     max_iterations : int
-        Of one attempt.
+        Iterations of one attempt at most.
     max_restarts : int
-        Attempts after the first, from starts drawn inside the limits, keyed by the problem.
+        Attempts after the first at most, from initial guesses drawn inside the limits: the same for the same problem.
     time_limit : float, optional
-        Wall-clock seconds for one solve, looked at between attempts and, where the method can, within one.
+        Wall-clock time for one solve [s], checked between attempts and, where the method can, within one.
     task : Task or str
         What of the target must be met: ``"pose"`` (all of it), ``"position"``, ``"axis_z"`` (position and direction of
         the tool's z), or a `Task` with any mask.
@@ -222,7 +92,7 @@ class IKSolver(ABC):
         self,
         robot: Robot,
         *,
-        tolerance: Tolerance = Tolerance(),
+        tolerance: Tolerance = SOLVED_WITHIN,
         max_iterations: int = 100,
         max_restarts: int = 0,
         time_limit: float | None = None,
@@ -258,7 +128,23 @@ class IKSolver(ABC):
         }
 
     def with_options(self, **changes: Any) -> Self:
-        """Return the same method for the same robot with some options changed."""
+        """Return the same method for the same robot with some options changed.
+
+        Parameters
+        ----------
+        **changes
+            Options and their new values.
+
+        Returns
+        -------
+        IKSolver
+            A new solver.
+
+        Raises
+        ------
+        InvalidInput
+            An option that the method does not have, or out of range.
+        """
         return type(self)(self.robot, **{**self.options, **changes})
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -266,7 +152,24 @@ class IKSolver(ABC):
 
     @abstractmethod
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Try once from one start; target (4, 4) and start (n,) are checked; at most so many seconds, where it can."""
+        """Try once from one start.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            Target pose in the base frame [1, m], checked.
+        start : (n,) array
+            Initial guess inside the limits [rad, m], checked.
+        trace : bool
+            Whether to keep the error of every iteration.
+        seconds : float or None
+            Time left, where the method can stop within an attempt [s].
+
+        Returns
+        -------
+        Attempt
+            What the method reports; `solve` judges it.
+        """
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
         """Find a configuration whose tool pose is the target.
@@ -274,14 +177,14 @@ class IKSolver(ABC):
         Parameters
         ----------
         target : (4, 4) array
-            T_base_tool [m].
+            T_base_tool [1, m].
         q0 : (n,) array
-            Start, inside the limits.
+            Start, inside the limits [rad, m].
         trace : bool
             Whether to keep the error of every iteration.
         closest : bool
             Where there is no solution, whether to go on to the configuration inside the limits whose pose is nearest to
-            the target: the least sum of squared errors found, a metre counted as a radian. It is no success.
+            the target: the least sum of squared errors found, 1 m counted as 1 rad. The result is still a failure.
 
         Returns
         -------
@@ -291,7 +194,8 @@ class IKSolver(ABC):
         Raises
         ------
         InvalidInput
-            A target that is no pose, NaN, wrong shapes, a start outside the limits; a trace of too many iterations.
+            The target is not a pose, numbers are NaN, a shape is wrong, or the start is outside the limits; a trace of
+            too many iterations.
         """
         trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
         if trace and self.max_iterations > MOST_TRACED:
@@ -306,11 +210,11 @@ class IKSolver(ABC):
         Parameters
         ----------
         targets : (N, 4, 4) array
-            T_base_tool [m].
+            T_base_tool [1, m].
         starts : (N, n) or (n,) array
-            Starts, inside the limits.
+            Starts, inside the limits [rad, m].
         threads : int, optional
-            At most so many; by default all cores. The answers are the same for any number.
+            Most threads; by default one for each core. The answers are the same for any number.
 
         Returns
         -------
@@ -333,7 +237,7 @@ class IKSolver(ABC):
         for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
             result = self._solve(target, start, False)
             q, status, *numbers = result[:6]
-            batch.q[i], batch.status[i] = q, _CODES[status]
+            batch.q[i], batch.status[i] = q, STATUS_OF_CODE.index(status)
             batch.iterations[i], batch.restarts[i], batch.position_error[i], batch.rotation_error[i] = numbers
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
@@ -364,7 +268,7 @@ class IKSolver(ABC):
         return self.attempt(target, start, trace, seconds)
 
     def _proved(self, result: IKResult, target: Array) -> IKResult:
-        """Say that the target is out of reach, and by which bound."""
+        """Return the result as unreachable, with the bound that proves it."""
         distance = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         A, least, most = self._reach[:3] + 0.0, self._reach[6], self._reach[7]
         side = f"at most {most:.6g}" if distance > most else f"at least {least:.6g}"
@@ -401,9 +305,8 @@ class IKSolver(ABC):
 
     def _measure(self, q: Array, target: Array) -> tuple[float, float, bool]:
         robot = self.robot
-        lower, upper = robot.limits.lower, robot.limits.upper
-        flags = self.task.flags
-        return judge(robot.chain, lower, upper, flags, LIMIT_TOLERANCE, q, target)
+        limits = robot.limits.lower, robot.limits.upper
+        return judge(robot.chain, limits, (self.task.flags, target), LIMIT_TOLERANCE, q)
 
 
 def _merit(result: IKResult, tolerance: Tolerance) -> float:

@@ -1,4 +1,4 @@
-"""All branches by closed forms (EAIK, ssik), each one rechecked; where neither can, a numerical enumeration says so."""
+"""All branches by closed forms (EAIK, ssik), each checked; where neither solves the arm, by a numerical enumeration."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from optik.arm.robot import Robot
 from optik.content import content, equal
 from optik.errors import InvalidInput
 from optik.ik._closed import branches
+from optik.ik._closed import roots as roots_of
 from optik.ik._closed.backends import Refused, choose
 from optik.ik._problem import check_start
 from optik.ik.base import Attempt, IKSolver, IKStatus
@@ -19,23 +20,26 @@ from optik.se3 import check_pose, exp_so3, pose
 from optik.types import Array, Flags
 
 BACKENDS = ("auto", "ssik", "eaik", "enumeration")
+"""Values of the option ``backend``."""
+
 ENUMERATION = "enumeration (numerical, may be incomplete)"
+"""What results and messages call an enumeration."""
 
-STARTS = 1024
-"""Starts of an enumeration at most."""
+ENUMERATION_STARTS = 1024
+"""Starts of an enumeration at most; IDLE_STARTS ends most of them before."""
 
-PATIENCE = 60
-"""An enumeration ends when so many starts in a row found nothing new. A branch that a share p of the starts leads to is
+IDLE_STARTS = 60
+"""An enumeration ends when so many starts in a row found no new root. A branch that a share p of the starts leads to is
 then missed with probability (1 − p)^60: 5 % for p = 0.05, 0.2 % for p = 0.1."""
 
-SAMPLES = 32
-"""Roots that are enough of infinitely many."""
+ENOUGH_ROOTS = 32
+"""Roots of a redundant arm, which has infinitely many, that end an enumeration."""
 
-FULL = 8
-"""Roots that a 6R arm with a closed form has at most. Where there are fewer, some may be lost, not just complex: the
-search goes beside the target too, and to where the start leads. (EAIK lost a stretched UR5e's straight wrist so.)"""
+MOST_ROOTS = 8
+"""Roots that a 6R arm with a closed form has at most. Where there are fewer, some may be lost, not complex: the search
+asks beside the target too, and iterates from the start. (EAIK lost the straight wrist of a stretched UR5e.)"""
 
-NUDGE = 1e-3
+BESIDE = 1e-3
 """How far targets are moved to ask a closed form beside a singularity [m, rad]."""
 
 
@@ -54,7 +58,7 @@ class Branches(NamedTuple):
     backend : str
         What found them.
     complete : bool
-        Whether these are all: a closed form away from singularities. Not proved by us; what is there has been checked.
+        Whether these are all: true for a closed form away from singularities. It is not proved; every branch is checked.
     message : str
         What was done, in words.
     """
@@ -78,7 +82,7 @@ class Branches(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Roots (k, n) and branches (m, n) of a target on the way, with which branches are free, and how they came."""
+    """Roots (k, n) and branches (m, n) of a target, which branches are points of curves, and how they were found."""
 
     roots: Array
     rows: Array
@@ -90,11 +94,11 @@ class _Found(NamedTuple):
 
 
 class ClosedForm(IKSolver):
-    """The branch nearest to the start, of all that a closed form names; at singularities too.
+    """The branch nearest to the start, of all that a closed form gives; at singular configurations too.
 
     Every candidate is polished by our own kinematics and checked, near misses included; whole turns are added wherever
     limits allow. Where the Jacobian has lost rank, the closed form is asked beside the target as well, and a curve of
-    solutions is followed to its point nearest to the start. What still has no solution is tried by restarts.
+    solutions is followed to its point nearest to the start. Where no branch is found, restarts follow.
 
     A redundant arm has infinitely many: samples of them are tried, and the nearest is brought nearer along the curve.
 
@@ -131,13 +135,13 @@ class ClosedForm(IKSolver):
         self._limits = lower, upper
         self._free = np.where(moving, -np.inf, lower), np.where(moving, np.inf, upper)
         self._errors = self.tolerance.position, self.tolerance.rotation
-        self._tight = min(self._errors[0], branches.CLOSE), min(self._errors[1], branches.CLOSE)
+        self._tight = min(self._errors[0], branches.ROOT_ERROR), min(self._errors[1], branches.ROOT_ERROR)
         self._redundant = int(moving.sum()) > 6
         self._too_many = branches.too_many(robot)
         self._closed = choose(backend, robot)
         self._label = self._closed.name if self._closed else ENUMERATION
-        self._starts = robot.limits.draw(np.random.default_rng(1), STARTS)
-        twists = np.random.default_rng(3).uniform(-NUDGE, NUDGE, (3, 6))
+        self._starts = robot.limits.draw(np.random.default_rng(1), ENUMERATION_STARTS)
+        twists = np.random.default_rng(3).uniform(-BESIDE, BESIDE, (3, 6))
         self._nudges = [pose(exp_so3(sign * w[3:]), sign * w[:3]) for w in twists for sign in (1.0, -1.0)]
 
         self._load()
@@ -166,10 +170,10 @@ class ClosedForm(IKSolver):
         Parameters
         ----------
         target : (4, 4) array
-            T_base_tool [m].
+            T_base_tool [1, m].
         q0 : (n,) array, optional
-            Inside the limits: the order, the point of a curve of solutions, and the winding of a joint without an end
-            are those nearest to it. By default the middle of the limits.
+            Configuration inside the limits [rad, m], by default the middle of the limits. The order, the point of a curve of
+            solutions, and the winding of a joint without limits are those nearest to it.
 
         Returns
         -------
@@ -179,7 +183,7 @@ class ClosedForm(IKSolver):
         Raises
         ------
         InvalidInput
-            A target that is no pose, a start outside the limits.
+            The target is not a pose, or the start is outside the limits.
         """
         T = np.array(check_pose(target, "target"), order="C")
         near = self.robot.limits.middle if q0 is None else check_start(self.robot, q0)
@@ -195,16 +199,33 @@ class ClosedForm(IKSolver):
         return Branches(q, position, rotation, found.free[order], found.backend, found.complete, found.message)
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Take the branch nearest to the start; iterations are those of an enumeration, where it comes to that."""
+        """Take the branch nearest to the start.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            Target pose in the base frame [1, m].
+        start : (n,) array
+            Start inside the limits [rad, m].
+        trace : bool
+            Not used: there is no iteration.
+        seconds : float or None
+            Not used [s].
+
+        Returns
+        -------
+        Attempt
+            The branch; its iterations are those of an enumeration, where one was needed.
+        """
         target = np.ascontiguousarray(target)
         if self._closed is None or self._redundant:
             return self._nearest(target, start, self._all(target, start, self._ask(target), few=True))
         candidates, q = self._ask(target), np.empty(self.robot.n)
-        arm = (self._chain, *self._free, *self._limits)
-        count, solved, doubt = branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
-        if 0 < count < FULL and not doubt:
+        problem = self._chain, self._free, self._limits, target, self._tight
+        count, solved, doubt = roots_of.regular_answer(*problem, candidates, start, q)
+        if 0 < count < MOST_ROOTS and not doubt:
             candidates = np.vstack([candidates, start, *self._beside(target, 2)])
-            count, solved, doubt = branches.regular_answer(*arm, target, *self._tight, candidates, start, q)
+            count, solved, doubt = roots_of.regular_answer(*problem, candidates, start, q)
         if count == 0 or doubt:
             return self._nearest(target, start, self._all(target, start, candidates, few=True))
         status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
@@ -217,16 +238,16 @@ class ClosedForm(IKSolver):
             return Attempt(q.copy(), IKStatus.SOLVED, found.steps, None, found.message)
         q = start.copy()
         if len(found.roots):
-            branches.nearest(self._chain, *self._limits, found.roots, start, q)
+            roots_of.nearest(self._chain, self._limits, found.roots, start, q)
             return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
         q = self.robot.limits.clip(q)
-        branches.refine(self._chain, *self._limits, target, self.max_iterations, q)
+        roots_of.refine(self._chain, self._limits, target, self.max_iterations, q)
         return Attempt(q, IKStatus.STALLED, found.steps, None, found.message)
 
     # ------------------------------------------------------------ roots
 
     def _ask(self, target: Array) -> Array:
-        """Ask the closed form for candidates (k, n); one that falls over has none."""
+        """Ask the closed form for candidates (k, n); a backend that raises yields none."""
         none = np.empty((0, self.robot.n))
         if self._closed is None:
             return none
@@ -236,13 +257,11 @@ class ClosedForm(IKSolver):
             return none
 
     def _distinct(self, target: Array, candidates: Array) -> tuple[Array, Flags]:
-        """Polish candidates (m, n); those that meet the target (k, n), each once, and which of them are singular.
-
-        Where none does exactly (a target a hair beyond the arm), those within the tolerance.
-        """
+        """Roots (k, n) among candidates (m, n), each once, and which of them are singular."""
+        # where none meets the target to rounding (a target just out of reach), those within the tolerance
         roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
         for errors in (self._tight, self._errors):
-            count = branches.distinct(self._chain, *self._free, target, *errors, candidates, roots, singular)
+            count = roots_of.distinct(self._chain, self._free, target, errors, candidates, roots, singular)
             if count:
                 break
         return roots[:count], singular[:count]
@@ -254,12 +273,12 @@ class ClosedForm(IKSolver):
     def _enumerate(self, target: Array, near: Array, clamped: bool) -> tuple[Array, int]:
         """Roots (k, n) by search from many starts, free of the limits or kept inside them, and the steps it took."""
         starts = np.vstack([near, self._starts])
-        roots = np.empty((SAMPLES, self.robot.n))
-        low, high = self._limits if clamped else self._free
+        roots = np.empty((ENOUGH_ROOTS, self.robot.n))
+        bounds = self._limits if clamped else self._free
         steps = 0
         for errors in (self._tight, self._errors):
-            count, taken = branches.enumerate_roots(
-                self._chain, low, high, target, *errors, starts, self.max_iterations, roots, PATIENCE
+            count, taken = roots_of.enumerate_roots(
+                self._chain, bounds, target, errors, starts, self.max_iterations, roots, IDLE_STARTS
             )
             steps += taken
             if count:
@@ -269,14 +288,11 @@ class ClosedForm(IKSolver):
     # ------------------------------------------------------------ branches
 
     def _all(self, target: Array, near: Array, candidates: Array, *, few: bool) -> _Found:
-        """Find all roots and branches of a target, by the closed form, beside it, and by search, as far as it takes.
-
-        Of the branches `few` near the start will do, where there are any.
-        """
+        """Find all roots and branches of a target: by the closed form, beside the target, and by search; or a few branches."""
         roots, singular = self._distinct(target, candidates)
         told, exact = [self._label], self._closed is not None and not self._redundant
         trusted = exact and bool(len(roots) and not singular.any())
-        if exact and (len(roots) < FULL or singular.any()):
+        if exact and (len(roots) < MOST_ROOTS or singular.any()):
             beside = self._beside(target, len(self._nudges))
             roots, singular = self._distinct(target, np.vstack([roots, *beside]))
             if len(roots):

@@ -9,82 +9,83 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.compiled import compiled
-from optik.ik.base import Attempt, IKSolver, IKStatus
-from optik.kinematics import Chain, copy_vector, frames, jacobian_from, tool_pose
-from optik.linear import damped_step
+from optik.ik._status import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE
+from optik.ik.base import Attempt, IKSolver
+from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
+from optik.linear import copy_vector, damped_step
 from optik.se3 import pose_error
-from optik.task import keep_rows, task_error, task_rows
+from optik.task import Goal, task_error, task_system, whole_pose
 from optik.types import Array
 
-_SOLVED, _MAX_ITERATIONS, _SINGULAR = 0, 1, 2
+_ENDINGS = {
+    SOLVED: "error within the tolerance",
+    MAX_ITERATIONS: "maximum number of iterations",
+    STALLED: "J Jᵀ is singular and there is no damping; try damping=0.01",
+}
+"""How a run ends, in words, by its code."""
 
 
 @compiled
 def iterate(
-    chain: Chain,
-    lower: Array,
-    upper: Array,
-    flags: Array,
-    target: Array,
-    options: Array,
-    max_iterations: int,
-    q: Array,
-    best: Array,
-    trace: Array,
-) -> tuple[int, int]:
-    """Run eq. 8–13 from q (n,) in place; the iterate of smallest error into best; errors into trace, if it has rows.
+    chain: Chain, limits: Range, goal: Goal, options: Array, max_iterations: int, q: Array, best: Array, trace: Array
+) -> tuple[int, int]:  # fmt: skip
+    """Run eq. 8–13 from one start.
 
-    options holds (damping λ, step α, position and rotation tolerance, 1 where eq. 9 is taken as printed).
-    Returns (iterations, how it ended).
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Limits that every iterate is clamped to.
+    goal : Goal
+        The task and its target.
+    options : (5,) array
+        Damping λ [m, rad], step size α [1], position and rotation tolerance [m, rad], 1 where eq. 9 is taken as printed.
+    max_iterations : int
+        Most steps.
+    q : (n,) array
+        Start [rad, m]; overwritten by the last iterate.
+    best : (n,) array
+        Iterate of smallest error [rad, m]; overwritten.
+    trace : (max_iterations + 1, 6) or (0, 6) array
+        Error of every iterate [m, rad], where it has rows; overwritten.
+
+    Returns
+    -------
+    k : int
+        Steps taken.
+    code : int
+        SOLVED, MAX_ITERATIONS, or STALLED where the system is singular.
     """
-    damping, step, tolerance_p, tolerance_r, as_printed = options[0], options[1], options[2], options[3], options[4]
-    n = q.shape[0]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
-    w = np.empty(3)
-    pose = True
-    for i in range(6):  # all of the pose, and no box
-        pose = pose and flags[i] == 1.0 and flags[7 + i] == 0.0
-    smallest = np.inf
-    k = 0
+    n, (flags, target), (lower, upper), (frame, T, J) = q.shape[0], goal, limits, workspace(q.shape[0])
+    A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
+    pose, smallest, k = whole_pose(flags), np.inf, 0
     while True:
-        frames(chain, q, frame)
-        tool_pose(chain, frame, T)
-        if pose:
-            pose_error(T, target, e)  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
+        forward(chain, q, frame, T)
+        if pose:  # Δp = p_t − p, Δω = log(R_t Rᵀ): eq. 8, 10 and eq. 9 corrected
+            pose_error(T, target, e)
         else:
             task_error(T, target, flags, e, w)
+        p2, r2 = squares(e)
         if trace.shape[0] > 0:
             copy_vector(e, trace[k])
-        p2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
-        r2 = e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
-        if p2 + r2 < smallest:
+        met = p2 <= options[2] * options[2] and r2 <= options[3] * options[3]
+        if met or p2 + r2 < smallest:
             smallest = p2 + r2
             copy_vector(q, best)
-        if p2 <= tolerance_p * tolerance_p and r2 <= tolerance_r * tolerance_r:
-            copy_vector(q, best)
-            return k, _SOLVED
+        if met:
+            return k, SOLVED
         if k == max_iterations:
-            return k, _MAX_ITERATIONS
-        if as_printed != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
+            return k, MAX_ITERATIONS
+        if options[4] != 0.0:  # eq. 9 as printed: R R_tᵀ, the opposite rotation
             e[3], e[4], e[5] = -e[3], -e[4], -e[5]
         jacobian_from(chain, frame, T, J)
-        m = 6
-        if not pose:
-            task_rows(target, flags, w, J)
-            m = keep_rows(flags, J, e)
-        if not damped_step(J[:m], e[:m], damping * damping, A, y[:m], dq):  # eq. 11
-            return k, _SINGULAR
+        m = 6 if pose else task_system(target, flags, w, J, e)
+        if not damped_step(J[:m], e[:m], options[0] * options[0], A, y[:m], dq):  # eq. 11
+            return k, STALLED
         for i in range(n):  # eq. 12 with its α, eq. 13, and the limits
-            q[i] = min(max(q[i] + step * dq[i], lower[i]), upper[i])
+            q[i] = min(max(q[i] + options[1] * dq[i], lower[i]), upper[i])
         k += 1
-
-
-_STATUS = {
-    _SOLVED: (IKStatus.SOLVED, "error within the tolerance"),
-    _MAX_ITERATIONS: (IKStatus.MAX_ITERATIONS, "maximum number of iterations"),
-    _SINGULAR: (IKStatus.STALLED, "J Jᵀ is singular and there is no damping; try damping=0.01"),
-}
 
 
 class DLS(IKSolver):
@@ -125,16 +126,33 @@ class DLS(IKSolver):
         return {**super().options, "damping": self.damping, "step": self.step, "as_printed": self.as_printed}
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Iterate once from the start; so short that a time limit is only looked at between attempts."""
+        """Run the iteration once; it is so short that a time limit is only checked between attempts.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            Target pose in the base frame [1, m].
+        start : (n,) array
+            Initial guess inside the limits [rad, m].
+        trace : bool
+            Whether to keep the error of every iteration.
+        seconds : float or None
+            Not used [s].
+
+        Returns
+        -------
+        Attempt
+            The iterate of smallest error, and how the run ended.
+        """
         robot, limits = self.robot, self.robot.limits
         q, best = limits.clip(start), np.empty(robot.n)
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))
         k, code = iterate(
-            robot.chain, limits.lower, limits.upper,
-            self.task.flags, target, self._numbers, self.max_iterations, q, best, errors,
+            robot.chain, (limits.lower, limits.upper), (self.task.flags, target),
+            self._numbers, self.max_iterations, q, best, errors,
         )  # fmt: skip
-        status, message = _STATUS[code]
-        return Attempt(best, status, k, errors[: k + 1].copy() if trace else None, message)
+        kept = errors[: k + 1].copy() if trace else None
+        return Attempt(best, STATUS_OF_CODE[code], k, kept, _ENDINGS[code])
 
 
 METHOD = DLS

@@ -8,11 +8,12 @@ import casadi as ca
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi.programme import Answer, Programme, ProgrammeSolver, first_line
+from optik.ik._casadi.programme import ProgrammeSolver
+from optik.ik._casadi.solver import Answer, Programme, first_line
 from optik.ik._casadi.symbolic import Model, components, cost, descent
 from optik.ik.base import IKStatus
 
-_STATUS = {
+_RETURN_CODES = {
     "Solve_Succeeded": IKStatus.SOLVED,
     "Solved_To_Acceptable_Level": IKStatus.SOLVED,
     "Maximum_Iterations_Exceeded": IKStatus.MAX_ITERATIONS,
@@ -20,8 +21,10 @@ _STATUS = {
     "Maximum_WallTime_Exceeded": IKStatus.TIME_LIMIT,
     "User_Requested_Stop": IKStatus.TIME_LIMIT,
 }
+"""Status for each return code of IPOPT; every other one means that it stalled."""
 
 FORMS = ("constraint", "least_squares")
+"""Values of the option ``form``."""
 
 _OPTIONS: dict[str, Any] = {
     "print_level": 0,
@@ -93,7 +96,7 @@ class IPOPT(ProgrammeSolver):
             problem = self._chosen(m)
             ipopt |= {"tol": 1e-6, "mu_init": 1e-4}
         elif self.form == "constraint":
-            # Only the constraint counts: how far the barrier has come down does not.
+            # Only the constraint must converge, not the barrier.
             problem = {"x": m.q, "p": m.target, "f": ca.SX(0.0), "g": ca.cse(components(m, self.task))}
             ipopt |= {"tol": 1.0, "dual_inf_tol": 1e3, "compl_inf_tol": 1e3, "mu_init": 1e-2}
         else:  # the gradient of a square vanishes before the error does
@@ -112,20 +115,18 @@ class IPOPT(ProgrammeSolver):
             raise InvalidInput("solver_options", self.solver_options, expected) from None
 
     def _status(self, answer: Answer, constrained: bool) -> IKStatus:
-        status = _STATUS.get(answer.code, IKStatus.STALLED)
+        status = _RETURN_CODES.get(answer.code, IKStatus.STALLED)
         if status is IKStatus.SOLVED and not constrained:
-            # IPOPT is right that this is a minimum, but the pose may not be met there
+            # this is a local minimum, but the pose may not be met there
             met = answer.f <= 0.5 * (self.tolerance.position**2 + self.tolerance.rotation**2)
             return IKStatus.SOLVED if met else IKStatus.STALLED
         return status
 
 
 def _curvature(m: Model, problem: dict[str, Any], H: Any) -> ca.Function:
-    """A Gauss–Newton Hessian in place of the exact one: cheaper, and never indefinite, so that IPOPT never corrects it.
-
-    For as many equations as joints that move: there the steps are Newton's whatever the Hessian is. Where the task
-    leaves a motion free, or for the square, the exact one needs fewer iterations.
-    """
+    """A Gauss–Newton Hessian in place of the exact one: cheaper, and never indefinite, so that IPOPT never corrects it."""
+    # With as many equations as joints that move the steps are Newton's, whatever the Hessian is. Where the task leaves a
+    # motion free, or for least squares, the exact one needs fewer iterations.
     weights = [ca.SX.sym("lam_f"), ca.SX.sym("lam_g", problem["g"].numel() if "g" in problem else 0)]
     inputs, outputs = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
     return ca.Function("hess_lag", [m.q, m.target, *weights], [ca.cse(ca.triu(H))], inputs, outputs)

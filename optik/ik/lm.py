@@ -1,4 +1,4 @@
-"""The default: Gauss–Newton steps damped by the error itself, restarts from the nearest of known poses, compiled whole."""
+"""The default method: Gauss–Newton steps damped by the error itself, restarts from seeds near the target, all compiled."""
 
 from __future__ import annotations
 
@@ -15,62 +15,62 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
-from optik.ik._lm import search
+from optik.ik._lm import kernels
 from optik.ik._lm.general import attempt_task
-from optik.ik._lm.packed import ATTEMPTS, FIRST, ITERATIONS, MOST_JOINTS, pack
+from optik.ik._lm.packed import AT_ATTEMPTS, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
 from optik.ik._preference import Preference
 from optik.ik._problem import check_start
-from optik.ik.base import STATUSES, Attempt, IKBatch, IKResult, IKSolver, IKStatus
+from optik.ik._status import SOLVED, STATUS_OF_CODE
+from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
+from optik.newton import GAIN, LEAST_DAMPING
 from optik.se3 import check_pose
 from optik.types import Array
 
-LEAST_DAMPING = 1e-12
-"""λ² never falls below it. It must be negligible: 1e-8 leaves 0.2 % of near targets unsolved, 1e-4 leaves 5 %."""
-
 PATIENCE, PROGRESS = 4, 0.7
-"""An attempt is given up after so many iterations in a row that do not bring E below this share of its least."""
+"""An attempt ends after so many iterations in a row that do not bring E below this share of its least [1]."""
 
-LANES = 16
+BATCH_LANES = 16
 """Targets side by side in a batch: four vectors of four numbers hide each other's latency (8 lanes: a tenth slower)."""
 
-CHUNK = 4096
-"""Problems that a thread takes at a time."""
+BATCH_CHUNK = 4096
+"""Problems that a thread takes at a time: handing them out costs little, and all threads end at about the same time."""
 
 # Looking these up where they belong takes as long as an iteration.
-_SOLVED, _new, _empty = IKStatus.SOLVED, tuple.__new__, np.empty
+_solved, _new, _empty = IKStatus.SOLVED, tuple.__new__, np.empty
 
 _MESSAGE = {
     IKStatus.MAX_ITERATIONS: "the last attempt ran into its number of iterations",
     IKStatus.STALLED: "no attempt got further",
     IKStatus.OUTSIDE_LIMITS: "attempts met the target only with joints outside their limits",
 }
+"""What failures mean for this method, in words."""
 
 
 class LM(IKSolver):
     """Levenberg–Marquardt, damped by the error: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · ½|e|², with restarts.
 
-    An attempt runs free of the limits; its answer is brought inside by whole turns, or cut to the limits and taken on
-    from there. Attempts that stall are given up early; the next ones start at those of 256 known configurations whose
-    poses are nearest to the target. The damping is that of Sugihara (2011), without a constant part to speak of. For
-    the whole pose everything runs in one compiled kernel, argument checks and judgement included.
+    An attempt runs free of the limits; its answer is brought inside by whole turns, or clamped to the limits and iterated
+    from there. An attempt that stalls ends early; the next ones start at those of 256 seeds whose poses are nearest to
+    the target. The damping is that of Sugihara (2011) with a negligible constant part. For the whole pose everything
+    runs in one compiled kernel, argument checks and the check of the answer included.
 
     Parameters
     ----------
     robot : Robot
         The arm, of at most 12 joints.
     gain : float
-        Of the damping, ≥ 0.
+        Gain of the damping, ≥ 0 [1].
     max_iterations : int
-        Of one attempt.
+        Iterations of one attempt at most.
     max_restarts : int
-        Attempts after the first.
+        Attempts after the first at most.
     prefer : str or mapping, optional
-        For arms or tasks with free motion, what to come down to once the target is met: ``"posture"`` ½|q − posture|²,
-        ``"limits"`` ½ Σ ((q − middle) / half range)² (Liégeois 1977), ``"manipulability"`` −log √det(J Jᵀ) (Yoshikawa
-        1985), or weights of these by name. A local minimum along the free motion; the target stays met. Where nothing
-        is free (six joints and a whole pose) it changes nothing, and the result's ``message`` says so.
+        For arms or tasks with free motion, what to minimise along it once the target is met: ``"posture"``
+        ½|q − posture|², ``"limits"`` ½ Σ ((q − middle) / half range)² (Liégeois 1977), ``"manipulability"``
+        −log √det(J Jᵀ) (Yoshikawa 1985), or weights of these by name. The answer is a local minimum; the target stays
+        met. Where nothing is free (six joints and a whole pose) it changes nothing, and ``message`` says so.
     posture : (n,) array, optional
-        For ``"posture"``; by default the start.
+        Posture of ``"posture"`` [rad, m]; by default the start.
     **options
         Those of `IKSolver`.
 
@@ -86,7 +86,7 @@ class LM(IKSolver):
         self,
         robot: Robot,
         *,
-        gain: float = 0.1,
+        gain: float = GAIN,
         max_iterations: int = 50,
         max_restarts: int = 500,
         prefer: str | Mapping[str, float] | None = None,
@@ -106,17 +106,38 @@ class LM(IKSolver):
         self._n = robot.n
         self._kernel = _single(robot.n)
         self._arm = pack(robot, self._reach, self._numbers)
-        self._fast = self.task.is_pose and self.time_limit is None and self.preference is None
+        self._fast = self.task.is_pose and self.time_limit is None and not self.preference
         self._compare_models()
 
     @property
     def options(self) -> dict[str, Any]:
         """All options, as they would be given again."""
-        own = {"gain": self.gain, "prefer": None, "posture": None}
-        return {**super().options, **own, **(self.preference.options if self.preference else {})}
+        return {**super().options, "gain": self.gain, **self.preference.options}
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
-        """Find a configuration whose tool pose is the target; see `IKSolver.solve`."""
+        """Find a configuration whose tool pose is the target.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            T_base_tool [1, m].
+        q0 : (n,) array
+            Start, inside the limits [rad, m].
+        trace : bool
+            Whether to keep the error of every iteration.
+        closest : bool
+            Whether a failure goes on to the nearest pose inside the limits; see `IKSolver.solve`.
+
+        Returns
+        -------
+        IKResult
+            As `IKSolver.solve` returns it.
+
+        Raises
+        ------
+        InvalidInput
+            As `IKSolver.solve` raises it.
+        """
         if trace is not False or closest is not False:
             trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
         if trace or not self._fast:
@@ -125,16 +146,16 @@ class LM(IKSolver):
         try:
             code, iterations, restarts, position, rotation = self._kernel(self._arm, target, q0, q)
         except TypeError:
-            # a list, other numbers, gaps, an array not to be written: nothing wrong yet, but nothing for the kernel
-            code = search.WRONG
-        if code == search.SOLVED:
+            # a list, other numbers, gaps, a read-only array: they may be valid, but the kernel does not take them
+            code = kernels.WRONG
+        if code == SOLVED:
             # what IKResult(…) does, in two thirds of its time
-            return _new(IKResult, (q, _SOLVED, iterations, restarts, position, rotation, None, ""))
+            return _new(IKResult, (q, _solved, iterations, restarts, position, rotation, None, ""))
         pose, start = check_pose(target, "target"), check_start(self.robot, q0)
-        if code == search.WRONG:
+        if code == kernels.WRONG:
             plain = np.array(pose, order="C"), np.array(start, order="C")
             code, iterations, restarts, position, rotation = self._kernel(self._arm, *plain, q)
-        result = self._said(IKResult(q, STATUSES[code], iterations, restarts, position, rotation), pose)
+        result = self._said(IKResult(q, STATUS_OF_CODE[code], iterations, restarts, position, rotation), pose)
         return self._closest(result, pose, start) if closest and not result else result
 
     def _said(self, result: IKResult, target: Array) -> IKResult:
@@ -149,30 +170,33 @@ class LM(IKSolver):
         kernel = _batch(self.robot.n)
 
         def part(first: int) -> None:
-            k = slice(first, first + CHUNK)
-            kernel(self._arm, targets[k], starts[k], *(field[k] for field in batch))
+            k = slice(first, first + BATCH_CHUNK)
+            kernel(self._arm, targets[k], starts[k], tuple([field[k] for field in batch]))
 
         with ThreadPoolExecutor(threads or _cores()) as pool:
-            for _ in pool.map(part, range(0, len(targets), CHUNK)):
+            for _ in pool.map(part, range(0, len(targets), BATCH_CHUNK)):
                 pass  # an exception of a part shows itself here
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
         result = super()._solve(target, q0, trace)
-        if self.preference is None or not result:
+        if not self.preference or not result:
             return result
-        q = self.preference.improve(self.task, self.tolerance, target, q0, result.q)
+        note = self.preference.note(self.task)
+        if note:
+            return result._replace(message=note)
+        tolerance = self.tolerance.position, self.tolerance.rotation
+        q = self.preference.improve(self.task, tolerance, target, q0, result.q)
         position, rotation, _ = self._measure(q, target)
-        message = self.preference.note(self.task)
-        return result._replace(q=q, position_error=position, rotation_error=rotation, message=message)
+        return result._replace(q=q, position_error=position, rotation_error=rotation)
 
     def _attempt(self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None) -> Attempt:
         if not self.task.is_pose:
             return super()._attempt(restart, target, q0, trace, seconds)
         arm, n = self._arm.copy(), self.robot.n
-        arm[FIRST], arm[ATTEMPTS] = restart, restart + 1
+        arm[AT_FIRST], arm[AT_ATTEMPTS] = restart, restart + 1
         out = np.empty(n + (6 * (self.max_iterations + 1) if trace else 0))
         code, iterations, *_ = self._kernel(arm, np.array(target, order="C"), np.array(q0, order="C"), out)
-        status = STATUSES[code]
+        status = STATUS_OF_CODE[code]
         errors = None
         if trace:  # the kernel's twists are seen from the first joint's frame
             turn = self.robot.fixed[0, :3, :3]
@@ -180,27 +204,44 @@ class LM(IKSolver):
         return Attempt(out[:n].copy(), status, iterations, errors, _MESSAGE.get(status, ""))
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Attempt once from the start; so short that a time limit is only looked at between attempts."""
+        """Attempt once from the start; it is so short that a time limit is only checked between attempts.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            Target pose in the base frame [1, m].
+        start : (n,) array
+            Initial guess inside the limits [rad, m].
+        trace : bool
+            Whether to keep the error of every iteration.
+        seconds : float or None
+            Not used [s].
+
+        Returns
+        -------
+        Attempt
+            The last iterate, and how the attempt ended.
+        """
         if self.task.is_pose:
             return self._attempt(0, target, start, trace, seconds)
         robot, limits = self.robot, self.robot.limits
         # with motion to spare the limits are kept from the start: a free attempt drifts out of them (measured)
         q, errors = limits.clip(start), np.empty((self.max_iterations + 1 if trace else 0, 6))
         iterations, code = attempt_task(
-            robot.chain, limits.lower, limits.upper, self.task.flags, target,
+            robot.chain, (limits.lower, limits.upper), (self.task.flags, target),
             self._numbers, self.task.size < robot.n, q, errors,
         )  # fmt: skip
-        status = STATUSES[code]
+        status = STATUS_OF_CODE[code]
         return Attempt(q, status, iterations, errors[: iterations + 1] if trace else None, _MESSAGE.get(status, ""))
 
     def _compare_models(self) -> None:
-        """See that the kernel's model of the arm is the arm: its error at some configurations' own poses is none."""
+        """Check the kernel's model of the arm: at the poses of some configurations its error is zero there."""
         for q in self.robot.limits.draw(np.random.default_rng(0), 4):
             target = self.robot.fk(q)
             size = 1.0 + np.abs(self.robot.fixed[:, :3, 3]).sum() + np.abs(self.robot.tool[:3, 3]).sum()
             size += np.abs(np.where(self.robot.prismatic, q, 0.0)).sum()
             out, arm = np.empty(self.robot.n + 6), self._arm.copy()
-            arm[ITERATIONS], arm[ATTEMPTS] = 0, 1
+            arm[AT_ITERATIONS], arm[AT_ATTEMPTS] = 0, 1
             self._kernel(arm, target, q, out)
             if not np.abs(out[self.robot.n :]).max() <= 1e-12 * size:
                 raise RobotModelError(self.robot.name, f"lm reads its chain with an error of {out[self.robot.n :]}")
@@ -214,7 +255,7 @@ def _cores() -> int:
 @cache
 def _single(n: int) -> Any:
     """Return the kernel of single calls, compiled for plain contiguous arrays and for nothing else."""
-    kernel = search.single(n)
+    kernel = kernels.single(n)
     vector, matrix = numba.float64[::1], numba.float64[:, ::1]
     kernel.compile((vector, matrix, vector, vector))
     kernel.disable_compile()
@@ -223,11 +264,11 @@ def _single(n: int) -> Any:
 
 @cache
 def _batch(n: int) -> Any:
-    """Return the kernel of batches, compiled once, whatever mixture of arrays comes."""
-    kernel = search.batch(n, LANES)
+    """Return the kernel of batches, compiled for contiguous arrays and for nothing else."""
+    kernel = kernels.batch(n, BATCH_LANES)
     one, two, three = numba.float64[::1], numba.float64[:, ::1], numba.float64[:, :, ::1]
     counts = numba.int32[::1]
-    kernel.compile((one, three, two, two, numba.uint8[::1], counts, counts, one, one))
+    kernel.compile((one, three, two, numba.types.Tuple((two, numba.uint8[::1], counts, counts, one, one))))
     kernel.disable_compile()
     return kernel
 

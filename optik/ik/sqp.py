@@ -7,20 +7,22 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
-from optik.ik._casadi.programme import Answer, ProgrammeSolver
+from optik.ik._casadi.programme import ProgrammeSolver
+from optik.ik._casadi.solver import Answer
 from optik.ik._casadi.symbolic import Model, descent
 from optik.ik.base import IKStatus
 
 _QUIET = {"print_time": False, "print_header": False, "print_iteration": False, "print_status": False}
 _QUIET_QP = {"print_header": False, "print_iter": False, "print_info": False, "print_lincomb": False}
+"""Options that keep the SQP method and its QP solver from printing."""
 
 
 class SQP(ProgrammeSolver):
     """Least squares of the pose error by CasADi's ``sqpmethod`` and its active-set QP solver ``qrqp``.
 
     Minimises E = ½ Σ e² inside the joint limits with the Hessian JᵀJ + c·E·I, full steps, and no line search: the
-    damping by E takes its place. It ends where the gradient is a hundredth of the tolerance: at a pose met, or at a
-    local minimum, which is called stalled. With ``prefer``, a second programme with the task as its constraints and
+    damping by E replaces it. It ends where the gradient is a hundredth of the tolerance: where the pose is met, or at a
+    local minimum, whose status is stalled. With ``prefer``, a second programme with the task as its constraints and
     its exact Hessian made convex follows.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import kinematics
+from optik import newton
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
@@ -298,8 +298,8 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
     chain, x, d = robot.chain, np.empty(robot.n), np.empty((3, robot.n))
     for k in range(len(more)):
         at, x[:] = (nodes.twists[k], nodes.rows[k], nodes.values[k]), q[k]
-        kinematics.put_on(chain, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
-        if kinematics.derivatives_at(chain, x, *at, d, march.REGULAR)[1] >= march.REGULAR:
+        newton.put_on(chain, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
+        if newton.derivatives_at(chain, x, *at, d, march.REGULAR)[1] >= march.REGULAR:
             q[k], dq[k] = x, d
     order = np.argsort(np.concatenate([way.s, more]), kind="stable")
     s, qs, dqs = (np.concatenate(pair)[order] for pair in zip(tracked, (more, q, dq), strict=True))
@@ -344,7 +344,7 @@ def _solve_samples(
 def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
     """Whether an answer at some distance from the tracked configuration converges to it when polished."""
     x = q[None].copy()
-    kinematics.polish_batch(robot.chain, x, target[None], 10)
+    newton.polish_batch(robot.chain, x, target[None], 10)
     return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 

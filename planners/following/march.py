@@ -7,9 +7,15 @@ from math import asin, sin
 import numpy as np
 
 from optik.compiled import compiled
-from optik.kinematics import Chain, derivatives_at, frames, put_on, tool_motion, tool_pose
+from optik.kinematics import Chain, Range, frames, tool_motion, tool_pose
+from optik.newton import derivatives_at, put_on
 from optik.types import Array
 from planners.curve import bell
+
+PathNodes = tuple[Array, Array, Array, Array, Array, Array]
+"""Nodes s (k,) [m, or rad] of a path, as kernels take them: poses (k, 4, 4) and twists (k, 3, 6) of the path there [1, m,
+rad], rows (k, 4, d, n) and values (k, 4, d) of the free motion, as for `derivatives_at` [1, rad, m], and bounds (k, 2) on
+the fourth derivatives of position and rotation from each node to the next [1/m³, 1/m⁴]."""
 
 LARGEST_STEP = 0.25
 """Largest joint motion from one node to the next [rad or m]."""
@@ -271,11 +277,50 @@ def first_exit(points: Array, low: float, high: float) -> float:
 
 
 @compiled
+def _predict(h: float, q: Array, dq: Array, ahead: Array, b: Array) -> float:
+    """Configuration a step h ahead of q (n,), into ahead (n,) and the first column of b; returns the largest motion."""
+    largest = 0.0
+    for i in range(q.shape[0]):
+        step = h * (dq[0, i] + 0.5 * h * (dq[1, i] + h * dq[2, i] / 3.0))
+        ahead[i] = q[i] + step
+        b[i, 0] = ahead[i]
+        largest = max(largest, abs(step), abs(h * dq[0, i]))
+    return largest
+
+
+@compiled
+def _first_limit(b: Array, limits: Range) -> tuple[float, int]:
+    """Share of a step up to the first limit that the quintics b (n, 6) pass, and the joint; −1 where none does."""
+    lower, upper = limits
+    first, joint = 2.0, -1
+    for i in range(b.shape[0]):
+        u = first_exit(b[i], lower[i], upper[i])
+        if u < first:
+            first, joint = u, i
+    return first, joint
+
+
+@compiled
+def _corrected(q: Array, ahead: Array, worst: float, pose: Array, b: Array) -> tuple[int, int]:
+    """Code of a correction from the prediction b to ahead (n,), and the joint: DONE, NOT_MET or TOO_LONG."""
+    reach, largest = 1.0, 0.0
+    for r in range(3):
+        reach = max(reach, abs(pose[r, 3]))
+    for i in range(q.shape[0]):
+        largest = max(largest, abs(ahead[i] - b[i, 0]))
+    if not worst <= ON_PATH * reach or not largest <= LARGEST_CORRECTION:
+        return NOT_MET, 0
+    for i in range(q.shape[0]):
+        if not abs(ahead[i] - q[i]) <= LARGEST_STEP:
+            return TOO_LONG, i
+    return DONE, 0
+
+
+@compiled
 def march(
-    chain: Chain, lower: Array, upper: Array, s: Array, poses: Array, twists: Array,
-    rows: Array, values: Array, fourth: Array, tolerance: Array, least: float, q: Array, dq: Array, singular: Array,
+    chain: Chain, limits: Range, nodes: PathNodes, tolerance: Array, least: float, q: Array, dq: Array, singular: Array
 ) -> tuple[int, int, float, int]:  # fmt: skip
-    """March from q[0], dq[0] at s[0] to every next node until a step is refused.
+    """March from q[0], dq[0] at the first node to every next node until a step is refused.
 
     A step is accepted where the corrected configuration is on the path, near the predicted one and without a large joint
     motion, its smallest singular value is at least the least, and the quintic between is proved to stay on the path within
@@ -285,14 +330,10 @@ def march(
     ----------
     chain : Chain
         The arm.
-    lower, upper : (n,) array
-        Limits with slack [rad, m].
-    s, poses, twists : (k,), (k, 4, 4), (k, 3, 6) array
-        Nodes [m, or rad] and the path there.
-    rows, values : (k, 4, d, n), (k, 4, d) array
-        The free motion at the nodes, as for `derivatives_at` [1].
-    fourth : (k, 2) array
-        Bounds on the fourth derivatives of the path's position and rotation, from each node to the next [1/m³, 1/m⁴].
+    limits : Range
+        Limits with slack.
+    nodes : PathNodes
+        Nodes, the path and the free motion there.
     tolerance : (2,) array
         Largest bound on distance [m] and angle [rad].
     least : float
@@ -309,44 +350,26 @@ def march(
     joint : int
         The joint that passes its limit.
     """
-    n, largest = q.shape[1], 0.0
-    b = np.empty((n, 6))
+    s, poses, twists, rows, values, fourth = nodes
+    b = np.empty((q.shape[1], 6))
     for k in range(s.shape[0] - 1):
-        h = s[k + 1] - s[k]
-        largest = 0.0
-        for i in range(n):
-            step = h * (dq[k, 0, i] + 0.5 * h * (dq[k, 1, i] + h * dq[k, 2, i] / 3.0))
-            q[k + 1, i] = q[k, i] + step
-            b[i, 0] = q[k + 1, i]
-            largest = max(largest, abs(step), abs(h * dq[k, 0, i]))
-        if not largest <= LARGEST_STEP:
+        h, ahead = s[k + 1] - s[k], q[k + 1]
+        if not _predict(h, q[k], dq[k], ahead, b) <= LARGEST_STEP:
             return k + 1, TOO_LONG, 0.0, 0
-        reach = 1.0
-        for r in range(3):
-            reach = max(reach, abs(poses[k + 1, r, 3]))
-        worst, rank = put_on(chain, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, q[k + 1])
-        largest = 0.0
-        for i in range(n):
-            largest = max(largest, abs(q[k + 1, i] - b[i, 0]))
-        if not worst <= ON_PATH * reach or not largest <= LARGEST_CORRECTION:
-            return k + 1, NOT_MET, worst, 0
-        for i in range(n):
-            if not abs(q[k + 1, i] - q[k, i]) <= LARGEST_STEP:
-                return k + 1, TOO_LONG, 0.0, i
+        worst, rank = put_on(chain, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, ahead)
+        code, joint = _corrected(q[k], ahead, worst, poses[k + 1], b)
+        if code != DONE:
+            return k + 1, code, worst if code == NOT_MET else 0.0, joint
         rank, singular[k + 1] = derivatives_at(
-            chain, q[k + 1], twists[k + 1], rows[k + 1], values[k + 1], dq[k + 1], least
+            chain, ahead, twists[k + 1], rows[k + 1], values[k + 1], dq[k + 1], least
         )
         if not singular[k + 1] >= least or rank == 0.0:
             return k + 1, SINGULAR, singular[k + 1], 0
-        control_points(h, q[k], dq[k], q[k + 1], dq[k + 1], b)
+        control_points(h, q[k], dq[k], ahead, dq[k + 1], b)
         distance, angle = piece_bound(chain, h, b, fourth[k])
         if not (distance <= tolerance[0] and angle <= tolerance[1]):
             return k + 1, LOOSE, max(distance / tolerance[0], angle / tolerance[1]), 0
-        first, joint = 2.0, -1
-        for i in range(n):
-            u = first_exit(b[i], lower[i], upper[i])
-            if u < first:
-                first, joint = u, i
+        first, joint = _first_limit(b, limits)
         if joint >= 0:
             return k + 1, LIMIT, first, joint
     return s.shape[0], DONE, 0.0, 0

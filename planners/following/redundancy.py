@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from optik import kinematics
+from optik import newton
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik import IKSolver, make_solver
@@ -118,7 +118,14 @@ class FreeMotion:
         shares = self.s / self.path.end
         self.way = np.ascontiguousarray(self.way)
         smoothing.smooth(
-            self.chain, self.middle, self.half, poses, shares, self.first, self.keep_off, self.held, self.way, self.N
+            self.chain,
+            (self.middle, self.half),
+            (poses, shares),
+            self.first,
+            self.keep_off,
+            self.held,
+            self.way,
+            self.N,
         )
 
     def refined(self, s: float, limit: bool) -> bool:
@@ -160,7 +167,7 @@ class FreeMotion:
 
 def _reach(robot: Robot, poses: Array, q: Array) -> Flags:
     """Project configurations (k, n), in place, onto poses (k, 4, 4) by minimum-norm steps; return which of them converge."""
-    kinematics.polish_batch(robot.chain, q, poses, 12)
+    newton.polish_batch(robot.chain, q, poses, 12)
     return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < STATION_REACHED)
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik import kinematics
+from optik import newton
 from optik.arm.robot import Robot
 from optik.ik.closed_form import ClosedForm
 from optik.types import Array
@@ -69,7 +69,7 @@ def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At 
     s : float
         The place to go to [m, or rad].
     away : float
-        Least smallest singular value there; at a singular end of the path, `kinematics.settle` finds the configuration.
+        Least smallest singular value there; at a singular end of the path, `newton.settle` finds the configuration.
 
     Returns
     -------
@@ -80,14 +80,14 @@ def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At 
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
     nodes, predicted, dq = course.nodes(np.array([s])), q.copy(), np.empty((3, robot.n))
     rows, values, reach = nodes.rows[0], nodes.values[0], max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
-    error, _ = kinematics.put_on(chain, nodes.poses[0], rows[0], values[0], 8, q)
-    rank, sigma = kinematics.derivatives_at(chain, q, nodes.twists[0], rows, values, dq, away)
+    error, _ = newton.put_on(chain, nodes.poses[0], rows[0], values[0], 8, q)
+    rank, sigma = newton.derivatives_at(chain, q, nodes.twists[0], rows, values, dq, away)
     if not (sigma >= away and rank > 0.0):
         if 0.0 < s < course.path.end:
             return None
         q = predicted.copy()
         dq = np.stack([near.dq[0] + h * (near.dq[1] + 0.5 * h * near.dq[2]), near.dq[1] + h * near.dq[2], near.dq[2]])
-        error = kinematics.settle(chain, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
+        error = newton.settle(chain, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
         error = 0.0 if np.isfinite(error) else error  # the remaining error counts in the bound
     if not (error <= march.ON_PATH * reach and np.abs(q - predicted).max() <= march.LARGEST_CORRECTION):
         return None
@@ -123,8 +123,8 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
                     continue
             dq = np.empty((3, robot.n))
             at = nodes.twists[0], none, none[:, :, 0]
-            kinematics.put_on(chain, nodes.poses[0], none[0], none[0, :, 0], 8, q)
-            rank, sigma = kinematics.derivatives_at(chain, q, *at, dq, march.REGULAR)
+            newton.put_on(chain, nodes.poses[0], none[0], none[0, :, 0], 8, q)
+            rank, sigma = newton.derivatives_at(chain, q, *at, dq, march.REGULAR)
             if not (sigma >= CLEAR and rank > 0.0):
                 continue
             right = At(float(s), q, dq)

@@ -10,6 +10,12 @@ from optik.linear import cholesky_solve, damped_step
 from optik.se3 import pose_error
 from optik.types import Array
 
+Ranges = tuple[Array, Array]
+"""Middle (n,) and half (n,) of the joints' ranges [rad, m], infinite where there is no limit to keep off."""
+
+Stations = tuple[Array, Array]
+"""Poses (k, 4, 4) of the tool at stations of the path [1, m], and the stations (k,) as shares of the path [1]."""
+
 LARGEST_EDGE = 0.7
 """Largest joint motion from one station to the next [rad or m], before smoothing: a larger one may be a jump."""
 
@@ -282,19 +288,10 @@ def solve_blocks(D: Array, C: Array, b: Array) -> None:
 
 @compiled
 def _assemble(
-    middle: Array,
-    half: Array,
-    shares: Array,
-    keep_off: float,
-    held: bool,
-    way: Array,
-    N: Array,
-    D: Array,
-    C: Array,
-    b: Array,
-) -> None:
+    ranges: Ranges, shares: Array, keep_off: float, held: bool, way: Array, N: Array, system: tuple[Array, Array, Array]
+) -> None:  # fmt: skip
     """The Newton system of the cost ½ Σ |Δq|² / Δs + Σ barrier, in null-space coordinates, for `solve_blocks`."""
-    k, n, d = N.shape
+    (k, n, d), (middle, half), (D, C, b) = N.shape, ranges, system
     pull, bend = np.empty(n), np.empty(n)
     for i in range(k):
         left = shares[i] - shares[i - 1] if i > 0 else 0.0
@@ -328,8 +325,7 @@ def _assemble(
 
 @compiled
 def smooth(
-    chain: Chain, middle: Array, half: Array, poses: Array, shares: Array, first: Array,
-    keep_off: float, held: bool, way: Array, N: Array,
+    chain: Chain, ranges: Ranges, stations: Stations, first: Array, keep_off: float, held: bool, way: Array, N: Array
 ) -> float:  # fmt: skip
     """Move configurations, in place, along their self-motion manifolds to the least cost of motion and barrier.
 
@@ -339,12 +335,10 @@ def smooth(
     ----------
     chain : Chain
         The arm.
-    middle, half : (n,) array
-        Middle and half of the joints' ranges [rad, m].
-    poses : (k, 4, 4) array
-        T_base_tool at the stations [m].
-    shares : (k,) array
-        The stations as shares of the path [1].
+    ranges : Ranges
+        Middle and half of the joints' ranges.
+    stations : Stations
+        Poses and shares of the path.
     first : (n, d) array
         Basis of the null space at the first station [1].
     keep_off : float
@@ -361,12 +355,12 @@ def smooth(
     float
         Least result of `free_directions` between neighbours [1].
     """
-    k, n, d = N.shape
+    (k, n, d), (poses, shares) = N.shape, stations
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))
     move, J = np.empty((k, n)), np.empty((6, n))
     for _ in range(SMOOTHING_ROUNDS):
         directions(chain, way, first, N)
-        _assemble(middle, half, shares, keep_off, held, way, N, D, C, b)
+        _assemble(ranges, shares, keep_off, held, way, N, (D, C, b))
         solve_blocks(D, C, b)
         largest = 1e-12
         for i in range(k):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik import kinematics
+from optik import newton
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
@@ -146,9 +146,9 @@ class _Tracker:
         """Correct the start onto the path; at a singular one, begin with a smooth motion that starts there."""
         q, dq = np.array(q_start), np.empty((3, self.robot.n))
         reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
-        error, _ = kinematics.put_on(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
+        error, _ = newton.put_on(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
         at = nodes.twists[0], nodes.rows[0], nodes.values[0]
-        rank, sigma = kinematics.derivatives_at(self.chain, q, *at, dq, march.REGULAR)
+        rank, sigma = newton.derivatives_at(self.chain, q, *at, dq, march.REGULAR)
         outside = np.maximum(self.slack[0] - q, q - self.slack[1])
         given = np.clip(q_start, *self.limits)
         if not sigma >= march.REGULAR and self._depart(nodes, given):
@@ -190,7 +190,7 @@ class _Tracker:
         q, dq, singular = np.empty((k, n)), np.empty((k, 3, n)), np.empty(k)
         q[0], dq[0] = self.q[self.count - 1], self.dq[self.count - 1]
         good, code, value, joint = march.march(
-            self.chain, *self.slack, *nodes, self.allowed, self.least, q, dq, singular
+            self.chain, self.slack, (*nodes,), self.allowed, self.least, q, dq, singular
         )
         self._keep(nodes.s[1:good], q[1:good], dq[1:good])
         if self.least < march.REGULAR and good > 1 and smallest(self.robot, q[good - 1]) >= march.REGULAR:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import kinematics, se3
+from optik import kinematics, newton, se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
@@ -118,7 +118,7 @@ class JointLine(Path):
                 advice="another pose, or a q_start nearer to it",
             )
         exact = np.ascontiguousarray(result.q[None]).copy()
-        kinematics.polish_batch(robot.chain, exact, target[None], 6)
+        newton.polish_batch(robot.chain, exact, target[None], 6)
         # at a singular configuration, rounding in the last Newton step may move the joints far
         near = np.abs(exact[0] - result.q).max() <= 1e-3 and bool(robot.limits.contains(exact[0]))
         return cls(robot, q, robot.limits.clip(exact[0]) if near else result.q)

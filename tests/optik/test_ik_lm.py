@@ -19,8 +19,8 @@ import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
+from optik.ik._lm import angles as _angles
 from optik.ik._lm import general as _general
-from optik.ik._lm import lanes as _lanes
 from optik.ik._lm.packed import chain_joints, on_limits, spare_joints
 from optik.task import Task, as_task
 from tests import oracles
@@ -171,13 +171,13 @@ def test_the_chain_is_the_arm_of_every_robot(name):
 @numba.njit
 def sines_cosines(x, out):
     for i in range(x.size):
-        out[i, 0], out[i, 1] = _lanes.sine_cosine(x[i])
+        out[i, 0], out[i, 1] = _angles.sine_cosine(x[i])
 
 
 @numba.njit
 def angles(s, c, out):
     for i in range(s.size):
-        out[i, 0], out[i, 1] = _lanes.angle_of(s[i], c[i])
+        out[i, 0], out[i, 1] = _angles.angle_of(s[i], c[i])
 
 
 def test_sine_and_cosine_are_those_of_the_library():
@@ -293,12 +293,12 @@ def test_settling_ends_at_the_nearest_winding_and_stays_there(seed):
         for _ in range(rng.integers(4)):
             x = np.nextafter(x, rng.choice([-inf, inf]))
         q = np.array([x])
-        arguments = np.array([False]), np.array([lower]), np.array([upper]), np.array([start])
-        _general.settle(*arguments, q)
+        arguments = np.array([False]), (np.array([lower]), np.array([upper])), np.array([start])
+        _general.settle_inside(*arguments, q)
         assert lower <= q[0] <= upper
         best = nearest_winding(x, start, lower, upper)
         assert best is None or abs(abs(q[0] - start) - abs(best - start)) < 1e-8
-        assert any(_general.settle(*arguments, q) for _ in range(3)), (lower, upper, start, x)
+        assert any(_general.settle_inside(*arguments, q) for _ in range(3)), (lower, upper, start, x)
 
 
 HALF_TURN = """

@@ -187,7 +187,7 @@ def penalty(name, q, robot, task, posture):
     if name == "limits":
         return 0.5 * np.sum(((q - (lim.lower + lim.upper) / 2) / ((lim.upper - lim.lower) / 2)) ** 2)
     J = robot.jacobian(q)[list(task.mask)]
-    return -0.5 * np.linalg.slogdet(J @ J.T + 1e-6 * np.eye(len(J)))[1]
+    return -0.5 * np.linalg.slogdet(J @ J.T + 1e-12 * np.eye(len(J)))[1]
 
 
 def free_motion(robot, q, task):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
-from optik import DHRow, JointLimits, Robot, kinematics
+from optik import DHRow, JointLimits, Robot, kinematics, newton
 from optik.task import POSE, judge
 from tests import oracles
 
@@ -44,13 +44,13 @@ def derivatives(robot, q, twists):
     d = max(robot.n - 6, 0)
     out, rows, values = np.full((len(q), 3, robot.n), np.nan), np.zeros((4, d, robot.n)), np.zeros((4, d))
     rows[0] = np.random.default_rng(39).normal(size=(d, robot.n))
-    ranks = [kinematics.derivatives_at(robot.chain, q[k], twists[k], rows, values, out[k])[0] for k in range(len(q))]
+    ranks = [newton.derivatives_at(robot.chain, q[k], twists[k], rows, values, out[k])[0] for k in range(len(q))]
     return out, min(ranks)
 
 
 def polished(robot, q, targets, steps=10):
     q = np.array(q)
-    kinematics.polish_batch(robot.chain, q, targets, steps)
+    newton.polish_batch(robot.chain, q, targets, steps)
     return q
 
 
@@ -282,7 +282,7 @@ def test_the_judge_sees_what_errors_sees_and_the_limits(arm, seed):
     robot, rng = built(arm), np.random.default_rng(seed)
     q, target = rng.uniform(-3.3, 3.3, arm.n), oracles.fk(arm, rng.uniform(-3, 3, arm.n))
     lower, upper = robot.limits.lower, robot.limits.upper
-    position, rotation, inside = judge(robot.chain, lower, upper, POSE.flags, 1e-9, q, target)
+    position, rotation, inside = judge(robot.chain, (lower, upper), (POSE.flags, target), 1e-9, q)
     e = oracles.error(oracles.fk(arm, q), target)
     assert abs(position - np.linalg.norm(e[:3])) < 1e-13
     assert abs(rotation - np.linalg.norm(e[3:])) < 1e-12

@@ -11,9 +11,9 @@ import optik
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
-from optik.ik._preference import PREFERENCES as NAMED
-from optik.ik._preference import cost, log_manipulability
-from optik.task import as_task
+from optik.ik._casadi import symbolic
+from optik.ik._null_space import RANK_FLOOR, cost, log_manipulability
+from optik.task import Task, as_task
 from tests import oracles
 
 HALF = np.pi / 2
@@ -169,7 +169,7 @@ def test_the_whole_cost_and_its_gradient_are_the_words():
     for _ in range(20):
         q, posture, g = 0.8 * rng.uniform(arm.lower, arm.upper), rng.uniform(arm.lower, arm.upper), np.empty(7)
         J = np.ascontiguousarray(robot.jacobian(q))
-        got = cost(arm.lower, arm.upper, weights, posture, q, J, flags, g)
+        got = cost((arm.lower, arm.upper), (weights, posture), q, J, flags, g)
         if np.linalg.svd(J, compute_uv=False)[-1] < 1e-2:
             continue
 
@@ -248,11 +248,8 @@ def test_a_preference_that_changes_nothing_says_so(name):
 def test_a_preference_means_the_same_weights_to_every_method(prefer):
     robot = optik.load("panda")
     expected = {"limits": 1.0} if prefer == "limits" else {k: w for k, w in (prefer or {}).items() if w}
-    for name in ("sqp", "ipopt"):
-        assert make_solver(robot, name, prefer=prefer).prefer == expected
-    found = make_solver(robot, "lm", prefer=prefer).preference
-    weights = {} if found is None else dict(zip(NAMED, found.weights, strict=True))
-    assert {k: w for k, w in weights.items() if w} == expected
+    for name in ("lm", "sqp", "ipopt"):
+        assert make_solver(robot, name, prefer=prefer).preference.weights == expected
 
 
 @pytest.mark.parametrize("prefer", ["home", {"home": 1.0}, 3, {"limits": -1.0}, {"limits": True}, ["limits"]])
@@ -260,3 +257,43 @@ def test_a_preference_means_the_same_weights_to_every_method(prefer):
 def test_what_is_no_preference_is_refused_by_every_method(name, prefer):
     with pytest.raises(InvalidInput, match=r"^prefer"):
         make_solver(optik.load("panda"), name, prefer=prefer)
+
+
+@pytest.mark.parametrize(
+    "task", [as_task("pose"), as_task("axis_z"), Task((1, 1, 1, 0, 0, 0), "base"), Task(box=0.01)], ids=str
+)
+@pytest.mark.parametrize("name", ["lm", "sqp", "ipopt"])
+def test_every_method_minimises_the_same_function(name, task):
+    """The value by which a method chooses, and the expression that CasADi differentiates, are those of the words."""
+    rng, robot, prefer = np.random.default_rng(505), built(LBR), {"posture": 0.3, "limits": 0.7, "manipulability": 0.2}
+    solver = make_solver(robot, name, prefer=prefer, task=task)
+    q, posture = 0.8 * rng.uniform(LBR.lower, LBR.upper), rng.uniform(LBR.lower, LBR.upper)
+    target = oracles.fk(LBR, rng.uniform(LBR.lower, LBR.upper))
+    R = target[:3, :3].T if task.frame == "target" else np.eye(3)
+    J = oracles.jacobian(LBR, q)
+    J = np.vstack([R @ J[:3], R @ J[3:]])[np.array(task.mask)]
+    x = (q - 0.5 * (LBR.lower + LBR.upper)) / (0.5 * (LBR.upper - LBR.lower))
+    expected = 0.15 * np.sum((q - posture) ** 2) + 0.35 * np.sum(x**2)
+    expected -= 0.1 * np.linalg.slogdet(J @ J.T + RANK_FLOOR * np.eye(len(J)))[1]
+    assert solver.preference.value(task, target, posture, q) == pytest.approx(expected, abs=1e-9)
+    if name != "lm":
+        ca, m = pytest.importorskip("casadi"), symbolic.model(robot)
+        at = ca.SX.sym("posture", 7)
+        f = ca.Function("f", [m.q, m.target, at], [symbolic.preference_cost(m, task, robot, prefer, at)])
+        assert float(f(q, target[:3].ravel(), posture)) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("prefer", PREFERENCES, ids=str)
+def test_methods_come_to_the_same_minimum_of_a_preference(prefer):
+    """From starts near a solution most descends end in one valley; manipulability has more than one."""
+    rng, robot, task = np.random.default_rng(506), built(LBR), as_task("pose")
+    solvers = [make_solver(robot, name, prefer=prefer) for name in ("lm", "sqp", "ipopt")]
+    same = 0
+    for _ in range(8):
+        q = 0.6 * rng.uniform(LBR.lower, LBR.upper)
+        target, start = oracles.fk(LBR, q), np.clip(q + rng.normal(0.0, 0.02, 7), LBR.lower, LBR.upper)
+        results = [solver.solve(target, start) for solver in solvers]
+        assert all(results)
+        values = [solvers[0].preference.value(task, target, start, result.q) for result in results]
+        same += max(values) - min(values) < 1e-4
+    assert same >= 6

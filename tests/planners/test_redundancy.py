@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optik import Robot, kinematics
+from optik import Robot, newton
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
 from optik.arm.tables import DHRow
@@ -78,7 +78,7 @@ def test_the_smooth_free_motion_is_a_minimum_of_its_cost(held: bool) -> None:
         for step in (-1e-3, 1e-3):  # along the curve of solutions of one station, back onto it
             other = motion.way.copy()
             x = other[k : k + 1] + step * motion.N[k, :, 0]
-            kinematics.polish_batch(robot.chain, x, poses[k : k + 1], 12)
+            newton.polish_batch(robot.chain, x, poses[k : k + 1], 12)
             other[k] = x[0]
             assert cost(robot, other, shares) > least
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import optik
-from optik import Robot, kinematics
+from optik import Robot, newton
 from optik.arm.library import load
 from optik.ik import Tolerance, make_solver
 from optik.types import Array
@@ -215,7 +215,7 @@ def beside(robot: Robot, rng: np.random.Generator, d: float) -> tuple[Line, Arra
     if not result:
         return None
     x = result.q[None].copy()
-    kinematics.polish_batch(robot.chain, x, line.start[None], 10)
+    newton.polish_batch(robot.chain, x, line.start[None], 10)
     return (line, x[0]) if robot.limits.contains(x[0]) else None
 
 

@@ -1,4 +1,4 @@
-"""The symbolic model: a robot's tool and Jacobian as CasADi expressions, a task's error in them, and what to prefer."""
+"""Symbolic model: a robot's tool and Jacobian as CasADi expressions, a task's error in them, and the preference."""
 
 from __future__ import annotations
 
@@ -9,20 +9,18 @@ import casadi as ca
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.ik._null_space import RANK_FLOOR
 from optik.task import Task
 from optik.types import Array
 
-DAMPING = 0.3
+HESSIAN_DAMPING = 0.3
 """c in the Hessian JᵀJ + c·E·I, E the sum of squares: 0.1 to 1 measured alike."""
 
 _FLOOR = 1e-10
-"""Least curvature of a direction that the task leaves free."""
+"""Least curvature of the Hessian [m², rad²]: it keeps it positive definite along a direction that the task leaves free."""
 
 _HALF_TURN = 1e-9
 """Added to (2 cos ½θ)², so that no derivative is infinite at half a turn; at the target it shortens e by 1e-10 of it."""
-
-_SINGULAR = 1e-6
-"""Added to the diagonal of J Jᵀ: a singular value far below a millimetre a radian counts as that."""
 
 
 class Model(NamedTuple):
@@ -48,7 +46,18 @@ class Model(NamedTuple):
 
 
 def model(robot: Robot) -> Model:
-    """Build the model of a robot: the product of its transforms, zeros left out."""
+    """Build the model of a robot: the product of its transforms, zeros left out.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    Model
+        Its tool and Jacobian in symbols.
+    """
     q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 12)
     p, R = ca.SX.zeros(3), ca.SX.eye(3)
     axes = []
@@ -69,20 +78,51 @@ def model(robot: Robot) -> Model:
 
 
 def pose_parameters(target: Array, out: Array) -> None:
-    """Write a target pose (4, 4) into the parameters (12,) of a model."""
+    """Write a target pose into the parameters of a model.
+
+    Parameters
+    ----------
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    out : (12,) array
+        Its first three rows, row by row [1, m]; overwritten.
+    """
     out[:] = target[:3].ravel()
 
 
 def task_rows(task: Task) -> list[int]:
-    """Indices of the components that a task asks for; of the pair of an axis, those across it."""
+    """Indices of the components that a task asks for; of the pair of an axis, those across it.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+
+    Returns
+    -------
+    list of int
+        The indices.
+    """
     return [i for i in range(6) if task.mask[i]]
 
 
 def components(m: Model, task: Task) -> Any:
-    """Error (rows,) of the task's components, before the box, along the axes of its frame.
+    """Error of the task's components, before the box, along the axes of its frame.
 
     Along a rotation component with a box it is that of `optik.task.task_error`; without one it is the chord
-    2 sin ½θ instead of the angle θ: the same zero, and nothing else vanishes.
+    2 sin ½θ instead of the angle θ: the same zero, and no other.
+
+    Parameters
+    ----------
+    m : Model
+        The model.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    (rows,) expression
+        The error [m, rad].
     """
     position, D = _relative(m, task)
     exact = any(task.box[3:])
@@ -92,9 +132,21 @@ def components(m: Model, task: Task) -> Any:
 
 
 def cost(m: Model, task: Task) -> Any:
-    """Half the sum of squares E of the task's error beyond its box: ½|Δp|² and ½(2 sin ½θ)² = ¼|R − R_t|² for a pose.
+    """Half the sum of squares E of the task's error outside its box: ½|Δp|² and ½(2 sin ½θ)² = ¼|R − R_t|² for a pose.
 
     With no box on the rotation it is smooth everywhere.
+
+    Parameters
+    ----------
+    m : Model
+        The model.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    () expression
+        E [m², rad²].
     """
     rows, e = task_rows(task), components(m, task)
     smooth = _smooth(task)
@@ -117,10 +169,26 @@ def _smooth(task: Task) -> bool:
 
 
 def descent(m: Model, task: Task) -> tuple[Any, Any, Any]:
-    """Return `cost` E, its gradient (n,), and its Gauss–Newton Hessian JᵀJ + c·E·I (n, n), J the task's rows.
+    """`cost` E, its gradient, and its Gauss–Newton Hessian JᵀJ + c·E·I, J the task's rows.
 
     E is a function of the tool's pose alone: its derivatives there are a force and a torque, and Jᵀ turns them into the
     gradient. J is the geometric Jacobian where it is that of the error as the error vanishes, which is cheaper.
+
+    Parameters
+    ----------
+    m : Model
+        The model.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    f : () expression
+        E [m², rad²].
+    slope : (n,) expression
+        Its gradient.
+    H : (n, n) expression
+        The Hessian.
     """
     p, R = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
     f = cost(m._replace(p=p, R=R), task)
@@ -131,12 +199,25 @@ def descent(m: Model, task: Task) -> tuple[Any, Any, Any]:
     if any(task.box):  # what is inside the box pulls at nothing
         outside = ca.fabs(components(m, task)) > np.array(task.box)[task_rows(task)]
         rows = ca.diag(outside) @ rows
-    H = rows.T @ rows + (DAMPING * f + _FLOOR) * ca.SX.eye(m.q.numel())
+    H = rows.T @ rows + (HESSIAN_DAMPING * f + _FLOOR) * ca.SX.eye(m.q.numel())
     return f, m.J.T @ ca.vertcat(force, torque), H
 
 
 def along(m: Model, task: Task) -> Any:
-    """Rows of the geometric Jacobian (rows, n) that a task asks for, along the axes of its frame."""
+    """Rows of the geometric Jacobian that a task asks for, along the axes of its frame.
+
+    Parameters
+    ----------
+    m : Model
+        The model.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    (rows, n) expression
+        The rows [m/rad, 1].
+    """
     J = m.J
     if task.frame == "target" and not all(task.mask):
         back = _target(m)[1].T
@@ -144,10 +225,26 @@ def along(m: Model, task: Task) -> Any:
     return J[task_rows(task), :]
 
 
-def preference(m: Model, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
-    """Weighted sum of what to prefer; `optik.ik._preference.PREFERENCES` says what each is.
+def preference_cost(m: Model, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
+    """Weighted sum of what to prefer, in symbols: the same function as `optik.ik._null_space.cost`.
 
-    log sqrt(det(J Jᵀ)) is taken with 1e-6 added to the diagonal, which keeps it finite at a singular configuration.
+    Parameters
+    ----------
+    m : Model
+        The model.
+    task : Task
+        The task.
+    robot : Robot
+        The arm, whose limits count.
+    weights : mapping of str to float
+        Weights by the names of `optik.ik._preference.PREFERENCES`.
+    posture : (n,) symbol
+        Posture [rad, m].
+
+    Returns
+    -------
+    () expression
+        The sum [1].
     """
     total = ca.SX(0.0)
     for name, weight in weights.items():
@@ -159,7 +256,7 @@ def preference(m: Model, task: Task, robot: Robot, weights: Mapping[str, float],
                 total += 0.5 * weight * ((m.q[int(i)] - middle[i]) / half[i]) ** 2
         else:
             rows = along(m, task)
-            total -= weight * _log_root_det(rows @ rows.T + _SINGULAR * ca.SX.eye(rows.size1()))
+            total -= weight * _log_root_det(rows @ rows.T + RANK_FLOOR * ca.SX.eye(rows.size1()))
     return total
 
 

@@ -1,4 +1,4 @@
-"""Outside closed forms behind one face: pose in, candidates out; imported only when one is built, and tried before use.
+"""Closed forms of other packages behind one interface, pose in, candidates out; imported when built, tried before use.
 
 Both take an arm as the axes and offsets of its joints at one configuration (product of exponentials: Murray, Li and
 Sastry, A Mathematical Introduction to Robotic Manipulation, §3.2; the form of Elias and Wen, IK-Geo, 2022):
@@ -19,13 +19,14 @@ from optik.se3 import pose
 from optik.types import Array
 
 EXTRA = "closed-form"
+"""Extra of this package that installs them."""
 
 Solve = Callable[[Array], Any]
 """From the tool pose (4, 4) with R0 taken off to candidates (k, m) for the m joints that move."""
 
 
 class Refused(Exception):
-    """An outside package does not do this arm, or fell over; its text says why. It never leaves this method."""
+    """Another package cannot solve this arm, or raised an error, which the text says; handled inside `closed_form`."""
 
 
 class Axes(NamedTuple):
@@ -53,7 +54,18 @@ class Axes(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot) -> Axes:
-        """Read them off a robot's own frames."""
+        """Read them off a robot's own frames.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+
+        Returns
+        -------
+        Axes
+            The axes and offsets.
+        """
         lower, upper = robot.limits.lower, robot.limits.upper
         moving = np.flatnonzero(lower < upper)
         rest = np.where(lower < upper, 0.0, lower)
@@ -64,7 +76,7 @@ class Axes(NamedTuple):
 
 
 class Backend:
-    """One outside closed form, built for a robot.
+    """Closed form of another package, built for a robot.
 
     Parameters
     ----------
@@ -78,7 +90,7 @@ class Backend:
     MissingDependency
         The package is not installed.
     Refused
-        It cannot do this arm, or does it wrongly.
+        It cannot solve this arm, or solves it wrongly.
     """
 
     def __init__(self, name: str, robot: Robot) -> None:
@@ -93,22 +105,32 @@ class Backend:
             raise MissingDependency(name, f"IK method 'closed_form' with backend {name!r}", EXTRA) from error
         except Refused:
             raise
-        except Exception as error:  # whatever an outside package raises
+        except Exception as error:  # whatever another package raises
             raise Refused(f"{type(error).__name__}: {error}") from error
         self._try(robot)
 
     def candidates(self, target: Array) -> Array:
-        """Configurations (k, n) that the closed form names for a pose (4, 4), good or not, limits aside.
+        """Configurations that the closed form gives for a pose, not checked, limits aside.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            Target pose in the base frame [1, m].
+
+        Returns
+        -------
+        (k, n) array
+            Candidates [rad].
 
         Raises
         ------
         Refused
-            The package raised something.
+            The package raised an error.
         """
         axes = self._axes
         try:
             found = np.array(self._solve(target @ self._unturned), dtype=np.float64).reshape(-1, axes.moving.size)
-        except Exception as error:  # whatever an outside package raises
+        except Exception as error:  # whatever another package raises
             raise Refused(f"{type(error).__name__}: {error}") from error
         if axes.moving.size == axes.rest.size:
             return found
@@ -117,7 +139,7 @@ class Backend:
         return q
 
     def _try(self, robot: Robot) -> None:
-        """See that the closed form finds where some poses came from; solving once also loads what it loads late."""
+        """Check that it finds the configurations of some poses; solving once also loads what it loads late."""
         for q in robot.limits.draw(np.random.default_rng(2), 4):
             target = robot.fk(q)
             found = self.candidates(target)
@@ -131,14 +153,26 @@ class Backend:
 
 
 def choose(name: str, robot: Robot) -> Backend | None:
-    """Return the backend of that name, for ``"auto"`` the first that is installed and does the arm; None: enumeration.
+    """Return the backend of a name, for ``"auto"`` the first that is installed and solves the arm.
+
+    Parameters
+    ----------
+    name : str
+        ``"auto"``, ``"enumeration"``, ``"eaik"`` or ``"ssik"``.
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    Backend or None
+        None for an enumeration.
 
     Raises
     ------
     MissingDependency
         A named one is not installed.
     InvalidInput
-        A named one cannot do this arm.
+        A named one cannot solve this arm.
     """
     if name == "enumeration":
         return None
@@ -159,9 +193,19 @@ def choose(name: str, robot: Robot) -> Backend | None:
 def _eaik(axes: Axes) -> Solve:
     """EAIK (Ostermeier, Külz and Althoff, 2025): subproblem decomposition, up to six joints.
 
-    Its answers carry near misses, marked as least squares: at a singularity these are what is left of true branches, so
-    they are passed on. It says "known decomposition" of arms that it has none for, and prints when asked to solve them;
-    the family tells.
+    Its answers include near misses, marked as least squares: at a singularity these are what is left of true branches,
+    so they are passed on. It claims a known decomposition for arms that it has none for, and prints when asked to solve
+    them; the family says so.
+
+    Returns
+    -------
+    Solve
+        The closed form.
+
+    Raises
+    ------
+    Refused
+        It has no decomposition of this arm.
     """
     from eaik.IK_HP import HPRobot
 
@@ -176,7 +220,17 @@ def _ssik(axes: Axes) -> Solve:
     """Ssik (Srinivasa, 2026): subproblems for 6R, samples over the free joint for 7R. Only its closed forms are taken.
 
     Its general elimination takes minutes to build, and answered a general 6R arm wrongly (8.2.0); its joint-locking for
-    7R takes seconds a solve. The compiled 6R solver is reached the way the files do that ``ssik build`` writes.
+    7R takes seconds a solve. The compiled 6R solver is called as the files that ``ssik build`` writes call it.
+
+    Returns
+    -------
+    Solve
+        The closed form.
+
+    Raises
+    ------
+    Refused
+        It has no closed form of this arm.
     """
     import ssik
 

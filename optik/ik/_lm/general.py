@@ -1,25 +1,48 @@
-"""One attempt at any task, whatever it leaves free: the search of `_search` for a masked error, one target at a time."""
+"""One attempt of `lm` at any task: damped Gauss–Newton steps on the masked error, one target at a time."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from optik.compiled import compiled
+from optik.ik._lm.packed import (
+    AT_GAIN,
+    AT_ITERATIONS,
+    AT_LEAST_DAMPING,
+    AT_PATIENCE,
+    AT_PROGRESS,
+    AT_TOLERANCE_P,
+    AT_TOLERANCE_R,
+)  # fmt: skip
 from optik.ik._lm.winding import inside_winding
-from optik.kinematics import Chain, frames, jacobian_from, tool_pose
-from optik.linear import damped_step
-from optik.task import task_error, task_rows
+from optik.ik._status import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED
+from optik.kinematics import Chain, Range, workspace
+from optik.linear import copy_vector, damped_step
+from optik.task import Goal, goal_error, goal_jacobian
 from optik.types import Array, Flags
-
-SOLVED, MAX_ITERATIONS, STALLED, OUTSIDE_LIMITS = 0, 1, 2, 4
 
 
 @compiled
-def settle(prismatic: Flags, lower: Array, upper: Array, start: Array, q: Array) -> bool:
-    """Bring q (n,) inside the limits, by whole turns to the winding nearest to the start, else to the limit itself.
+def settle_inside(prismatic: Flags, limits: Range, start: Array, q: Array) -> bool:
+    """Bring a configuration inside the limits: by whole turns nearest to the start, else clamped.
 
-    Returns whether it stood there already.
+    Parameters
+    ----------
+    prismatic : (n,) array of bool
+        Which joints slide.
+    limits : Range
+        Position limits.
+    start : (n,) array
+        Start of the solve [rad, m].
+    q : (n,) array
+        Configuration [rad, m]; overwritten.
+
+    Returns
+    -------
+    bool
+        Whether it was inside already.
     """
+    lower, upper = limits
     same = True
     for i in range(q.shape[0]):
         x = q[i] if prismatic[i] else inside_winding(q[i], start[i], lower[i], upper[i])
@@ -30,56 +53,78 @@ def settle(prismatic: Flags, lower: Array, upper: Array, start: Array, q: Array)
 
 
 @compiled
-def attempt_task(
-    chain: Chain,
-    lower: Array,
-    upper: Array,
-    flags: Array,
-    target: Array,
-    numbers: Array,
-    clamped: bool,
-    q: Array,
-    trace: Array,
-) -> tuple[int, int]:
-    """Iterate from q (n,) in place, cut to the limits or free of them until the task is met outside; errors into trace.
+def hold_locked(limits: Range, J: Array) -> None:
+    """Take locked joints, whose limits are equal, out of a Jacobian.
 
-    numbers are (tolerances, gain, least damping, iterations, –, –, patience, progress). Returns (iterations, status).
+    Parameters
+    ----------
+    limits : Range
+        Position limits.
+    J : (6, n) array
+        Jacobian [m/rad, 1]; columns of locked joints are set to 0.
     """
-    _fixed, prismatic, _tool = chain
-    n = q.shape[0]
-    frame, T, J = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
-    A, y, dq, e, w, start = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), q.copy()
+    lower, upper = limits
+    for i in range(J.shape[1]):
+        if lower[i] == upper[i]:
+            for r in range(6):
+                J[r, i] = 0.0
+
+
+@compiled
+def attempt_task(
+    chain: Chain, limits: Range, goal: Goal, numbers: Array, clamped: bool, q: Array, trace: Array
+) -> tuple[int, int]:  # fmt: skip
+    """Iterate from one start, clamped to the limits, or free of them until the task is met outside.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Its position limits.
+    goal : Goal
+        The task and its target.
+    numbers : (9,) array
+        Options of the search [as `pack` takes them].
+    clamped : bool
+        Whether steps are clamped to the limits from the start.
+    q : (n,) array
+        Initial guess inside the limits [rad, m]; overwritten by the last iterate.
+    trace : (iterations + 1, 6) or (0, 6) array
+        Error of every iterate [m, rad], where it has rows; overwritten.
+
+    Returns
+    -------
+    iteration : int
+        Steps taken.
+    code : int
+        SOLVED, MAX_ITERATIONS, STALLED or OUTSIDE_LIMITS.
+    """
+    n, prismatic, (flags, target), (lower, upper) = q.shape[0], chain[1], goal, limits
+    (frame, T, J), start = workspace(n), q.copy()
+    A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
     least, stalls, iteration, settled = np.inf, 0, 0, False
     while True:
-        frames(chain, q, frame)
-        tool_pose(chain, frame, T)
-        task_error(T, target, flags, e, w)
+        p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
         if trace.shape[0] > 0:
-            for i in range(6):
-                trace[iteration, i] = e[i]
-        p2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
-        r2 = e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
+            copy_vector(e, trace[iteration])
         cost = 0.5 * (p2 + r2)
-        if p2 <= numbers[0] * numbers[0] and r2 <= numbers[1] * numbers[1]:
-            if settled or settle(prismatic, lower, upper, start, q):
+        if p2 <= numbers[AT_TOLERANCE_P] ** 2 and r2 <= numbers[AT_TOLERANCE_R] ** 2:
+            if settled or settle_inside(prismatic, limits, start, q):
                 return iteration, SOLVED
             settled, clamped, least, stalls = True, True, np.inf, 0
             continue
-        if cost < numbers[8] * least:
+        if cost < numbers[AT_PROGRESS] * least:
             least, stalls = cost, 0
         else:
             stalls += 1
-        if iteration >= numbers[4]:
+        if iteration >= numbers[AT_ITERATIONS]:
             return iteration, MAX_ITERATIONS
-        if stalls >= numbers[7] or not cost < np.inf:
+        if stalls >= numbers[AT_PATIENCE] or not cost < np.inf:
             return iteration, OUTSIDE_LIMITS if clamped else STALLED
-        jacobian_from(chain, frame, T, J)
-        task_rows(target, flags, w, J)
-        for i in range(n):
-            if lower[i] == upper[i]:
-                for r in range(6):
-                    J[r, i] = 0.0
-        if not damped_step(J, e, numbers[2] * cost + numbers[3], A, y, dq, 0.0):
+        goal_jacobian(chain, flags, target, frame, T, w, J)
+        hold_locked(limits, J)
+        if not damped_step(J, e, numbers[AT_GAIN] * cost + numbers[AT_LEAST_DAMPING], A, y, dq, 0.0):
             return iteration, STALLED
         for i in range(n):
             q[i] += dq[i]

@@ -12,81 +12,72 @@ from math import sqrt
 import numpy as np
 
 from optik.compiled import inlined
+from optik.ik._lm.angles import angle_of, sine_cosine
 from optik.ik._lm.fma import fma
-from optik.ik._lm.packed import COS_A, GAIN, LEAST_DAMPING, MOVES, PX, PY, PZ, SIN_A, SLIDES, TOOL_P, ZERO
+from optik.ik._lm.packed import (
+    AT_COS_A,
+    AT_GAIN,
+    AT_LEAST_DAMPING,
+    AT_MOVES,
+    AT_PX,
+    AT_PY,
+    AT_PZ,
+    AT_SIN_A,
+    AT_SLIDES,
+    AT_TOOL_P,
+    AT_ZERO,
+)  # fmt: skip
 from optik.se3 import log_rotation
 from optik.types import Array
 
-# Rows of the work array w (ROWS, L): what the lanes hold, for at most 12 joints. All in the frame of the first joint at
-# rest. A step ends within [LOW, HIGH] and leaves out the joints that HOLDS names, one bit each; GOAL is the target's
-# rotation, by rows, without the tool's, and its position; E is half the square of the error twist e; S the squares of its
-# position and rotation parts. PICKS are the seeds nearest to the goal, PICKED whether they are known, of each of two kinds.
+# Rows of the work array w (ROWS, L), what the lanes hold for at most 12 joints, in the frame of the first joint at rest:
+# the configuration Q, between LOW and HIGH where every step ends, the BEST so far, sines and cosines of the joint angles.
 Q, LOW, HIGH, BEST, SIN, COS = 0, 12, 24, 36, 48, 60
+# Rotation R and position P of the tool; GOAL, the target's rotation by rows, without the tool's, and its position; the
+# error twist e, half its square E, and the squares S of its position and rotation parts.
 R, P, GOAL, e, E, S = 72, 81, 84, 96, 102, 103
 PICKS = 105
-(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST, STALL, CLAMPED, OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, LOOK, HOLDS) = (
-    range(137, 151)
-)
+"""Rows of the seeds nearest to the goal, 16 of each of two kinds."""
+# Of a lane: its problem, attempt, iteration, iterations in all, least E of the attempt, iterations without progress, whether
+# steps are clamped and have been outside the limits, E at BEST, how it ends, whether an attempt begins, whether it is put
+# elsewhere (at NEXT), whether it must be looked at, and the joints that it holds, one bit each.
+(PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST_E, STALL, CLAMPED) = range(137, 144)
+(OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, LOOK, HELD_JOINTS) = range(144, 151)
 PICKED, NEXT = 151, 153
+"""Rows that say whether PICKS are known, of each of two kinds; and of the configuration that a lane is put at."""
 ROWS = 165
+"""Rows of the work array."""
 
 # Rows of the geometry g (GEOMETRY, L): joint origins, joint axes. The Jacobian J (6 n, L) is kept by columns.
 O, Z = 0, 36
 GEOMETRY = 72
+"""Rows of the geometry, for at most 12 joints."""
 
-
-ABOUT = 9.8695
-"""Square of an angle just short of half a turn."""
-
-
-@inlined
-def sine_cosine(x: float) -> tuple[float, float]:
-    """Sine and cosine to the last bits for |x| < 1e5, without branches (Cephes: Moshier 1989)."""
-    k = np.floor(x * 0.6366197723675814 + 0.5)
-    r = fma(-k, 5.39030285815811905e-15, fma(-k, 7.54978941586159635335e-8, fma(-k, 1.57079625129699707031, x)))
-    z = r * r
-    s = fma(1.58962301576546568060e-10, z, -2.50507477628578072866e-8)
-    s = fma(fma(s, z, 2.75573136213857245213e-6), z, -1.98412698295895385996e-4)
-    s = fma(fma(s, z, 8.33333333332211858878e-3), z, -1.66666666666666307295e-1)
-    s = fma(r * z, s, r)
-    c = fma(-1.13585365213876817300e-11, z, 2.08757008419747316778e-9)
-    c = fma(fma(c, z, -2.75573141792967388112e-7), z, 2.48015872888517045348e-5)
-    c = fma(fma(c, z, -1.38888888888730564116e-3), z, 4.16666666666665929218e-2)
-    c = fma(z * z, c, 1.0 - 0.5 * z)
-    quadrant = k - 4.0 * np.floor(0.25 * k)
-    odd = quadrant == 1.0 or quadrant == 3.0
-    sine = c if odd else s
-    cosine = s if odd else c
-    return (-sine if quadrant >= 2.0 else sine), (-cosine if quadrant == 1.0 or quadrant == 2.0 else cosine)
+NEARLY_HALF_TURN = 9.8695
+"""Square of an angle just short of half a turn [rad²]."""
 
 
 @inlined
-def angle_of(s: float, c: float) -> tuple[float, float]:
-    """θ in [0, π] and θ / sin θ from s = sin θ ≥ 0 and c = cos θ: 2 atan(s / (1 + |c|)), by a Chebyshev fit to 1e-13."""
-    t = s / (1.0 + abs(c))
-    z = t * t
-    p = fma(-0.0001124208502549427, z, 0.001018151896826806)
-    p = fma(fma(p, z, -0.004344250352224713), z, 0.01174565157426741)
-    p = fma(fma(p, z, -0.02299373175968858), z, 0.03563559416944365)
-    p = fma(fma(p, z, -0.04713014368368404), z, 0.05688636189885254)
-    p = fma(fma(p, z, -0.06615557216560206), z, 0.07682487117587326)
-    p = fma(fma(p, z, -0.09089586421532263), z, 0.1111099293745973)
-    p = fma(fma(p, z, -0.1428570785015817), z, 0.1999999981481194)
-    p = fma(fma(p, z, -0.3333333333121618), z, 0.9999999999999599)
-    near = 2.0 * t * p
-    angle = near if c >= 0.0 else 3.141592653589793 - near
-    return angle, (2.0 * p / (1.0 + c) if c >= 0.0 else angle / max(s, 1e-300))
+def poses(arm: Array, w: Array, g: Array, n: int) -> None:
+    """Forward kinematics of every lane: joint origins and axes, and the last joint's frame.
 
-
-@inlined
-def errors(arm: Array, w: Array, g: Array, n: int) -> None:
-    """Forward kinematics of every lane: joint origins and axes, the error twist and its squares."""
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; R and P are overwritten.
+    g : (GEOMETRY, L) array
+        Joint origins and axes [m, 1]; overwritten.
+    n : int
+        Number of joints.
+    """
     L = w.shape[1]
     for i in range(n):  # all sines first: one joint's do not wait for another's
-        zero, turns = arm[ZERO + i], 1.0 - arm[SLIDES + i]
+        zero, turns = arm[AT_ZERO + i], 1.0 - arm[AT_SLIDES + i]
         for l in range(L):
             w[SIN + i, l], w[COS + i, l] = sine_cosine(zero + turns * w[Q + i, l])
-    slides = arm[SLIDES]
+    slides = arm[AT_SLIDES]
     for l in range(L):
         s, c = w[SIN, l], w[COS, l]
         w[R, l], w[R + 1, l], w[R + 2, l] = c, -s, 0.0
@@ -96,8 +87,8 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
         g[O, l], g[O + 1, l], g[O + 2, l] = 0.0, 0.0, w[P + 2, l]
         g[Z, l], g[Z + 1, l], g[Z + 2, l] = 0.0, 0.0, 1.0
     for i in range(1, n):
-        px, py, pz, ca, sa = arm[PX + i], arm[PY + i], arm[PZ + i], arm[COS_A + i], arm[SIN_A + i]
-        slides = arm[SLIDES + i]
+        px, py, pz, ca, sa = arm[AT_PX + i], arm[AT_PY + i], arm[AT_PZ + i], arm[AT_COS_A + i], arm[AT_SIN_A + i]
+        slides = arm[AT_SLIDES + i]
         for l in range(L):
             s, c, d = w[SIN + i, l], w[COS + i, l], slides * w[Q + i, l]
             for r in range(3):
@@ -108,21 +99,29 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
                 w[P + r, l], g[O + 3 * i + r, l] = p, p
                 w[R + 3 * r, l], w[R + 3 * r + 1, l] = fma(c, x, s * up), fma(c, up, -s * x)
                 w[R + 3 * r + 2, l], g[Z + 3 * i + r, l] = axis, axis
-    tx, ty, tz = arm[TOOL_P], arm[TOOL_P + 1], arm[TOOL_P + 2]
+
+
+@inlined
+def twists(arm: Array, w: Array) -> None:
+    """Error twist of every lane and its squares, from the last joint's frame; P becomes the tool's position.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; P, e, E and S are overwritten.
+    """
+    L = w.shape[1]
+    tx, ty, tz = arm[AT_TOOL_P], arm[AT_TOOL_P + 1], arm[AT_TOOL_P + 2]
     for l in range(L):
         x0, y0, z0, x1, y1, z1 = w[R, l], w[R + 1, l], w[R + 2, l], w[R + 3, l], w[R + 4, l], w[R + 5, l]
         x2, y2, z2 = w[R + 6, l], w[R + 7, l], w[R + 8, l]
         w[P, l] += x0 * tx + y0 * ty + z0 * tz
         w[P + 1, l] += x1 * tx + y1 * ty + z1 * tz
         w[P + 2, l] += x2 * tx + y2 * ty + z2 * tz
-        u0, v0, w0, u1, v1, w1 = (
-            w[GOAL, l],
-            w[GOAL + 1, l],
-            w[GOAL + 2, l],
-            w[GOAL + 3, l],
-            w[GOAL + 4, l],
-            w[GOAL + 5, l],
-        )
+        u0, v0, w0 = w[GOAL, l], w[GOAL + 1, l], w[GOAL + 2, l]
+        u1, v1, w1 = w[GOAL + 3, l], w[GOAL + 4, l], w[GOAL + 5, l]
         u2, v2, w2 = w[GOAL + 6, l], w[GOAL + 7, l], w[GOAL + 8, l]
         # R_t Rᵀ turns about Σ (column of R × column of R_t) / 2, of length sin θ, and has trace 1 + 2 cos θ
         sx = 0.5 * (x1 * u2 - x2 * u1 + y1 * v2 - y2 * v1 + z1 * w2 - z2 * w1)
@@ -131,11 +130,8 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
         c = 0.5 * (x0 * u0 + x1 * u1 + x2 * u2 + y0 * v0 + y1 * v1 + y2 * v2 + z0 * w0 + z1 * w1 + z2 * w2 - 1.0)
         s = sqrt(sx * sx + sy * sy + sz * sz)
         angle, f = angle_of(s, c)
-        w[e, l], w[e + 1, l], w[e + 2, l] = (
-            w[GOAL + 9, l] - w[P, l],
-            w[GOAL + 10, l] - w[P + 1, l],
-            w[GOAL + 11, l] - w[P + 2, l],
-        )
+        for r in range(3):
+            w[e + r, l] = w[GOAL + 9 + r, l] - w[P + r, l]
         w[e + 3, l], w[e + 4, l], w[e + 5, l] = f * sx, f * sy, f * sz
         p2 = w[e, l] * w[e, l] + w[e + 1, l] * w[e + 1, l] + w[e + 2, l] * w[e + 2, l]
         r2 = angle * angle
@@ -144,9 +140,36 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
 
 
 @inlined
+def errors(arm: Array, w: Array, g: Array, n: int) -> None:
+    """Forward kinematics and error of every lane.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; R, P, e, E and S are overwritten.
+    g : (GEOMETRY, L) array
+        Joint origins and axes [m, 1]; overwritten.
+    n : int
+        Number of joints.
+    """
+    poses(arm, w, g, n)
+    twists(arm, w)
+
+
+@inlined
 def face_about(w: Array, l: int) -> None:
-    """Where the rotation error of lane l is all but half a turn, its sine has lost the axis: take it from the matrix."""
-    if w[S + 1, l] < ABOUT:
+    """Take the error's axis from the rotation matrix where it is nearly half a turn: its sine has lost the axis there.
+
+    Parameters
+    ----------
+    w : (ROWS, L) array
+        Lanes [as the rows say]; e is overwritten.
+    l : int
+        Lane.
+    """
+    if w[S + 1, l] < NEARLY_HALF_TURN:
         return
     D, axis = np.empty((3, 3)), np.empty(3)
     for i in range(3):
@@ -161,11 +184,21 @@ def face_about(w: Array, l: int) -> None:
 
 @inlined
 def hold(w: Array, J: Array, n: int) -> None:
-    """Take the joints that a lane holds out of its Jacobian: its step is that of the others alone."""
+    """Take the joints that a lane holds out of its Jacobian, so that the others alone make its step.
+
+    Parameters
+    ----------
+    w : (ROWS, L) array
+        Lanes [as the rows say].
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1]; columns of held joints are set to 0.
+    n : int
+        Number of joints.
+    """
     for l in range(w.shape[1]):
-        if w[HOLDS, l] == 0.0:
+        if w[HELD_JOINTS, l] == 0.0:
             continue
-        held = int(w[HOLDS, l])
+        held = int(w[HELD_JOINTS, l])
         for i in range(n):
             if held >> i & 1:
                 for r in range(6):
@@ -173,13 +206,26 @@ def hold(w: Array, J: Array, n: int) -> None:
 
 
 @inlined
-def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
-    """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · E + least damping, cut to the lane's bounds."""
+def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
+    """Geometric Jacobian of every lane; the columns of locked and held joints are 0.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say].
+    g : (GEOMETRY, L) array
+        Joint origins and axes [m, 1].
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1]; overwritten.
+    n : int
+        Number of joints.
+    """
     L = w.shape[1]
-    gain, least = arm[GAIN], arm[LEAST_DAMPING]
     for i in range(n):
         # a joint turns the tool, slides it, or is locked and does neither
-        slides, moves = arm[SLIDES + i], arm[MOVES + i]
+        slides, moves = arm[AT_SLIDES + i], arm[AT_MOVES + i]
         turns = (1.0 - slides) * moves
         slides = slides * moves
         for l in range(L):
@@ -191,9 +237,29 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
             J[6 * i + 3, l] = turns * zx
             J[6 * i + 4, l] = turns * zy
             J[6 * i + 5, l] = turns * zz
-    if n > 6:  # with fewer there is none to spare
+    if n > 6:  # with fewer joints none is to spare
         hold(w, J, n)
-    for l in range(L):
+
+
+@inlined
+def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
+    """Lower part of J Jᵀ + λ² I of every lane, row by row, with λ² = gain · E + least damping.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say].
+    A : (21, L) array or larger
+        The matrices [m²]; overwritten.
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1].
+    n : int
+        Number of joints.
+    """
+    gain, least = arm[AT_GAIN], arm[AT_LEAST_DAMPING]
+    for l in range(w.shape[1]):
         t = gain * w[E, l] + least
         a00, a11, a22, a33, a44, a55 = t, t, t, t, t, t
         a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = 0.0
@@ -221,29 +287,75 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
             a53 = fma(j5, j3, a53)
             a54 = fma(j5, j4, a54)
             a55 = fma(j5, j5, a55)
-        # L D Lᵀ, row by row; the entries of A become those of L
+        A[0, l], A[1, l], A[2, l] = a00, a10, a11
+        A[3, l], A[4, l], A[5, l] = a20, a21, a22
+        A[6, l], A[7, l], A[8, l], A[9, l] = a30, a31, a32, a33
+        A[10, l], A[11, l], A[12, l], A[13, l], A[14, l] = a40, a41, a42, a43, a44
+        A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l] = a50, a51, a52, a53, a54, a55
+
+
+@inlined
+def factorise(A: Array) -> None:
+    """Factors L D Lᵀ of every lane's matrix: the entries of L below the diagonal, and 1 / D on it.
+
+    Parameters
+    ----------
+    A : (21, L) array or larger
+        The matrices [m²]; overwritten by the factors [m², 1].
+    """
+    for l in range(A.shape[1]):
+        a00, a10, a11 = A[0, l], A[1, l], A[2, l]
+        a20, a21, a22 = A[3, l], A[4, l], A[5, l]
+        a30, a31, a32, a33 = A[6, l], A[7, l], A[8, l], A[9, l]
+        a40, a41, a42, a43, a44 = A[10, l], A[11, l], A[12, l], A[13, l], A[14, l]
+        a50, a51, a52, a53, a54, a55 = A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l]
+        # row by row; the entries of A become those of L
         d0 = 1.0 / a00
         l10, l20, l30, l40, l50 = a10 * d0, a20 * d0, a30 * d0, a40 * d0, a50 * d0
         d1 = 1.0 / fma(-l10, a10, a11)
         b21, b31, b41, b51 = fma(-l20, a10, a21), fma(-l30, a10, a31), fma(-l40, a10, a41), fma(-l50, a10, a51)
         l21, l31, l41, l51 = b21 * d1, b31 * d1, b41 * d1, b51 * d1
         d2 = 1.0 / fma(-l21, b21, fma(-l20, a20, a22))
-        b32, b42, b52 = (
-            fma(-l31, b21, fma(-l30, a20, a32)),
-            fma(-l41, b21, fma(-l40, a20, a42)),
-            fma(-l51, b21, fma(-l50, a20, a52)),
-        )
+        b32 = fma(-l31, b21, fma(-l30, a20, a32))
+        b42 = fma(-l41, b21, fma(-l40, a20, a42))
+        b52 = fma(-l51, b21, fma(-l50, a20, a52))
         l32, l42, l52 = b32 * d2, b42 * d2, b52 * d2
         d3 = 1.0 / fma(-l32, b32, fma(-l31, b31, fma(-l30, a30, a33)))
-        b43, b53 = (
-            fma(-l42, b32, fma(-l41, b31, fma(-l40, a30, a43))),
-            fma(-l52, b32, fma(-l51, b31, fma(-l50, a30, a53))),
-        )
+        b43 = fma(-l42, b32, fma(-l41, b31, fma(-l40, a30, a43)))
+        b53 = fma(-l52, b32, fma(-l51, b31, fma(-l50, a30, a53)))
         l43, l53 = b43 * d3, b53 * d3
         d4 = 1.0 / fma(-l43, b43, fma(-l42, b42, fma(-l41, b41, fma(-l40, a40, a44))))
         b54 = fma(-l53, b43, fma(-l52, b42, fma(-l51, b41, fma(-l50, a40, a54))))
         l54 = b54 * d4
         d5 = 1.0 / fma(-l54, b54, fma(-l53, b53, fma(-l52, b52, fma(-l51, b51, fma(-l50, a50, a55)))))
+        A[0, l], A[1, l], A[2, l] = d0, l10, d1
+        A[3, l], A[4, l], A[5, l] = l20, l21, d2
+        A[6, l], A[7, l], A[8, l], A[9, l] = l30, l31, l32, d3
+        A[10, l], A[11, l], A[12, l], A[13, l], A[14, l] = l40, l41, l42, l43, d4
+        A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l] = l50, l51, l52, l53, l54, d5
+
+
+@inlined
+def substitute(w: Array, A: Array, J: Array, n: int) -> None:
+    """Step Δq = Jᵀ A⁻¹ e of every lane by the factors of its matrix, clamped to the lane's bounds.
+
+    Parameters
+    ----------
+    w : (ROWS, L) array
+        Lanes [as the rows say]; Q is overwritten.
+    A : (21, L) array or larger
+        The factors [m², 1].
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1].
+    n : int
+        Number of joints.
+    """
+    for l in range(w.shape[1]):
+        d0, l10, d1 = A[0, l], A[1, l], A[2, l]
+        l20, l21, d2 = A[3, l], A[4, l], A[5, l]
+        l30, l31, l32, d3 = A[6, l], A[7, l], A[8, l], A[9, l]
+        l40, l41, l42, l43, d4 = A[10, l], A[11, l], A[12, l], A[13, l], A[14, l]
+        l50, l51, l52, l53, l54, d5 = A[15, l], A[16, l], A[17, l], A[18, l], A[19, l], A[20, l]
         y0 = w[e, l]
         y1 = fma(-l10, y0, w[e + 1, l])
         y2 = fma(-l21, y1, fma(-l20, y0, w[e + 2, l]))
@@ -263,3 +375,27 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
             q = fma(J[6 * i + 4, l], y4, q)
             q = fma(J[6 * i + 5, l], y5, q)
             w[Q + i, l] = min(max(q, w[LOW + i, l]), w[HIGH + i, l])
+
+
+@inlined
+def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
+    """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; Q is overwritten.
+    g : (GEOMETRY, L) array
+        Joint origins and axes [m, 1]; overwritten.
+    J : (6 * n, L) array
+        Jacobians, by columns [m/rad, 1]; overwritten.
+    n : int
+        Number of joints.
+    """
+    jacobians(arm, w, g, J, n)
+    # the geometry is not needed any more: its rows take the matrix
+    normal_matrix(arm, w, g, J, n)
+    factorise(g)
+    substitute(w, g, J, n)

@@ -11,23 +11,43 @@ from optik.arm.robot import Robot
 from optik.se3 import inverse
 from optik.types import Array
 
-# Where things stand in the one flat array that the kernels take: options, reach bound (8), base rotation (9) and position
-# (3), tool rotation (9) and position (3), joints to spare, the joints, the seeds' poses (13, NEAR) and configurations
-# (SEEDS, n); where joints are to spare, both once more for the seeds on the limits.
-TOLERANCE_P, TOLERANCE_R, GAIN, LEAST_DAMPING, ITERATIONS, FIRST, ATTEMPTS, PATIENCE, PROGRESS = range(9)
-REACH, BASE_R, BASE_P, TOOL_R, TOOL_P, SPARE = 9, 17, 26, 29, 38, 41
-MOST_JOINTS = 12
-# Of all joints each: p (three of them), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit.
-PX, PY, PZ, COS_A, SIN_A, ZERO, SLIDES, MOVES, LOWER, UPPER = range(42, 162, MOST_JOINTS)
+# Positions in the one flat array that the kernels take. First the options of the search, then reach bound (8), rotation
+# (9) and position (3) of the base, rotation (9) and position (3) of the tool, and the number of joints to spare.
+(AT_TOLERANCE_P, AT_TOLERANCE_R, AT_GAIN, AT_LEAST_DAMPING, AT_ITERATIONS) = range(5)
+(AT_FIRST, AT_ATTEMPTS, AT_PATIENCE, AT_PROGRESS) = range(5, 9)
+AT_REACH, AT_BASE_R, AT_BASE_P, AT_TOOL_R, AT_TOOL_P, AT_SPARE = 9, 17, 26, 29, 38, 41
 
-NEAR, SEEDS = 256, 1024
+MOST_JOINTS = 12
+"""Joints of an arm at most: the kernels' work arrays have room for so many."""
+
+# Of all joints each: p (three of them), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit.
+AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(42, 162, MOST_JOINTS)
+
+COMPARED_SEEDS, SEEDS = 256, 1024
 """Seeds whose poses are compared with the target, and seeds in all."""
 
-SEED_POSES = 162
+AT_SEEDS = 162
+"""Position of the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n): of those anywhere inside the limits,
+then, where joints are to spare, of those with joints at limits."""
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:
-    """Put an arm, its reach bound and the options of a solver into one flat array."""
+    """Put an arm, its reach bound and the options of a solver into one flat array.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    reach : (8,) array
+        Bound on the reach [as `optik.arm.reach` has it].
+    options : (9,) array
+        Tolerances, gain, least damping, iterations, first attempt, attempts, patience and progress [as the names say].
+
+    Returns
+    -------
+    (size,) array
+        The numbers, in the order of the positions of this module [as they say].
+    """
     spare = spare_joints(robot)
     joints = np.zeros((10, MOST_JOINTS))
     joints[:, : robot.n] = chain_joints(robot).T
@@ -39,7 +59,18 @@ def pack(robot: Robot, reach: Array, options: Array) -> Array:
 
 
 def spare_joints(robot: Robot) -> int:
-    """How many joints can be held at a limit while six others still move."""
+    """Number of joints that can be held at a limit while six others still move.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    int
+        The number.
+    """
     lower, upper = robot.limits.lower, robot.limits.upper
     moves = lower < upper
     limited = moves & (np.isfinite(lower) | np.isfinite(upper))
@@ -48,23 +79,45 @@ def spare_joints(robot: Robot) -> int:
 
 @lru_cache(maxsize=64)
 def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
-    """Return what the search reads of the seeds' poses (13, NEAR), and the seeds (SEEDS, n), drawn inside the limits.
+    """Poses and configurations of the seeds, drawn inside the limits, with so many joints of each held at a limit.
 
-    Of each so many joints stand at a limit, the others inside.
+    The poses are half the squared distance to a target, but for a scalar product with it and a constant: rows of rotation
+    (9) and position (3), weighted as that distance counts them, and half the square of the position. A radian counts as
+    0.3 m (measured: anything between 0.15 and 0.5 does as well).
 
-    The rows are rotation (9) and position (3), weighted as the distance between poses counts them, and half the square
-    of the position: half the squared distance to a target is that minus a scalar product, up to a constant. A radian
-    counts as 0.3 m (measured: anything between 0.15 and 0.5 does as well).
+    Returns
+    -------
+    poses : (13, COMPARED_SEEDS) array
+        What the search reads of the seeds' poses [m].
+    q : (SEEDS, n) array
+        The seeds [rad, m].
     """
     rng = np.random.default_rng(1)
     q = on_limits(robot, rng, robot.limits.draw(rng, SEEDS), held)
-    T = inverse(robot.fixed[0]) @ robot.fk(q[:NEAR])
+    T = inverse(robot.fixed[0]) @ robot.fk(q[:COMPARED_SEEDS])
     R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
     return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q
 
 
 def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Array:
-    """Put so many joints of every configuration (k, n) at a limit, both drawn: a finite one, of a joint that moves."""
+    """Put some joints of every configuration at a limit: at a finite one of a joint that can move, both drawn.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    rng : numpy.random.Generator
+        Source of random numbers.
+    q : (k, n) array
+        Configurations [rad, m].
+    held : int
+        Number of joints to put at a limit.
+
+    Returns
+    -------
+    (k, n) array
+        The configurations [rad, m].
+    """
     lower, upper = robot.limits.lower, robot.limits.upper
     end = np.where(rng.random(q.shape) < 0.5, lower, upper)
     end = np.where(np.isfinite(end), end, np.where(np.isfinite(lower), lower, upper))
@@ -73,12 +126,22 @@ def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Ar
 
 
 def chain_joints(robot: Robot) -> Array:
-    """Return the numbers of an arm's joints, (n, 10).
+    """Numbers of an arm's joints, as the kernels take them.
 
     Frames are turned about their own z, which only shifts a joint's zero, so that joint i is reached from joint i − 1 by
     the translation p and Rot(x, α), then Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if it slides: any serial arm, in two
     thirds of the multiplications of a full transform. α and θ are two of the Euler angles z–x–z of the fixed rotation;
-    the third goes to the joint before.
+    the third is added to the joint before.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    (n, 10) array
+        Of each joint p, cos α, sin α, θ, whether it slides, whether it can move, and its limits [m, 1, rad].
     """
     n, limits = robot.n, robot.limits
     joints = np.zeros((n, 10))

@@ -1,9 +1,9 @@
-"""Where attempts start, and which joints they hold: the caller's configuration first, then known ones near the target.
+"""Initial guesses of the attempts, and the joints they hold: first the caller's start, then seeds near the target.
 
-An arm with joints to spare meets a target in a continuum of configurations. Where many joints of the wanted one are at
-their limits, next to nothing of that continuum is inside, and an attempt that is free to move along it does not find
-what is. But there are as many joints at a limit as are to spare (move along the continuum until they are); held there,
-they leave six joints, whose solutions stand alone and are found from nearby. So some attempts hold joints at limits.
+A redundant arm meets a target in a continuum of configurations. Where most of it is outside the limits, an attempt that
+is free to move along it rarely finds the part inside. But the boundary of that part has as many joints at a limit as
+are to spare; with these held there, six joints remain, whose solutions are isolated and are found from nearby. So some
+attempts hold joints at limits.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from optik.ik._lm.lanes import (
     BEST,
     CLAMPED,
     GOAL,
-    HOLDS,
+    HELD_JOINTS,
     ITERATION,
-    LEAST,
+    LEAST_E,
     MOVED,
     NEXT,
     PICKED,
     PICKS,
     STALL,
 )
-from optik.ik._lm.packed import LOWER, MOVES, NEAR, SEED_POSES, SEEDS, SPARE, UPPER
+from optik.ik._lm.packed import AT_LOWER, AT_MOVES, AT_SEEDS, AT_SPARE, AT_UPPER, COMPARED_SEEDS, SEEDS
 from optik.ik._lm.stack import stack
 from optik.types import Array
 
-NEAREST = 16
-"""Seeds that are tried in the order of their poses' distance; the others follow in a fixed order."""
+NEAREST_SEEDS = 16
+"""Seeds that are tried in the order of the distance of their poses; the others follow in a fixed order."""
 
 FREE = 9
 """Attempts before the first that holds joints: with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
 
-AROUND = 7
-"""Attempts from the caller's start that hold joints: from those nearest to their limits to the six farthest left out."""
+FROM_START = 7
+"""Attempts from the caller's start that hold joints: each leaves out one more of the joints nearest to their limits."""
 
 INSIDE, ON_LIMITS = 0, 1
 """Kinds of seeds: anywhere inside the limits, or with as many joints at a limit as are to spare."""
@@ -45,22 +45,49 @@ INSIDE, ON_LIMITS = 0, 1
 
 @inlined
 def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
-    """Have joint i put elsewhere, inside its limits, once the other lanes have taken their step."""
-    w[NEXT + i, l] = min(max(q, arm[LOWER + i]), arm[UPPER + i])
+    """Have a joint put at a value, clamped to its limits, once the other lanes have taken their step.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; NEXT and MOVED are overwritten.
+    l : int
+        Lane.
+    i : int
+        Joint.
+    q : float
+        The value [rad, m].
+    """
+    w[NEXT + i, l] = min(max(q, arm[AT_LOWER + i]), arm[AT_UPPER + i])
     w[MOVED, l] = 1.0
 
 
 @inlined
 def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
-    """Go where the lane's attempt starts: the caller's configuration, the nearest seeds, then the others in turn.
+    """Put a lane at the start of its attempt: the caller's configuration, the nearest seeds, then the others in turn.
 
-    Where joints are to spare, later attempts hold them: some from the caller's start, then every second seed's.
+    Where joints are to spare, later attempts hold some: several from the caller's start, then those from every second seed.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; the lane's attempt begins.
+    n : int
+        Number of joints.
+    start : (n,) array
+        Start of the lane's problem [rad, m].
+    l : int
+        Lane.
     """
     attempt = int(w[ATTEMPT, l])
-    w[ITERATION, l], w[LEAST, l], w[STALL, l], w[CLAMPED, l] = 0.0, np.inf, 0.0, 0.0
-    w[BEGINS, l], w[HOLDS, l] = 0.0, 0.0
-    late = attempt - FREE if arm[SPARE] != 0.0 else -1
-    if attempt == 0 or 0 <= late < AROUND:
+    w[ITERATION, l], w[LEAST_E, l], w[STALL, l], w[CLAMPED, l] = 0.0, np.inf, 0.0, 0.0
+    w[BEGINS, l], w[HELD_JOINTS, l] = 0.0, 0.0
+    late = attempt - FREE if arm[AT_SPARE] != 0.0 else -1
+    if attempt == 0 or 0 <= late < FROM_START:
         for i in range(n):
             put(arm, w, l, i, start[i])
         if attempt == 0:
@@ -69,7 +96,7 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
         else:
             hold_nearest(arm, w, n, start, late, l)
     else:
-        turn = late - AROUND
+        turn = late - FROM_START
         kind = ON_LIMITS if late >= 0 and turn % 2 == 0 else INSIDE
         k = attempt - 1 if late < 0 else turn // 2
         from_seed(arm, w, n, kind, k + (FREE - 1 if late >= 0 and kind == INSIDE else 0), l)
@@ -77,52 +104,98 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
 
 @inlined
 def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) -> None:
-    """Hold as many joints as are to spare at the limits they start nearest to, the `skip` nearest of all left out."""
+    """Hold as many joints as are to spare at the limits that they are nearest to at the start.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; NEXT and HELD_JOINTS are overwritten.
+    n : int
+        Number of joints.
+    start : (n,) array
+        Start of the lane's problem [rad, m].
+    skip : int
+        Number of the nearest joints to leave out.
+    l : int
+        Lane.
+    """
     seen = 0
-    for k in range(skip + int(arm[SPARE])):
+    for k in range(skip + int(arm[AT_SPARE])):
         nearest, least = -1, np.inf
         for i in range(n):
-            distance = min(start[i] - arm[LOWER + i], arm[UPPER + i] - start[i])
-            if distance < least and arm[MOVES + i] != 0.0 and not seen >> i & 1:
+            distance = min(start[i] - arm[AT_LOWER + i], arm[AT_UPPER + i] - start[i])
+            if distance < least and arm[AT_MOVES + i] != 0.0 and not seen >> i & 1:
                 nearest, least = i, distance
         if nearest >= 0:
             seen |= 1 << nearest
             if k >= skip:
-                at_lower = start[nearest] - arm[LOWER + nearest] <= least
-                put(arm, w, l, nearest, arm[LOWER + nearest] if at_lower else arm[UPPER + nearest])
-                w[HOLDS, l] += float(1 << nearest)
+                at_lower = start[nearest] - arm[AT_LOWER + nearest] <= least
+                put(arm, w, l, nearest, arm[AT_LOWER + nearest] if at_lower else arm[AT_UPPER + nearest])
+                w[HELD_JOINTS, l] += float(1 << nearest)
 
 
 @inlined
 def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, l: int) -> None:
-    """Start at the k-th seed of a kind, the nearest first, holding what it has at a limit."""
-    table = SEED_POSES + kind * (13 * NEAR + SEEDS * n)
-    if k < NEAREST and w[PICKED + kind, l] == 0.0:
-        pick_seeds(arm, w, table, PICKS + kind * NEAREST, l)
+    """Start at a seed, holding the joints that it has at a limit.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; NEXT and HELD_JOINTS are overwritten.
+    n : int
+        Number of joints.
+    kind : int
+        INSIDE or ON_LIMITS.
+    k : int
+        Which seed of that kind, the nearest first.
+    l : int
+        Lane.
+    """
+    table = AT_SEEDS + kind * (13 * COMPARED_SEEDS + SEEDS * n)
+    if k < NEAREST_SEEDS and w[PICKED + kind, l] == 0.0:
+        pick_seeds(arm, w, table, PICKS + kind * NEAREST_SEEDS, l)
         w[PICKED + kind, l] = 1.0
-    row = int(w[PICKS + kind * NEAREST + k, l]) if k < NEAREST else ((k + 1) * 7919) % SEEDS
+    row = int(w[PICKS + kind * NEAREST_SEEDS + k, l]) if k < NEAREST_SEEDS else ((k + 1) * 7919) % SEEDS
     for i in range(n):
-        q = arm[table + 13 * NEAR + row * n + i]
+        q = arm[table + 13 * COMPARED_SEEDS + row * n + i]
         put(arm, w, l, i, q)
-        if kind == ON_LIMITS and arm[MOVES + i] != 0.0 and (q == arm[LOWER + i] or q == arm[UPPER + i]):
-            w[HOLDS, l] += float(1 << i)
+        if kind == ON_LIMITS and arm[AT_MOVES + i] != 0.0 and (q == arm[AT_LOWER + i] or q == arm[AT_UPPER + i]):
+            w[HELD_JOINTS, l] += float(1 << i)
 
 
 @inlined
 def pick_seeds(arm: Array, w: Array, table: int, picks: int, l: int) -> None:
-    """Note the NEAREST seeds of a table whose poses are nearest to the goal, nearest first."""
-    score, kept = stack(1, NEAR), stack(1, NEAREST)
+    """Find the NEAREST_SEEDS of a table whose poses are nearest to the goal, nearest first.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; the picks are overwritten.
+    table : int
+        Position of the seeds' poses in `arm`.
+    picks : int
+        Row of the first pick.
+    l : int
+        Lane.
+    """
+    score, kept = stack(1, COMPARED_SEEDS), stack(1, NEAREST_SEEDS)
     count = 0
-    for m in range(NEAR):
-        score[0, m] = arm[table + 12 * NEAR + m]
+    for m in range(COMPARED_SEEDS):
+        score[0, m] = arm[table + 12 * COMPARED_SEEDS + m]
     for i in range(12):
         g = w[GOAL + i, l]
-        for m in range(NEAR):
-            score[0, m] -= g * arm[table + i * NEAR + m]
-    for m in range(NEAR):
+        for m in range(COMPARED_SEEDS):
+            score[0, m] -= g * arm[table + i * COMPARED_SEEDS + m]
+    for m in range(COMPARED_SEEDS):
         s = score[0, m]
-        if count < NEAREST or s < kept[0, NEAREST - 1]:
-            j = min(count, NEAREST - 1)
+        if count < NEAREST_SEEDS or s < kept[0, NEAREST_SEEDS - 1]:
+            j = min(count, NEAREST_SEEDS - 1)
             while j > 0 and kept[0, j - 1] > s:
                 kept[0, j] = kept[0, j - 1]
                 w[picks + j, l] = w[picks + j - 1, l]

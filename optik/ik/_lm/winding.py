@@ -1,4 +1,4 @@
-"""Whole turns: which of the angles that look alike is meant."""
+"""Whole turns of revolute joints: the 2π-multiple inside the limits that is nearest to the start."""
 
 from __future__ import annotations
 
@@ -8,29 +8,48 @@ import numpy as np
 
 from optik.compiled import inlined
 
-TURN = 2.0 * pi
-ROUNDING = 1e-9
+WHOLE_TURN = 2.0 * pi
+"""One turn of a revolute joint [rad]."""
+
+TURN_SLACK = 1e-9
+"""How far outside a limit an angle counts as on it [rad]: adding turns rounds it, and the caller clamps it."""
+
+TIE = 1e-6
+"""How far beyond half a turn from the start an angle still stays as it is [rad]: of two alike, rounding would decide."""
 
 
 @inlined
 def inside_winding(q: float, start: float, low: float, high: float) -> float:
-    """Angle of the same direction as q inside [low, high], the nearest to the start; outside only if there is none.
+    """Angle of the same direction inside the limits that is nearest to the start.
 
-    An angle inside that is within half a turn of the start stays as it is, to the last bit. Of those outside, the one
-    nearest to the limits.
+    An angle inside that is within half a turn of the start is returned as it is, to the last bit. Where no angle of the
+    direction is inside, the one nearest to the limits is returned.
+
+    Parameters
+    ----------
+    q : float
+        Angle [rad].
+    start : float
+        Angle at the start [rad].
+    low, high : float
+        Limits [rad].
+
+    Returns
+    -------
+    float
+        The angle [rad].
     """
     inside = low <= q <= high
-    if inside and abs(start - q) <= pi + 1e-6:
+    if inside and abs(start - q) <= pi + TIE:
         return q
-    turned = q + np.floor((start - q) / TURN + 0.5) * TURN
-    # an angle that rounding puts past a limit is meant to be on it: the caller cuts it
-    if low - ROUNDING <= turned <= high + ROUNDING:
+    turned = q + np.floor((start - q) / WHOLE_TURN + 0.5) * WHOLE_TURN
+    if low - TURN_SLACK <= turned <= high + TURN_SLACK:
         return float(turned)
-    up_to = np.floor((high + ROUNDING - q) / TURN)
-    down_to = np.ceil((low - ROUNDING - q) / TURN)
+    up_to = np.floor((high + TURN_SLACK - q) / WHOLE_TURN)
+    down_to = np.ceil((low - TURN_SLACK - q) / WHOLE_TURN)
     if inside:  # the nearest to the start is outside, so the nearest inside is the last one on that side
         turns = up_to if turned > high else down_to
-        return float(q + turns * TURN) if turns != 0.0 else q
+        return float(q + turns * WHOLE_TURN) if turns != 0.0 else q
     below = up_to if turned > high else down_to - 1.0
-    past_low, past_high = low - (q + below * TURN), q + (below + 1.0) * TURN - high
-    return float(q + below * TURN if past_low <= past_high else q + (below + 1.0) * TURN)
+    past_low, past_high = low - (q + below * WHOLE_TURN), q + (below + 1.0) * WHOLE_TURN - high
+    return float(q + below * WHOLE_TURN if past_low <= past_high else q + (below + 1.0) * WHOLE_TURN)

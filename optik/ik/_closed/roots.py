@@ -1,0 +1,426 @@
+"""Roots of a target: candidates polished and checked, each once, and the branch nearest to a start, in compiled code."""
+
+from __future__ import annotations
+
+from math import floor, pi, sqrt
+
+import numpy as np
+
+from optik.compiled import compiled
+from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, workspace
+from optik.linear import cholesky_solve, copy_vector, damped_step
+from optik.newton import GAIN, LEAST_DAMPING
+from optik.types import Array, Flags
+
+SAME_ROOT = 1e-5
+"""Roots nearer than this on every joint [rad, m] are one: where two meet, rounding separates them by 1e-8 to 1e-6."""
+
+LIMIT_BAND = 1e-4
+"""A joint that is outside its limits by at most this [rad, m] is clamped, and the others moved until the target is met."""
+
+FLAT_PIVOT = 1e-9
+"""A pivot of JᵀJ below this share of its entry (3e-5 of a length) means that the configuration is singular."""
+
+POLISHING_STEPS = 40
+"""Steps of a candidate onto the target at most: near misses of a closed form take many beside a singularity."""
+
+CLAMPED_STEPS = 20
+"""Steps at most of a root that was clamped to a limit it misses by `LIMIT_BAND`."""
+
+
+@compiled
+def push(J: Array, e: Array, damping2: float, bounds: Range, q: Array, dq: Array) -> bool:
+    """Damped least-squares step, without the joints that it would push through their bounds.
+
+    Parameters
+    ----------
+    J : (6, n) array
+        Jacobian [m/rad, 1]; columns of joints left out are set to 0.
+    e : (6,) array
+        Error [m, rad].
+    damping2 : float
+        λ² [m², rad²].
+    bounds : Range
+        Bounds of the joints.
+    q : (n,) array
+        Configuration inside them [rad, m].
+    dq : (n,) array
+        The step [rad, m]; overwritten.
+
+    Returns
+    -------
+    bool
+        False where the system is singular.
+    """
+    A, y = np.empty((6, 6)), np.empty(6)
+    n, (low, high) = q.shape[0], bounds
+    for _ in range(n):
+        if not damped_step(J, e, damping2, A, y, dq, 0.0):
+            return False
+        pushed = False
+        for i in range(n):
+            if (dq[i] < 0.0 and q[i] <= low[i]) or (dq[i] > 0.0 and q[i] >= high[i]):
+                dq[i] = 0.0
+                for r in range(6):
+                    pushed = pushed or J[r, i] != 0.0
+                    J[r, i] = 0.0
+        if not pushed:
+            return True
+    return True
+
+
+@compiled
+def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
+    """Damped Gauss–Newton steps onto a target, inside bounds, to rounding or until they make no progress.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bounds : Range
+        Bounds of the joints.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    steps : int
+        Most steps.
+    q : (n,) array
+        Initial guess [rad, m]; overwritten by the configuration of least error.
+
+    Returns
+    -------
+    k : int
+        Steps taken.
+    position, rotation : float
+        Errors left, both scalars [m, rad].
+    """
+    n, (low, high) = q.shape[0], bounds
+    (frame, T, J), e, dq, best = workspace(n), np.empty(6), np.empty(n), q.copy()
+    least, position, rotation, stalls, k = np.inf, np.inf, np.inf, 0, 0
+    while True:
+        p2, r2 = error_of_pose(chain, target, q, frame, T, e)
+        size = p2 + r2
+        stalls = 0 if size < 0.5 * least else stalls + 1
+        if size < least:
+            least, position, rotation = size, sqrt(p2), sqrt(r2)
+            copy_vector(q, best)
+        # to 1e-14; a candidate that comes with 1e-12 is not changed
+        if least < 1e-28 or (k == 0 and least < 1e-24) or stalls == 4 or k == steps or not size < np.inf:
+            copy_vector(best, q)
+            return k, position, rotation
+        jacobian_from(chain, frame, T, J)
+        if not push(J, e, 0.5 * GAIN * size + LEAST_DAMPING, bounds, q, dq):
+            copy_vector(best, q)
+            return k, position, rotation
+        for i in range(n):
+            q[i] = min(max(q[i] + dq[i], low[i]), high[i])
+        k += 1
+
+
+@compiled
+def same(chain: Chain, a: Array, b: Array) -> bool:
+    """Whether two configurations are one, whole turns aside.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    a, b : (n,) arrays
+        Configurations [rad, m].
+
+    Returns
+    -------
+    bool
+        Whether every joint differs by less than `SAME_ROOT`.
+    """
+    _fixed, prismatic, _tool = chain
+    for i in range(a.shape[0]):
+        d = a[i] - b[i]
+        if not prismatic[i]:
+            d -= 2.0 * pi * floor(d / (2.0 * pi) + 0.5)
+        if not abs(d) < SAME_ROOT:
+            return False
+    return True
+
+
+@compiled
+def flat(chain: Chain, bounds: Range, q: Array) -> bool:
+    """Whether a configuration is singular: the Jacobian's columns of the joints that can move depend on each other.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bounds : Range
+        Bounds of the joints: equal where a joint is locked.
+    q : (n,) array
+        Configuration [rad, m].
+
+    Returns
+    -------
+    bool
+        Whether a pivot of JᵀJ is below `FLAT_PIVOT`.
+    """
+    n, (low, high) = q.shape[0], bounds
+    (frame, T, J), A, y = workspace(n), np.empty((n, n)), np.zeros(n)
+    forward(chain, q, frame, T)
+    jacobian_from(chain, frame, T, J)
+    for i in range(n):
+        for j in range(i + 1):
+            A[i, j] = 0.0
+            for r in range(6):
+                A[i, j] += J[r, i] * J[r, j]
+            if (low[i] == high[i] or low[j] == high[j]) and i != j:
+                A[i, j] = 0.0
+        if low[i] == high[i]:
+            A[i, i] = 1.0
+    return not cholesky_solve(A, y, FLAT_PIVOT)
+
+
+@compiled
+def add_root(chain: Chain, bounds: Range, q: Array, roots: Array, count: int) -> bool:
+    """Append a configuration to the roots, its revolute joints in [−π, π), unless it is one of them.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bounds : Range
+        Bounds of the joints: equal where a joint is locked.
+    q : (n,) array
+        Configuration [rad, m].
+    roots : (k, n) array
+        The roots [rad, m]; row `count` is overwritten.
+    count : int
+        Number of roots so far.
+
+    Returns
+    -------
+    bool
+        Whether it was appended.
+    """
+    (_fixed, prismatic, _tool), (low, high) = chain, bounds
+    for k in range(count):
+        if same(chain, q, roots[k]):
+            return False
+    for i in range(q.shape[0]):
+        x = q[i]
+        if not prismatic[i] and low[i] < high[i]:
+            x -= 2.0 * pi * floor(x / (2.0 * pi) + 0.5)
+        roots[count, i] = x
+    return True
+
+
+@compiled
+def distinct(
+    chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float],
+    candidates: Array, roots: Array, singular: Flags,
+) -> int:  # fmt: skip
+    """Refine candidates and keep those that meet the target, each once.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bounds : Range
+        Bounds of the joints.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    tolerance : (float, float)
+        Largest position and rotation error [m, rad].
+    candidates : (m, n) array
+        Configurations [rad, m]; overwritten by the refined ones.
+    roots : (m, n) array
+        The roots [rad, m]; overwritten.
+    singular : (m,) array of bool
+        Whether each root is singular; overwritten.
+
+    Returns
+    -------
+    int
+        Number of roots.
+    """
+    count = 0
+    for k in range(candidates.shape[0]):
+        q = candidates[k]
+        _, position, rotation = refine(chain, bounds, target, POLISHING_STEPS, q)
+        if position <= tolerance[0] and rotation <= tolerance[1] and add_root(chain, bounds, q, roots, count):
+            singular[count] = flat(chain, bounds, roots[count])
+            count += 1
+    return count
+
+
+@compiled
+def regular_answer(
+    chain: Chain, bounds: Range, limits: Range, target: Array,
+    tolerance: tuple[float, float], candidates: Array, q0: Array, q: Array,
+) -> tuple[int, bool, bool]:  # fmt: skip
+    """`distinct` and `nearest` in one call: the branch nearest to a start.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bounds : Range
+        Bounds of roots.
+    limits : Range
+        Position limits of the branch.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    tolerance : (float, float)
+        Largest position and rotation error [m, rad].
+    candidates : (m, n) array
+        Configurations [rad, m]; overwritten by the refined ones.
+    q0 : (n,) array
+        Start, inside the limits [rad, m].
+    q : (n,) array
+        The branch [rad, m]; overwritten.
+
+    Returns
+    -------
+    count : int
+        Number of roots.
+    solved : bool
+        Whether q is inside the limits.
+    doubt : bool
+        Whether some root is singular, or so near to a limit that rounding decides.
+    """
+    roots, singular = np.empty_like(candidates), np.empty(candidates.shape[0], np.bool_)
+    count = distinct(chain, bounds, target, tolerance, candidates, roots, singular)
+    solved, doubt = nearest(chain, limits, roots[:count], q0, q)
+    for k in range(count):
+        doubt = doubt or singular[k]
+    return count, solved, doubt
+
+
+@compiled
+def enumerate_roots(
+    chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float],
+    starts: Array, steps: int, roots: Array, patience: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Refine from many starts until enough of them in a row lead to no new root.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bounds : Range
+        Bounds of the joints.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    tolerance : (float, float)
+        Largest position and rotation error [m, rad].
+    starts : (m, n) array
+        Initial guesses [rad, m].
+    steps : int
+        Most steps from each.
+    roots : (k, n) array
+        The roots [rad, m]; overwritten. The search ends when it is full.
+    patience : int
+        Starts in a row without a new root that end the search.
+
+    Returns
+    -------
+    count : int
+        Number of roots.
+    taken : int
+        Steps taken in all.
+    """
+    count, idle, taken = 0, 0, 0
+    q = np.empty(starts.shape[1])
+    for k in range(starts.shape[0]):
+        if idle >= patience or count == roots.shape[0]:
+            break
+        copy_vector(starts[k], q)
+        more, position, rotation = refine(chain, bounds, target, steps, q)
+        taken += more
+        idle += 1
+        if position <= tolerance[0] and rotation <= tolerance[1] and add_root(chain, bounds, q, roots, count):
+            count, idle = count + 1, 0
+    return count, taken
+
+
+@compiled
+def nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Array) -> tuple[bool, bool]:
+    """Branch nearest to a start.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Position limits.
+    roots : (k, n) array
+        Roots [rad, m].
+    q0 : (n,) array
+        Start, inside the limits [rad, m].
+    q : (n,) array
+        The branch [rad, m], or, where no root has one inside, the winding that is outside by least; overwritten.
+
+    Returns
+    -------
+    found : bool
+        Whether q is inside the limits.
+    close : bool
+        Whether some root is within `LIMIT_BAND` of a limit, outside.
+    """
+    (_fixed, prismatic, _tool), (lower, upper) = chain, limits
+    turn, x = 2.0 * pi, np.empty(q.shape[0])
+    least, least_out, close = np.inf, np.inf, False
+    for k in range(roots.shape[0]):
+        distance, out = 0.0, 0.0
+        for i in range(q.shape[0]):
+            v = roots[k, i]
+            if not prismatic[i] and lower[i] < upper[i]:
+                v += turn * floor((q0[i] - v) / turn + 0.5)
+                off = max(lower[i] - v, v - upper[i])
+                close = close or 0.0 < off < LIMIT_BAND
+                if off > 0.0:  # the nearest inside is the first one inside, if there is one
+                    other = v + turn if v < lower[i] else v - turn
+                    off2 = max(lower[i] - other, other - upper[i])
+                    close = close or 0.0 < off2 < LIMIT_BAND
+                    v = other if off2 < off else v
+            off = max(lower[i] - v, v - upper[i])
+            close = close or 0.0 < off < LIMIT_BAND
+            out = max(out, off)
+            distance += (v - q0[i]) * (v - q0[i])
+            x[i] = v
+        if out <= 0.0 and (distance < least):
+            least, least_out = distance, 0.0
+            copy_vector(x, q)
+        elif least == np.inf and out < least_out:
+            least_out = out
+            copy_vector(x, q)
+    return least < np.inf, close
+
+
+@compiled
+def keep_inside(
+    chain: Chain, limits: Range, target: Array, tolerance: tuple[float, float], rows: Array, good: Flags
+) -> None:  # fmt: skip
+    """Clamp configurations to their limits, move them back onto the target, and say which meet it inside.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Position limits.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    tolerance : (float, float)
+        Largest position and rotation error [m, rad].
+    rows : (k, n) array
+        Configurations [rad, m]; overwritten.
+    good : (k,) array of bool
+        Whether each meets the target; overwritten.
+    """
+    lower, upper = limits
+    for k in range(rows.shape[0]):
+        q = rows[k]
+        moved = False
+        for i in range(q.shape[0]):
+            moved = moved or q[i] < lower[i] or q[i] > upper[i]
+            q[i] = min(max(q[i], lower[i]), upper[i])
+        # no steps where nothing was clamped: only the error is measured
+        _, position, rotation = refine(chain, limits, target, CLAMPED_STEPS if moved else 0, q)
+        good[k] = position <= tolerance[0] and rotation <= tolerance[1]

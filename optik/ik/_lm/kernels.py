@@ -1,0 +1,271 @@
+"""Kernels of `lm`: one target, or many side by side; the lanes take problems, and their answers are written."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.arm.limits import LIMIT_TOLERANCE as SLACK
+from optik.compiled import compiled, inlined, parallel
+from optik.ik._lm.lanes import (
+    ATTEMPT,
+    BEGINS,
+    BEST_E,
+    ENDING,
+    GEOMETRY,
+    GOAL,
+    ITERATION,
+    LOOK,
+    MOVED,
+    PROBLEM,
+    ROWS,
+    TOTAL,
+    Q,
+    S,
+    e,
+    errors,
+    face_about,
+    steps,
+)  # fmt: skip
+from optik.ik._lm.packed import AT_BASE_P, AT_BASE_R, AT_FIRST, AT_LOWER, AT_TOOL_R, AT_UPPER
+from optik.ik._lm.search import HELD, STEP, advance, place, tick
+from optik.ik._lm.stack import stack
+from optik.se3 import is_pose
+from optik.types import Array
+
+WRONG = -3
+"""Code of arguments that are not valid: the caller checks them again, and raises."""
+
+IDLE = -1.0
+"""Number of the problem of a lane that has none."""
+
+
+class Answers(NamedTuple):
+    """Arrays that answers are written into: q (N, n), and (N,) each; trace (6 k,) takes the errors of one attempt."""
+
+    q: Array
+    status: Any
+    iterations: Any
+    restarts: Any
+    position_error: Array
+    rotation_error: Array
+    trace: Array
+
+
+@inlined
+def aim(arm: Array, target: Array, w: Array, l: int) -> None:
+    """Take a target: seen from the first joint's frame, its rotation without the tool's.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; GOAL is overwritten.
+    l : int
+        Lane.
+    """
+    for i in range(3):
+        v = 0.0
+        for m in range(3):
+            v += arm[AT_BASE_R + 3 * m + i] * (target[m, 3] - arm[AT_BASE_P + m])
+        w[GOAL + 9 + i, l] = v
+        b0, b1, b2 = arm[AT_BASE_R + i], arm[AT_BASE_R + 3 + i], arm[AT_BASE_R + 6 + i]
+        r0 = b0 * target[0, 0] + b1 * target[1, 0] + b2 * target[2, 0]
+        r1 = b0 * target[0, 1] + b1 * target[1, 1] + b2 * target[2, 1]
+        r2 = b0 * target[0, 2] + b1 * target[1, 2] + b2 * target[2, 2]
+        for j in range(3):
+            m = AT_TOOL_R + 3 * j
+            w[GOAL + 3 * i + j, l] = r0 * arm[m] + r1 * arm[m + 1] + r2 * arm[m + 2]
+
+
+@inlined
+def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
+    """Give a lane a problem.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; overwritten from GOAL on.
+    targets : (N, 4, 4) array
+        Target poses [1, m].
+    problem : int
+        Index of the problem.
+    l : int
+        Lane.
+    """
+    aim(arm, targets[problem], w, l)
+    for i in range(PROBLEM, ROWS):
+        w[i, l] = 0.0
+    w[PROBLEM, l], w[ATTEMPT, l], w[BEST_E, l] = problem, arm[AT_FIRST], np.inf
+    w[BEGINS, l], w[MOVED, l] = 1.0, 1.0
+
+
+@inlined
+def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
+    """Write a lane's answer.
+
+    Parameters
+    ----------
+    w : (ROWS, L) array
+        Lanes [as the rows say].
+    n : int
+        Number of joints.
+    answers : Answers
+        Overwritten at the lane's problem.
+    l : int
+        Lane.
+    status : int
+        Code of the status.
+    """
+    p = int(w[PROBLEM, l])
+    for i in range(n):
+        answers.q[p, i] = w[Q + i, l]
+    answers.status[p] = status
+    answers.iterations[p], answers.restarts[p] = int(w[TOTAL, l]), int(w[ATTEMPT, l])
+    answers.position_error[p], answers.rotation_error[p] = sqrt(w[S, l]), sqrt(w[S + 1, l])
+
+
+@inlined
+def note(w: Array, trace: Array) -> None:
+    """Write the error of the first lane into the trace of its attempt.
+
+    Parameters
+    ----------
+    w : (ROWS, L) array
+        Lanes [as the rows say].
+    trace : (m,) array
+        Error twists, six numbers each [m, rad]; overwritten at the lane's iteration.
+    """
+    face_about(w, 0)
+    if w[ENDING, 0] == 0.0:
+        for i in range(6):
+            trace[6 * int(w[ITERATION, 0]) + i] = w[e + i, 0]
+
+
+@inlined
+def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts: Array, answers: Answers) -> None:
+    """Solve all problems: every lane takes the next one as soon as its own is answered.
+
+    Parameters
+    ----------
+    arm : (size,) array
+        The arm [as `pack` writes it].
+    w : (ROWS, L) array
+        Lanes [as the rows say]; overwritten.
+    g : (GEOMETRY, L) array
+        Scratch for joint origins and axes [m, 1]; overwritten.
+    J : (6 * n, L) array
+        Scratch for Jacobians [m/rad, 1]; overwritten.
+    n : int
+        Number of joints.
+    targets : (N, 4, 4) array
+        Target poses [1, m].
+    starts : (N, n) array
+        Starts inside the limits [rad, m].
+    answers : Answers
+        Overwritten.
+    """
+    N, L = targets.shape[0], w.shape[1]
+    waiting, busy = 0, 0
+    for l in range(L):  # a lane without a problem runs along with a copy of another's, and is not looked at
+        load(arm, w, targets, min(waiting, N - 1), l)
+        if waiting < N:
+            waiting += 1
+            busy += 1
+        else:
+            w[PROBLEM, l] = IDLE
+    while busy > 0:
+        for l in range(L):
+            if w[MOVED, l] != 0.0:
+                place(arm, w, n, starts[max(int(w[PROBLEM, l]), 0)], l)
+        errors(arm, w, g, n)
+        if answers.trace.shape[0] > 0:
+            note(w, answers.trace)
+        tick(arm, w)
+        stepping = False
+        for l in range(L):
+            if w[LOOK, l] == 0.0 or w[PROBLEM, l] == IDLE:
+                stepping = stepping or w[PROBLEM, l] != IDLE
+                continue
+            p = int(w[PROBLEM, l])
+            status = advance(arm, w, n, targets[p], starts[p], l)
+            if status == STEP:
+                stepping = True
+            elif status != HELD:
+                answer(w, n, answers, l, status)
+                if waiting < N:
+                    load(arm, w, targets, waiting, l)
+                    waiting += 1
+                else:
+                    w[PROBLEM, l] = IDLE
+                    busy -= 1
+        if stepping:
+            steps(arm, w, g, J, n)
+
+
+def single(n: int) -> Any:
+    """Build the kernel for one target.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints of the arm.
+
+    Returns
+    -------
+    callable
+        ``kernel(arm, target, q0, out) -> (code, iterations, restarts, position_error, rotation_error)``.
+    """
+    n6 = 6 * n
+
+    @compiled
+    def solve_one(arm: Array, target: Array, q0: Array, out: Array) -> tuple[int, int, int, float, float]:
+        """Answer into out (n,), or the code WRONG; where out is longer by 6 (k + 1), the errors of k + 1 iterates follow."""
+        if target.shape[0] != 4 or target.shape[1] != 4 or not is_pose(target):
+            return WRONG, 0, 0, 0.0, 0.0
+        if q0.shape[0] != n:
+            return WRONG, 0, 0, 0.0, 0.0
+        for i in range(n):
+            if not (arm[AT_LOWER + i] - SLACK <= q0[i] <= arm[AT_UPPER + i] + SLACK and abs(q0[i]) < np.inf):
+                return WRONG, 0, 0, 0.0, 0.0
+        w, g, J, x = stack(ROWS, 1), stack(GEOMETRY, 1), stack(n6, 1), stack(5, 1)
+        answers = Answers(out[:n][None], x[0], x[1], x[2], x[3], x[4], out[n:])
+        run(arm, w, g, J, n, target[None], q0[None], answers)
+        return int(x[0, 0]), int(x[1, 0]), int(x[2, 0]), x[3, 0], x[4, 0]
+
+    return solve_one
+
+
+def batch(n: int, L: int) -> Any:
+    """Build the kernel for many targets.
+
+    Parameters
+    ----------
+    n : int
+        Number of joints of the arm.
+    L : int
+        Lanes: targets side by side.
+
+    Returns
+    -------
+    callable
+        ``kernel(arm, targets, starts, fields)``; the fields are the arrays of an `IKBatch`, as a plain tuple.
+    """
+    n6 = 6 * n
+
+    @parallel
+    def solve_many(arm: Array, targets: Array, starts: Array, fields: Any) -> None:
+        """Answers to targets (N, 4, 4) from starts (N, n), both checked before, into the arrays of an `IKBatch`."""
+        q, status, iterations, restarts, position_error, rotation_error = fields
+        w, g, J = stack(ROWS, L), stack(GEOMETRY, L), stack(n6, L)
+        answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty(0))
+        run(arm, w, g, J, n, targets, starts, answers)
+
+    return solve_many

@@ -1,0 +1,379 @@
+"""Motion that a task leaves free: a preference along it with its gradient, and the descent to its minimum."""
+
+from __future__ import annotations
+
+from math import log
+
+import numpy as np
+
+from optik.compiled import compiled, inlined
+from optik.kinematics import Chain, Range, forward, jacobian_from, workspace
+from optik.linear import cholesky_solve, copy_vector, damped_step
+from optik.task import Goal, goal_error, task_error, task_rows
+from optik.types import Array, Indices
+
+Wish = tuple[Array, Array]
+"""What kernels minimise: weights (3,) of posture, limits and manipulability [1], and the posture (n,) [rad, m]."""
+
+RANK_FLOOR = 1e-12
+"""Added to the diagonal of J Jᵀ [m², 1], so that its determinant is above 0 at a singular configuration: far above the
+rounding of the products, and a millionth of a singular value of 1e-3, squared."""
+
+LOST_RANK = -1e3
+"""Log √det(J Jᵀ) [1] where even that cannot be factorised: below every value that can (6 log √1e-12 = −83)."""
+
+PROJECTION_DAMPING = 1e-12
+"""Damping λ² [m², rad²] of projections and corrections: it keeps them finite at a singular configuration."""
+
+MOST_CORRECTIONS, SHARE_OF_TOLERANCE = 8, 0.1
+"""Newton steps back onto the task at most, and how far inside the tolerance they end [1]: the next one starts met."""
+
+MOST_DESCENTS, LONGEST_DESCENT = 200, 0.5
+"""Steps of the descent at most, and the longest [rad, m]: the correction after it must stay on the same branch."""
+
+LEVEL, SHORTEST_DESCENT = 1e-7, 1e-8
+"""Slope along the free motion that counts as a minimum, and the shortest step that is tried [rad, m]."""
+
+SUFFICIENT = 1e-4
+"""Share of the decrease that the slope predicts that a step must bring [1] (Armijo; Nocedal and Wright 2006, §3.1)."""
+
+
+@inlined
+def normalised(x: float, low: float, high: float) -> tuple[float, float]:
+    """Position of a joint relative to its range, as `JointLimits.normalised` has it.
+
+    Parameters
+    ----------
+    x : float
+        Joint value [rad, m].
+    low, high : float
+        Its limits [rad, m].
+
+    Returns
+    -------
+    offset : float
+        (x − middle) / half, a scalar [1]: −1 and 1 at the limits; 0 for a joint that is locked or has no limit on a side.
+    half : float
+        Half of its range, a scalar [rad, m]; 1 for such a joint.
+    """
+    if not -np.inf < low < high < np.inf:
+        return 0.0, 1.0
+    half = 0.5 * (high - low)
+    return (x - 0.5 * (low + high)) / half, half
+
+
+@compiled
+def cost(limits: Range, wish: Wish, q: Array, J: Array, flags: Array, g: Array) -> float:
+    """What is preferred, and its gradient.
+
+    Parameters
+    ----------
+    limits : Range
+        Position limits.
+    wish : Wish
+        Weights and posture.
+    q : (n,) array
+        Configuration [rad, m].
+    J : (6, n) array
+        Geometric Jacobian there, along the axes of the task's frame [m/rad, 1].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    g : (n,) array
+        The gradient [1/rad, 1/m]; overwritten.
+
+    Returns
+    -------
+    float
+        The weighted sum [1].
+    """
+    (lower, upper), (weights, posture) = limits, wish
+    value = 0.0
+    for k in range(q.shape[0]):
+        d = q[k] - posture[k]
+        value += 0.5 * weights[0] * d * d
+        g[k] = weights[0] * d
+        x, half = normalised(q[k], lower[k], upper[k])
+        value += 0.5 * weights[1] * x * x
+        g[k] += weights[1] * x / half
+    if weights[2] > 0.0:
+        value -= weights[2] * log_manipulability(J, flags, weights[2], g)
+    return value
+
+
+@compiled
+def _pseudo_inverse(J: Array, rows: Indices, m: int, pseudo: Array) -> float:
+    """J⁺ = Jᵀ (J Jᵀ)⁻¹ of the first m of `rows` into pseudo (n, 6), row by row; returns log √det(J Jᵀ)."""
+    n = J.shape[1]
+    A, L, y = np.empty((m, m)), np.empty((m, m)), np.empty(m)
+    for a in range(m):
+        for b in range(m):
+            A[a, b] = RANK_FLOOR if a == b else 0.0
+            for k in range(n):
+                A[a, b] += J[rows[a], k] * J[rows[b], k]
+    for k in range(n):
+        for a in range(m):
+            y[a] = J[rows[a], k]
+            for b in range(m):
+                L[a, b] = A[a, b]
+        if not cholesky_solve(L, y, 0.0):
+            return LOST_RANK
+        for a in range(m):
+            pseudo[k, rows[a]] = y[a]
+    value = 0.0
+    for a in range(m):
+        value += log(L[a, a])
+    return value
+
+
+@compiled
+def log_manipulability(J: Array, flags: Array, weight: float, g: Array) -> float:
+    """Log √det(J Jᵀ) over the task's rows, and −weight times its gradient added to g.
+
+    The gradient is the trace of J⁺ ∂J/∂q_k; ∂J_i/∂q_k = (ω_k × v_i, ω_k × ω_i) for k ≤ i, and (ω_i × v_k, 0) for k > i.
+
+    Parameters
+    ----------
+    J : (6, n) array
+        Geometric Jacobian along the axes of the task's frame [m/rad, 1].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    weight : float
+        Factor on the gradient [1].
+    g : (n,) array
+        What it is added to [1/rad, 1/m].
+
+    Returns
+    -------
+    float
+        The logarithm [1]; `LOST_RANK` where J Jᵀ cannot be factorised.
+    """
+    n, m = J.shape[1], 0
+    rows = np.empty(6, np.int64)
+    for r in range(6):
+        if flags[r] != 0.0:
+            rows[m] = r
+            m += 1
+    pseudo, d = np.zeros((n, 6)), np.empty(6)
+    value = _pseudo_inverse(J, rows, m, pseudo)
+    if value == LOST_RANK:
+        return value
+    for k in range(n):
+        slope = 0.0
+        for i in range(n):
+            for r in range(3):
+                r1, r2 = (r + 1) % 3, (r + 2) % 3
+                if k <= i:
+                    d[r] = J[3 + r1, k] * J[r2, i] - J[3 + r2, k] * J[r1, i]
+                    d[3 + r] = J[3 + r1, k] * J[3 + r2, i] - J[3 + r2, k] * J[3 + r1, i]
+                else:
+                    d[r] = J[3 + r1, i] * J[r2, k] - J[3 + r2, i] * J[r1, k]
+                    d[3 + r] = 0.0
+            for r in range(6):
+                slope += pseudo[i, r] * d[r]
+        g[k] -= weight * slope
+    return value
+
+
+@compiled
+def along_task(target: Array, flags: Array, J: Array, K: Array) -> None:
+    """Geometric Jacobian along the axes of the task's frame.
+
+    Parameters
+    ----------
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    flags : (13,) array
+        `Task.flags` [1, m, rad].
+    J : (6, n) array
+        Geometric Jacobian in the base frame [m/rad, 1].
+    K : (6, n) array
+        The same along the task's axes [m/rad, 1]; overwritten.
+    """
+    for k in range(J.shape[1]):
+        for b in (0, 3):
+            for i in range(3):
+                K[b + i, k] = J[b + i, k]
+                if flags[6] == 0.0:
+                    K[b + i, k] = target[0, i] * J[b, k] + target[1, i] * J[b + 1, k] + target[2, i] * J[b + 2, k]
+
+
+@compiled
+def _preferred(limits: Range, goal: Goal, wish: Wish, q: Array, J: Array, g: Array) -> float:
+    """`cost` and its gradient at q, of the geometric Jacobian J (6, n) in the base frame."""
+    flags, target = goal
+    K = np.empty_like(J)
+    along_task(target, flags, J, K)
+    return cost(limits, wish, q, K, flags, g)
+
+
+@compiled
+def value_at(chain: Chain, limits: Range, goal: Goal, wish: Wish, q: Array) -> float:
+    """What is preferred, at one configuration.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Its position limits.
+    goal : Goal
+        The task and its target.
+    wish : Wish
+        Weights and posture.
+    q : (n,) array
+        Configuration [rad, m].
+
+    Returns
+    -------
+    float
+        The weighted sum [1].
+    """
+    frame, T, J = workspace(q.shape[0])
+    forward(chain, q, frame, T)
+    jacobian_from(chain, frame, T, J)
+    return _preferred(limits, goal, wish, q, J, np.empty(q.shape[0]))
+
+
+@compiled
+def free_direction(J: Array, g: Array, limits: Range, q: Array, d: Array) -> float:
+    """Steepest descent that keeps the task to first order: −g projected onto the null space of J.
+
+    A joint at a limit that the direction pushes further out is held, and the projection is done again.
+
+    Parameters
+    ----------
+    J : (6, n) array
+        Jacobian of the task's error [m/rad, 1]; the columns of held joints are set to 0.
+    g : (n,) array
+        Gradient [1/rad, 1/m]; entries of held joints are set to 0.
+    limits : Range
+        Position limits.
+    q : (n,) array
+        Configuration inside them [rad, m].
+    d : (n,) array
+        The direction [1/rad, 1/m]; overwritten.
+
+    Returns
+    -------
+    float
+        Its norm; 0 where there is no way down.
+    """
+    n, (lower, upper) = q.shape[0], limits
+    A, y, e = np.empty((6, 6)), np.empty(6), np.empty(6)
+    for _ in range(n + 1):
+        for r in range(6):
+            e[r] = 0.0
+            for k in range(n):
+                e[r] += J[r, k] * g[k]
+        if not damped_step(J, e, PROJECTION_DAMPING, A, y, d, 0.0):
+            return 0.0
+        size, pushed = 0.0, False
+        for k in range(n):
+            d[k] -= g[k]
+            if (d[k] < 0.0 and q[k] <= lower[k]) or (d[k] > 0.0 and q[k] >= upper[k]):
+                g[k] = 0.0
+                for r in range(6):
+                    J[r, k] = 0.0
+                pushed = True
+            size += d[k] * d[k]
+        if not pushed:
+            return float(np.sqrt(size))
+    return 0.0
+
+
+@compiled
+def correct(
+    chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], q: Array, frame: Array, T: Array, J: Array
+) -> bool:
+    """Bring a configuration back onto the task, inside the limits, by a few Newton steps.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Its position limits.
+    goal : Goal
+        The task and its target.
+    tolerance : (float, float)
+        Largest position and rotation error [m, rad].
+    q : (n,) array
+        Configuration [rad, m]; overwritten.
+    frame : (n, 4, 4) array
+        Joint frames at q [1, m]; overwritten.
+    T : (4, 4) array
+        Tool pose at q [1, m]; overwritten.
+    J : (6, n) array
+        Geometric Jacobian at q in the base frame [m/rad, 1]; overwritten.
+
+    Returns
+    -------
+    bool
+        Whether the task is met, well inside the tolerance.
+    """
+    n, (flags, target), (lower, upper) = q.shape[0], goal, limits
+    A, y, dq, e, w, K = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), np.empty((6, n))
+    for _ in range(MOST_CORRECTIONS):
+        p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
+        jacobian_from(chain, frame, T, J)
+        if p2 <= (SHARE_OF_TOLERANCE * tolerance[0]) ** 2 and r2 <= (SHARE_OF_TOLERANCE * tolerance[1]) ** 2:
+            return True
+        for r in range(6):
+            for k in range(n):
+                K[r, k] = J[r, k]
+        task_rows(target, flags, w, K)
+        if not damped_step(K, e, PROJECTION_DAMPING, A, y, dq, 0.0):
+            return False
+        for k in range(n):
+            q[k] = min(max(q[k] + dq[k], lower[k]), upper[k])
+    return False
+
+
+@compiled
+def descend(
+    chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], wish: Wish, q: Array
+) -> None:  # fmt: skip
+    """Projected gradient descent on what is preferred, along the motion that the task leaves free.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    limits : Range
+        Its position limits.
+    goal : Goal
+        The task and its target.
+    tolerance : (float, float)
+        Largest position and rotation error [m, rad].
+    wish : Wish
+        Weights and posture.
+    q : (n,) array
+        Configuration that meets the task [rad, m]; overwritten by the local minimum that is found.
+    """
+    n, (flags, target), (lower, upper) = q.shape[0], goal, limits
+    frame, T, J = workspace(n)
+    g, d, trial, e, w = np.empty(n), np.empty(n), q.copy(), np.empty(6), np.empty(3)
+    if not correct(chain, limits, goal, tolerance, trial, frame, T, J):
+        return
+    copy_vector(trial, q)
+    value, step = _preferred(limits, goal, wish, q, J, g), 1.0
+    for _ in range(MOST_DESCENTS):
+        task_error(T, target, flags, e, w)
+        task_rows(target, flags, w, J)
+        size = free_direction(J, g, limits, q, d)
+        if size < LEVEL:
+            return
+        better = False
+        while not better and step * size > SHORTEST_DESCENT:
+            reach = min(step, LONGEST_DESCENT / size)
+            for k in range(n):
+                trial[k] = min(max(q[k] + reach * d[k], lower[k]), upper[k])
+            if correct(chain, limits, goal, tolerance, trial, frame, T, J):
+                tried = _preferred(limits, goal, wish, trial, J, g)
+                better = tried < value - SUFFICIENT * reach * size * size
+            if not better:
+                step = 0.5 * reach
+        if not better:
+            return
+        value, step = tried, 2.0 * reach
+        copy_vector(trial, q)

@@ -1,0 +1,156 @@
+"""What a solve is asked for and gives back: the tolerance, the result of one solve, and the results of a batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik.check import check_number
+from optik.content import content, equal
+from optik.ik._status import SOLVED, STATUS_OF_CODE, IKStatus
+from optik.types import Array, Flags
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What counts as solved: both error norms at most this, by our own forward kinematics.
+
+    Parameters
+    ----------
+    position : float
+        Largest distance [m].
+    rotation : float
+        Largest angle [rad].
+    """
+
+    position: float = 1e-6
+    rotation: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for field in ("position", "rotation"):
+            check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
+
+
+SOLVED_WITHIN = Tolerance()
+"""What counts as solved unless the caller says otherwise: a micrometre, and what turns 1 m by a micrometre."""
+
+
+class IKResult(NamedTuple):
+    """The answer of one solve. ``bool(result)`` is success.
+
+    Attributes
+    ----------
+    q : (n,) array
+        The configuration [rad, m]; on failure the best found, inside the limits.
+    status : IKStatus
+        How it ended; ``status.advice`` says what to try.
+    iterations : int
+        Of the method, over all attempts.
+    restarts : int
+        Attempts after the first.
+    position_error, rotation_error : float
+        At q, by our own forward kinematics [m, rad].
+    trace : (k + 1, 6) array or None
+        On request, the error twist (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad] before the first and after each of
+        the k iterations of the attempt that found q.
+    message : str
+        How the method itself says that it ended.
+    """
+
+    q: Array
+    status: IKStatus
+    iterations: int
+    restarts: int
+    position_error: float
+    rotation_error: float
+    trace: Array | None = None
+    message: str = ""
+
+    def __bool__(self) -> bool:
+        return self.status is IKStatus.SOLVED
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal(self, other)
+
+    def __hash__(self) -> int:
+        return hash(content(self))
+
+
+class IKBatch(NamedTuple):
+    """The answers of a batch of N solves, field by field as in `IKResult`.
+
+    Attributes
+    ----------
+    q : (N, n) array
+        Configurations [rad, m]; on failure the best found, inside the limits.
+    status : (N,) array of uint8
+        Index into ``tuple(IKStatus)``; 0 is solved.
+    iterations, restarts : (N,) array of int32
+        As in `IKResult`.
+    position_error, rotation_error : (N,) array
+        At q, by our own forward kinematics [m, rad].
+    """
+
+    q: Array
+    status: NDArray[np.uint8]
+    iterations: NDArray[np.int32]
+    restarts: NDArray[np.int32]
+    position_error: Array
+    rotation_error: Array
+
+    @property
+    def solved(self) -> Flags:
+        """Whether each solve succeeded, (N,)."""
+        return np.asarray(self.status == SOLVED)
+
+    def result(self, i: int) -> IKResult:
+        """Result of one solve.
+
+        Parameters
+        ----------
+        i : int
+            Index of the solve.
+
+        Returns
+        -------
+        IKResult
+            Its answer; q is a view.
+        """
+        return IKResult(
+            self.q[i], STATUS_OF_CODE[self.status[i]], int(self.iterations[i]), int(self.restarts[i]),
+            float(self.position_error[i]), float(self.rotation_error[i]),
+        )  # fmt: skip
+
+    @classmethod
+    def empty(cls, N: int, n: int) -> IKBatch:
+        """Arrays for the answers of N solves, not yet written.
+
+        Parameters
+        ----------
+        N : int
+            Number of solves.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        IKBatch
+            The arrays.
+        """
+        count = (np.empty(N, np.int32), np.empty(N, np.int32))
+        return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal(self, other)
+
+    def __hash__(self) -> int:
+        return hash(content(self))

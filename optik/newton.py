@@ -1,0 +1,255 @@
+"""Newton's method on poses: configurations, and their derivatives along a motion, that meet poses to rounding."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.compiled import compiled
+from optik.kinematics import Chain, error_of_pose, forward, jacobian_from, tool_motion, workspace
+from optik.linear import copy_vector, damped_step, qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from optik.types import Array
+
+GAIN = 0.1
+"""Gain [1] of the damping λ² = gain · ½|e|² + least damping of searches from far away (Sugihara 2011)."""
+
+LEAST_DAMPING = 1e-12
+"""λ² never falls below it [m², rad²]. It must be negligible: 1e-8 leaves 0.2 % of near targets unsolved, 1e-4 leaves 5 %."""
+
+SETTLING_DAMPING = 1e-4
+"""Damping λ at a singular configuration [m, rad]: directions that move the tool 100 λ per radian keep 1e-4 of their error
+a step."""
+
+SQUARED_ROUNDING = 1e-30
+"""Squared error [m², rad²] that is rounding: another step would only stir it."""
+
+
+@compiled
+def _stack(J: Array, rows: Array, A: Array) -> None:
+    """[J; rows] into A (6 + d, n)."""
+    for j in range(A.shape[1]):
+        for i in range(6):
+            A[i, j] = J[i, j]
+        for i in range(rows.shape[0]):
+            A[6 + i, j] = rows[i, j]
+
+
+@compiled
+def _residual(rows: Array, values: Array, q: Array, e: Array) -> tuple[float, float]:
+    """Write values − rows · q behind the six components of a pose's error e (6 + d,); its square, and its largest part."""
+    for i in range(rows.shape[0]):
+        e[6 + i] = values[i]
+        for j in range(q.shape[0]):
+            e[6 + i] -= rows[i, j] * q[j]
+    size, largest = 0.0, 0.0
+    for i in range(e.shape[0]):
+        size += e[i] * e[i]
+        largest = max(largest, abs(e[i]))
+    return size, largest
+
+
+@compiled
+def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
+    """Undamped Newton steps onto a target pose and rows · q = values, until rounding stops them.
+
+    Steps are least squares where there are more equations than joints, and the shortest where there are fewer.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    rows : (d, n) array
+        Further equations [1]: none for n ≤ 6 joints; n − 6 say where on its curve of solutions a redundant arm shall be.
+    values : (d,) array
+        Their right-hand sides [rad, m].
+    steps : int
+        Most steps.
+    q : (n,) array
+        Initial guess [rad, m]; overwritten by the configuration of least error.
+
+    Returns
+    -------
+    worst : float
+        Largest component of the error left, a scalar [m, rad].
+    rank : float
+        |r_nn / r_11| of the last system, a scalar [1]; 0 where rank is lost. 1 where the steps are the shortest.
+    """
+    n, d = q.shape[0], rows.shape[0]
+    frame, T, J = workspace(n)
+    shortest = d == 0 and n > 6
+    A, beta, order = np.empty((6 + d, 6 if shortest else n)), np.empty(n), np.empty(n, np.int64)
+    e, dq, best = np.empty(6 + d), np.empty(n), q.copy()
+    smallest, worst, rank = np.inf, np.inf, 1.0
+    for _ in range(steps + 1):
+        error_of_pose(chain, target, q, frame, T, e)
+        size, largest = _residual(rows, values, q, e)
+        if not size < smallest:
+            break
+        before, smallest, worst = smallest, size, largest
+        copy_vector(q, best)
+        # Newton squares the error: from 1e-9 it comes to rounding, and another step would only stir that
+        if size < SQUARED_ROUNDING or (before < 1e-18 and size < 1e-26):
+            break
+        jacobian_from(chain, frame, T, J)
+        if shortest:
+            if not damped_step(J, e, 0.0, A, beta[:6], dq):
+                break
+        else:
+            _stack(J, rows, A)
+            rank = qr_factor(A, beta, order)
+            if rank == 0.0:
+                break
+            qr_solve(A, beta, order, e, dq)
+        for i in range(n):
+            q[i] += dq[i]
+    copy_vector(best, q)
+    return worst, rank
+
+
+@compiled
+def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
+    """Undamped Newton steps, as `put_on` takes them, for configurations that nearly meet their target poses.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (k, n) array
+        Configurations [rad, m]; overwritten by those of least error.
+    targets : (k, 4, 4) array
+        Target poses in the base frame [1, m].
+    steps : int
+        Most steps of each.
+    """
+    no_rows, no_values = np.empty((0, q.shape[1])), np.empty(0)
+    for k in range(q.shape[0]):
+        put_on(chain, targets[k], no_rows, no_values, steps, q[k])
+
+
+@compiled
+def _leibniz(k: int, rows: Array, values: Array, q: Array, dq: Array, out: Array) -> None:
+    """Derivative of order k + 1 of values − rows · q without its term rows · q⁽ᵏ⁺¹⁾, into out (d,)."""
+    for i in range(rows.shape[1]):
+        out[i] = values[k + 1, i]
+        for j in range(q.shape[0]):
+            part = rows[k + 1, i, j] * q[j]
+            if k == 1:
+                part += 2.0 * rows[1, i, j] * dq[0, j]
+            elif k == 2:
+                part += 3.0 * (rows[2, i, j] * dq[0, j] + rows[1, i, j] * dq[1, j])
+            out[i] -= part
+
+
+@compiled
+def derivatives_at(
+    chain: Chain, q: Array, twists: Array, rows: Array, values: Array, dq: Array,
+    floor: float = np.inf,
+) -> tuple[float, float]:  # fmt: skip
+    """First three derivatives of the joints along a motion with known tool twists and rows(s) · q(s) = values(s); exact.
+
+    J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    q : (n,) array
+        Configuration [rad, m].
+    twists : (3, 6) array
+        Twist of the tool and its first two derivatives [m, rad], per power of s.
+    rows : (4, d, n) array
+        Further equations and their derivatives of order 1 to 3 [1], per power of s; d = 0 for n ≤ 6 joints, else n − 6.
+    values : (4, d) array
+        Their right-hand sides and derivatives [rad, m], per power of s.
+    dq : (3, n) array
+        The derivatives q', q'', q''' [rad, m], per power of s; overwritten, with zeros where rank is lost.
+    floor : float, optional
+        Where the smallest singular value is proved to be above it, a lower bound above it is returned, which costs less.
+
+    Returns
+    -------
+    rank : float
+        |r_nn / r_11| of the system, a scalar [1]; 0 where rank is lost.
+    singular : float
+        Smallest singular value of J, a scalar [m/rad, 1], or a lower bound on it that is above `floor`.
+    """
+    n, d = q.shape[0], rows.shape[1]
+    frame, T, J = workspace(n)
+    A, beta, order = np.empty((6 + d, n)), np.empty(n), np.empty(n, np.int64)
+    e, made = np.empty(6 + d), np.empty((3, 6))
+    forward(chain, q, frame, T)
+    jacobian_from(chain, frame, T, J)
+    _stack(J, rows[0], A)
+    rank = qr_factor(A, beta, order)
+    singular = 0.0
+    if d > 0:
+        singular = smallest_singular_value(J, floor)
+    elif rank > 0.0:  # A is J
+        singular = smallest_of_factor(A, floor)
+    for k in range(3):
+        for i in range(n):
+            dq[k, i] = 0.0
+    if rank == 0.0:
+        return rank, singular
+    for k in range(3):
+        if k > 0:
+            tool_motion(chain, frame, T, q, dq, made)
+        for i in range(6):
+            e[i] = twists[k, i] - (made[k, i] if k > 0 else 0.0)
+        _leibniz(k, rows, values, q, dq, e[6:])
+        qr_solve(A, beta, order, e, dq[k])
+    return rank, singular
+
+
+@compiled
+def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: Array) -> float:
+    """Damped steps onto a target pose and a twist, at or near a singular configuration.
+
+    What moves the tool is corrected; what does not stays as it was given.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    target : (4, 4) array
+        Target pose in the base frame [1, m].
+    twist : (6,) array
+        Target twist of the tool in the base frame [m, rad], per unit of the parameter.
+    steps : int
+        Steps for the pose, and as many for the twist.
+    q : (n,) array
+        Configuration [rad, m]; overwritten.
+    v : (n,) array
+        Its derivative [rad, m], per unit of the parameter; overwritten.
+
+    Returns
+    -------
+    float
+        Largest component of the error left in pose and twist, a scalar [m, rad]; infinite where a step failed.
+    """
+    n = q.shape[0]
+    frame, T, J = workspace(n)
+    A, y, dq, e = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6)
+    worst = 0.0
+    for step in range(2 * steps):
+        of_pose = step < steps
+        error_of_pose(chain, target, q, frame, T, e)
+        jacobian_from(chain, frame, T, J)
+        if not of_pose:
+            for i in range(6):
+                e[i] = twist[i]
+                for j in range(n):
+                    e[i] -= J[i, j] * v[j]
+        if step == steps - 1 or step == 2 * steps - 1:
+            for i in range(6):
+                worst = max(worst, abs(e[i]))
+            continue
+        if not damped_step(J, e, SETTLING_DAMPING * SETTLING_DAMPING, A, y, dq, 0.0):
+            return np.inf
+        for j in range(n):
+            if of_pose:
+                q[j] += dq[j]
+            else:
+                v[j] += dq[j]
+    return worst
