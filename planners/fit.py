@@ -7,7 +7,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from planners.certificate.examined import Examined
-from planners.limits import MotionLimits
+from planners.limits import MotionLimits, check_names
 from planners.trajectory import Trajectory
 
 FIRST_MARGIN = 1e-12
@@ -32,7 +32,14 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     -------
     float
         Below 1 where the motion may be faster; 0 where nothing limits it; infinity where no factor suffices.
+
+    Raises
+    ------
+    InvalidInput
+        ``keeps`` is no tuple of names of limits.
     """
+    if keeps is not None:
+        check_names(keeps, "keeps")
     motion, bounds = Examined(robot, trajectory), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
@@ -61,6 +68,8 @@ def fitted(
 
     Raises
     ------
+    InvalidInput
+        ``keeps`` is no tuple of names of limits.
     NoSolution
         A limit that no slow-down keeps.
     """

@@ -24,7 +24,8 @@ from planners.motion import Motion
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
-from planners.timing import TimeLaw, make_law
+from planners.timing import TimeLaw, law_for, make_law
+from planners.timing.base import check_motion
 from planners.trajectory import Trajectory
 
 __all__ = ["Asked", "Plan", "PlanStatus", "make_law", "path_to", "plan"]
@@ -239,7 +240,8 @@ def plan(
     Raises
     ------
     InvalidInput, UnknownName
-        An invalid argument, a limit that the law needs and that was not given; a name of no method or law.
+        An invalid argument, a limit that the law needs and that was not given; a name of no method or law; a law that
+        promises a limit which does not exist, or whose result is no trajectory.
     """
     solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate))
     _check_wishes(duration, strict)
@@ -254,9 +256,9 @@ def _asked(
 ) -> tuple[IKSolver, Asked]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
     solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
-    law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
+    law = law_for(timing)
     limits = MotionLimits.of(robot) if limits is None else limits
-    for argument, value, kind in (("ik", solver, IKSolver), ("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
+    for argument, value, kind in (("ik", solver, IKSolver), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
@@ -399,7 +401,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     assert followed.joint_path is not None
     joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
-        raw = asked.law.run(joints, asked.limits)
+        raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
         factor = stretch(asked.robot, raw, asked.limits, keeps)
         exceeded = factor > 1.0
         if exceeded and strict:

@@ -18,8 +18,8 @@ from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
 from planners.plan import Asked, Plan
 from planners.splice import State, begun, joined, rest_of
-from planners.timing import TimeLaw, make_law
-from planners.timing.base import PathState
+from planners.timing import TimeLaw, law_for
+from planners.timing.base import PathState, check_motion
 from planners.trajectory import Trajectory
 
 OFF_PATH = 1e-6
@@ -106,11 +106,10 @@ def _asked(
     rate: float,
 ) -> Asked:
     """Build the law where it was given by name, and check that it can keep these limits."""
-    law = make_law(timing) if isinstance(timing, str | os.PathLike) else timing
+    law = law_for(timing)
     limits = plan.limits if limits is None else limits
-    for argument, value, kind in (("timing", law, TimeLaw), ("limits", limits, MotionLimits)):
-        if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+    if not isinstance(limits, MotionLimits):
+        raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     law.need(limits, plan.robot)
     return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate)
 
@@ -179,7 +178,7 @@ def _by_law(asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState
     if at.s >= joints.end * (1.0 - 1e-9):  # nothing left to plan in
         return None
     try:
-        motion = asked.law.run_from(joints, limits, at, stop=stop)
+        motion = check_motion(asked.law, asked.law.run_from(joints, limits, at, stop=stop), asked.robot)
     except NoSolution:
         return None
     assert at.joints is not None

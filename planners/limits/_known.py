@@ -68,6 +68,35 @@ def is_known(name: object) -> bool:
     return name in _ADDED or name in names(FOLDER)
 
 
+def check_names(names: object, argument: str) -> tuple[str, ...]:
+    """Check that a tuple consists of names of limits, and return it.
+
+    Parameters
+    ----------
+    names : object
+        What should be such a tuple.
+    argument : str
+        Its name in the error.
+
+    Returns
+    -------
+    tuple of str
+        The names.
+
+    Raises
+    ------
+    InvalidInput
+        No tuple, or a name that no limit has.
+    """
+    expected = f"a tuple of names of limits, out of {', '.join((*ALL_LIMITS, *_ADDED))}"
+    if not isinstance(names, tuple):
+        raise InvalidInput(argument, repr(names)[:60], expected)
+    unknown = [name for name in names if name not in ALL_LIMITS and not is_known(name)]
+    if unknown:
+        raise InvalidInput(argument, repr(unknown[0])[:60], expected)
+    return names
+
+
 def kind_of(name: str) -> Limit:
     """Return the kind of limit of a name.
 

@@ -6,9 +6,9 @@ import os
 from typing import Any
 
 from optik.registry import build_method, names
-from planners.timing.base import TimeLaw
+from planners.timing.base import TimeLaw, check_law
 
-__all__ = ["TimeLaw", "laws", "make_law"]
+__all__ = ["TimeLaw", "law_for", "laws", "make_law"]
 
 
 def laws() -> tuple[str, ...]:
@@ -36,7 +36,30 @@ def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
     UnknownName
         No such law; the nearest names are offered.
     InvalidInput
-        An option that the law does not have, or out of range; a file that is no law.
+        An option that the law does not have, or out of range; a file that is no law, or whose
+        ``keeps`` is no tuple of names of limits.
     """
-    built: TimeLaw = build_method("planners.timing", law, "time law", **options)
-    return built
+    return check_law(build_method("planners.timing", law, "time law", **options))
+
+
+def law_for(timing: str | os.PathLike[str] | TimeLaw) -> TimeLaw:
+    """Return a time law that is given by name, as a file or built.
+
+    Parameters
+    ----------
+    timing : str, path or TimeLaw
+        What `make_law` takes, or a law.
+
+    Returns
+    -------
+    TimeLaw
+        The law.
+
+    Raises
+    ------
+    UnknownName
+        No such law; the nearest names are offered.
+    InvalidInput
+        No law, a file that is no law, or a law whose ``keeps`` is no tuple of names of limits.
+    """
+    return make_law(timing) if isinstance(timing, str | os.PathLike) else check_law(timing)

@@ -15,7 +15,7 @@ from optik.types import Array
 from planners.curve import composed, passed_at
 from planners.following.follow import JointPath
 from planners.hermite import quintic
-from planners.limits import DERIVATIVES, MotionLimits, PathPoints
+from planners.limits import DERIVATIVES, MotionLimits, PathPoints, check_names
 from planners.trajectory import Trajectory
 
 NODE_APART, BRIEF_MOTION = 2e-3, 0.1
@@ -45,10 +45,23 @@ class PathState(NamedTuple):
     joints: tuple[Array, Array, Array] | None = None
 
 
-class TimeLaw(ABC):
-    """A way to run along a joint path. A law is a subclass in a file of its own that names itself ``METHOD``."""
+class _ClassName:
+    """The name of a class that states none: that of the class in lower case.
 
-    name: ClassVar[str]
+    No attribute of the class itself, so that the class in a file can still be given the name of its file.
+    """
+
+    def __get__(self, law: object, kind: type) -> str:
+        return kind.__name__.lower()
+
+
+class TimeLaw(ABC):
+    """A way to run along a joint path. A law is a subclass in a file of its own that names itself ``METHOD``.
+
+    A class outside of a file needs no ``name``: by default it is the class's in lower case.
+    """
+
+    name: ClassVar[str] = _ClassName()  # type: ignore[assignment] # read as a str
     keeps: ClassVar[tuple[str, ...]]
     """Which limits the law promises to keep; the certificate judges exactly those."""
     speed: float | None = None
@@ -153,6 +166,58 @@ class TimeLaw(ABC):
             What the law keeps, and the extra limits.
         """
         return (*self.keeps, *(limits.extra or ())) if self.keeps else ()
+
+
+def check_law(law: object) -> TimeLaw:
+    """Check that an object is a time law that promises limits which exist, and return it.
+
+    Parameters
+    ----------
+    law : object
+        What should be a law.
+
+    Returns
+    -------
+    TimeLaw
+        The law.
+
+    Raises
+    ------
+    InvalidInput
+        No law, or one whose ``keeps`` is no tuple of names of limits.
+    """
+    if not isinstance(law, TimeLaw):
+        raise InvalidInput("timing", repr(law)[:60], "a TimeLaw")
+    check_names(getattr(law, "keeps", None), f"keeps of the time law {law.name!r}")
+    return law
+
+
+def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:
+    """Check that what a law returned is a trajectory of the arm, and return it.
+
+    Parameters
+    ----------
+    law : TimeLaw
+        The law.
+    motion : object
+        What its ``run`` or ``run_from`` returned.
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    Trajectory
+        The motion.
+
+    Raises
+    ------
+    InvalidInput
+        Something else, or a trajectory of another number of joints.
+    """
+    if not isinstance(motion, Trajectory) or motion.n != robot.n:
+        came = f"a trajectory of {motion.n} joints" if isinstance(motion, Trajectory) else repr(motion)[:60]
+        raise InvalidInput(f"result of the time law {law.name!r}", came, f"a Trajectory of {robot.n} joints")
+    return motion
 
 
 def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:

@@ -17,7 +17,7 @@ from planners.certificate.examined import Examined
 from planners.fit import fitted, stretch
 from planners.limits import (
     ALL_LIMITS,
-    NAMED,
+    FIELD_LIMITS,
     DerivativeLimit,
     Extreme,
     Limit,
@@ -213,14 +213,14 @@ def test_rows_are_the_chain_rule() -> None:
 
 
 def test_each_limit_is_one_file_that_says_its_name_units_and_order() -> None:
-    assert tuple((k.name, k.units, k.order, k.subject) for k in NAMED) == (
+    assert tuple((k.name, k.units, k.order, k.subject) for k in FIELD_LIMITS) == (
         ("velocity", ("rad/s", "m/s"), 1, None),
         ("acceleration", ("rad/s²", "m/s²"), 2, None),
         ("jerk", ("rad/s³", "m/s³"), 3, None),
         ("tool_speed", ("m/s", "m/s"), 1, "tool"),
         ("rotation_speed", ("rad/s", "rad/s"), 1, "tool"),
     )
-    assert all(type(k).__module__ == f"planners.limits.{k.name}" for k in NAMED)
+    assert all(type(k).__module__ == f"planners.limits.{k.name}" for k in FIELD_LIMITS)
 
 
 def test_a_motion_promises_only_what_its_limits_have() -> None:
