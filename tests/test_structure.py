@@ -1,4 +1,4 @@
-"""The house: which part may use which, what importing costs, and how a file in a folder becomes a name."""
+"""The structure: which package may use which, what importing costs, and how a file in a folder becomes a name."""
 
 import ast
 import os
