@@ -116,10 +116,10 @@ def check_name(group: str, name: Any, kind: str) -> str:
     InvalidInput
         No text, no such file, a file with a name of ours, or an entry point that is refused.
     """
+    if in_finished_run() and isinstance(name, str | os.PathLike):
+        return str(os.fspath(name))  # its file may be gone, its package not installed
     if is_path(name):
         text = str(os.fspath(name))
-        if in_finished_run():
-            return text
         file = file_of(text, kind)
         _check_stem(group, file, kind)
         note(Used(group, file.stem, file))

@@ -59,7 +59,7 @@ def run(code, *arguments, path=()):
 
 
 @pytest.mark.parametrize("path", MODULES, ids=relative)
-def test_imports_go_down_the_house_and_never_up(path):
+def test_imports_point_down_and_never_up(path):
     part = path.relative_to(REPOSITORY).parts[0]
     above = PARTS[PARTS.index(part) + 1 :]
     upward = [name for name in imported(path) if name.partition(".")[0] in (*above, "tests")]
