@@ -35,9 +35,9 @@ class Csv(Format):
         out = io.StringIO()
         for key, value in to_plain(motion).items():
             out.write(f"# {key}: {json.dumps(value, allow_nan=False)}\n")
-        table = csv.writer(out, lineterminator="\n")
-        table.writerow(columns)
-        table.writerows(rows.tolist())
+        returns = any("\r" in name for name in columns)  # a row would end there; the writer quotes only its own ending
+        csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL if returns else csv.QUOTE_MINIMAL).writerow(columns)
+        csv.writer(out, lineterminator="\n").writerows(rows.tolist())
         return out.getvalue().encode(errors="surrogatepass")
 
     def from_bytes(self, content: bytes) -> Motion:

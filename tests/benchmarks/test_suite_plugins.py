@@ -11,8 +11,7 @@ import pytest
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
-from optik import registry
-from optik.errors import InvalidInput, UnknownName
+from optik.errors import InvalidInput
 from optik.plugins.files import digest
 from tests.benchmarks.test_cli import optik_command
 from tests.benchmarks.test_report import page_of
@@ -82,25 +81,10 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     assert not folder.exists()
 
 
-def test_a_suite_that_was_only_looked_at_is_not_run(folder: Path, tmp_path: Path) -> None:
+def test_a_suite_that_was_only_looked_at_is_not_run(tmp_path: Path) -> None:
+    (tmp_path / "looked_at.py").write_text(MARK)
+    block = 'id = "a"\nrobot = "paper6r"\nset = "random_reachable"\nmethods = [{ solver = "./looked_at.py" }]\n'
+    (tmp_path / "look.toml").write_text(f"[[blocks]]\n{block}")
     with pytest.raises(InvalidInput, match="--allow-plugins"):
-        run_suite(load_suite(str(folder / "suite.toml")), tmp_path / "run")
-    assert ran(folder) == []
-
-
-def test_a_kind_from_a_file_finds_its_robot_in_the_suite_s_folder_before_anything_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(registry, "_loaded", {})
-    for name in ("fk_time.py", "arm.toml"):
-        shutil.copy(REPOSITORY / "examples" / name, tmp_path / name)
-    (tmp_path / "arm.toml").rename(tmp_path / "x.toml")
-    suite = tmp_path / "suite.toml"
-    suite.write_text('[["./fk_time.py"]]\nid = "poses"\nrobot = "./x.toml"\nsizes = [1]\n')
-    read = load_suite(str(suite), allow_plugins=True)
-    assert read.robots == (str(tmp_path / "x.toml"),)
-    for found in (read, load_suite(str(suite))):
-        assert {used.name for used in found.plugins} == {"fk_time", "x"}
-    suite.write_text(suite.read_text().replace("./x.toml", "ur5"))
-    with pytest.raises(UnknownName, match="ur5e"):
-        load_suite(str(suite), allow_plugins=True)
+        run_suite(load_suite(str(tmp_path / "look.toml")), tmp_path / "run")
+    assert ran(tmp_path) == []

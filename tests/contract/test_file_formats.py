@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -182,3 +183,13 @@ def test_the_format_in_the_documentation_keeps_the_contract() -> None:
     for damaged in (b"", content[:-5], content[:40] + b"0" + content[41:]):
         with pytest.raises(InvalidInput):
             packed.from_bytes(damaged)
+
+
+@each_format
+def test_joint_names_may_hold_line_ends(suffix: str, tmp_path: Path) -> None:
+    motion = motion_of(planned())
+    names = ("\r", "a\rb", "c\nd", "e\r\nf", '"', ",")
+    named = replace(motion, robot=replace(motion.robot, joint_names=names))
+    file = tmp_path / f"motion{suffix}"
+    save(named, file)
+    assert is_same(load_motion(file), named)

@@ -40,7 +40,7 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
-LIMITS = "tests/planners/test_limits.py"
+LIMITS = "tests/planners/test_motion_limits.py"
 FILES = (
     "tests/contract/test_file_formats.py",
     "tests/planners/test_export.py",
