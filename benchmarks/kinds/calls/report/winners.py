@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from benchmarks.kinds.base import Winner
 from benchmarks.kinds.calls.measures import shared
-from benchmarks.kinds.calls.report.tables import share_cell
+from benchmarks.kinds.calls.report.cells import share_cell
 from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.report.run import Run
 from benchmarks.statistics import median_interval
