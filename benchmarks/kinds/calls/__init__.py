@@ -11,6 +11,7 @@ from benchmarks.kinds._contest import read_facts
 from benchmarks.kinds._problems import check_set
 from benchmarks.kinds.base import BlockRows, Kind, Section, Table, Target, Tell, Winner
 from benchmarks.kinds.calls.measures import MEASURES, judge
+from benchmarks.kinds.calls.rounds import without_memory
 from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.kinds.calls.run import facts_file, read_rows, run_calls
 from benchmarks.kinds.calls.settings import CallBlock, read_block
@@ -42,7 +43,8 @@ class _Calls(Kind):
         run_calls(block, seed, folder, tell)
 
     def rows(self, folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-        return read_rows(folder, block)
+        rows = read_rows(folder, block)
+        return None if rows is None else without_memory(rows)
 
     def read(self, folder: RunFolder, block: CallBlock) -> BlockRows | None:
         rows = self.rows(folder, block)
@@ -73,8 +75,8 @@ class _Calls(Kind):
         return (
             "Calls are timed in a loop over different targets, with code and tables in the processor's caches: a call that "
             "comes alone after other work takes longer. Timing runs with the garbage collector off.",
-            "A problem is solved several times in a row of rounds, so a method that remembers answers would be timed on a "
-            "repeated call: a first round that is far slower is named below the table.",
+            "Every round has the same problems: a method whose first round is far slower than the others, which may remember "
+            "answers, is timed by its first round and named below its table.",
             "Closed-form peers look for every branch, ours for one answer near the start; a peer that races threads of its own "
             "is timed with them. Peers have the settings that served them best on the paper's arm, as their rows say.",
         )

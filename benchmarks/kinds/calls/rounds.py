@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from benchmarks.problems.base import ProblemSet
 from optik.types import Flags
 
+REMEMBERS_FROM = 3.0
+"""A first round this many times as slow as the median of all rounds: the method may remember answers, or compile late."""
+
 
 def round_times(times: list[NDArray[np.int64]]) -> dict[str, pl.Series]:
     """Columns of the times of every call over its rounds.
@@ -60,3 +63,26 @@ def changed_inputs(given: list[tuple[Any, ...]], problems: ProblemSet, mine: NDA
         ],
         dtype=bool,
     )
+
+
+def without_memory(rows: pl.DataFrame) -> pl.DataFrame:
+    """Rows in which a method whose later rounds are far faster than its first is timed by its first round.
+
+    Every round has the same problems, so a method that remembers its answers has to compute in the first only.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+
+    Returns
+    -------
+    DataFrame
+        The rows, ``ns`` replaced for these methods; those of a run without ``ns_first`` as they are.
+    """
+    if "ns_first" not in rows.columns:
+        return rows
+    first, typical = (pl.col(name).median().over("method") for name in ("ns_first", "ns"))
+    by_first = (first > REMEMBERS_FROM * typical).fill_null(value=False)
+    ns = pl.when(by_first).then(pl.col("ns_first").cast(pl.Float64)).otherwise(pl.col("ns"))
+    return rows.with_columns(first_round=first / typical, ns=ns)

@@ -74,7 +74,8 @@ def read_block(data: Any) -> CallBlock:
     peers = read_peers(data.get("peers"), where, PEERS)
     labels = check_labels((*methods, *peers), f"{where}: methods")
     targets = all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES, labels=labels))
-    budgets = tuple(check_list(data.get("evaluation_budgets", []), f"{where}: evaluation_budgets"))
+    given = data.get("evaluation_budgets")
+    budgets = () if given is None else tuple(check_list(given, f"{where}: evaluation_budgets"))
     for count in budgets:
         check_count(count, f"{where}: evaluation_budgets", 1)
     check_different([str(count) for count in budgets], f"{where}: evaluation_budgets", "number")

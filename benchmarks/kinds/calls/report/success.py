@@ -12,6 +12,7 @@ from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.calls.judgement import JUDGED_AT, level_name, solved_at
 from benchmarks.kinds.calls.measures import SHIFT_US, median_ratio
 from benchmarks.kinds.calls.report.cells import LABEL, entry_rows, share_cell
+from benchmarks.kinds.calls.rounds import REMEMBERS_FROM
 from benchmarks.records import slug
 from benchmarks.statistics import quantiles, shifted_geometric_mean
 from optik.registry import short_name
@@ -19,9 +20,6 @@ from optik.registry import short_name
 if TYPE_CHECKING:
     from benchmarks.kinds._shown import Cell
     from benchmarks.kinds.calls.rows import CallRows
-
-REMEMBERS_FROM = 2.0
-"""A first round this many times as slow as the median of all rounds is named: the method may remember answers."""
 
 TAIL = (0.5, 0.95, 0.99, 1.0)
 """Shares of calls whose times are shown: median, p95, p99 and the longest."""
@@ -106,7 +104,8 @@ def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
     if "ns_first" in part.columns and (part["ns_max"] != part["ns_min"]).any():
         spread = (part["ns_max"] - part["ns_min"]) / part["ns"]
         cells["noise"] = 100.0 * float(np.median(spread.to_numpy()))
-        cells["first_round"] = float(np.median(part["ns_first"].to_numpy()) / np.median(part["ns"].to_numpy()))
+    if "first_round" in part.columns:
+        cells["first_round"] = float(part["first_round"][0])
     return cells
 
 
@@ -161,6 +160,6 @@ def _conspicuous(part: pl.DataFrame, by: str) -> Iterable[str]:
         yield f"changed its input in {cells['mutated']:,} calls; every call has copies of its own"
     first = cells.get("first_round")
     if isinstance(first, float) and first > REMEMBERS_FROM:
-        yield f"took {first:.1f} times as long in its first round: it may remember answers, and be timed on repeated calls"
+        yield f"took {first:.1f} times as long in its first round: it may remember answers, and is timed by that round"
     if by:
         yield f"differs between runs by {by}"

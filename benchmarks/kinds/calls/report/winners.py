@@ -1,4 +1,4 @@
-"""Who wins on a block of single calls: the most targets solved, then the shortest time among those that none beats in that."""
+"""Who wins on a block of single calls: most targets solved; shortest time among those that solve as many."""
 
 from __future__ import annotations
 
