@@ -93,9 +93,8 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
         ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
         facts[field] = round(ratio, RATIO_DECIMALS)
     facts["worst"] = round(float(np.nanmax([proof.worst(field)[0] for field in ALL_LIMITS])), RATIO_DECIMALS)
-    facts["follows"] = replace(
-        proof, keeps=()
-    ).holds  # all of the path, forwards, from rest to rest, in range, no jumps
+    # all of the path, forwards, from rest to rest, in range, no jumps: without promises, so the same for laws and peers
+    facts["follows"] = replace(proof, keeps=(), tolerance=None).holds
     facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
     return facts
 
