@@ -17,6 +17,7 @@ EXPECTED = {
     "batch": r"3,000 of 3,000 solved",
     "reachability_map": r"\d+ of 1681 poses reached; proved out of reach: \d+",
     "replan": r"certificate holds: True",
+    "report": r"report: .*report.html",
     "seam_to_ros": r"certificate holds: True",
 }
 """What each prints, by its name."""
