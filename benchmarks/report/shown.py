@@ -137,7 +137,7 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
         return text, "" if math.isnan(half) else f"{low:.{decimals}f} to {high:.{decimals}f}"
     if show == "count":
         return (f"{middle:,.0f}" if middle == round(middle) else number(middle)), _interval(low, high, 3)
-    if show == "exact":
+    if show == "exact" and math.isfinite(middle):
         return f"{middle:.7g}", "" if math.isnan(half) else f"{low:.7g} to {high:.7g}"
     digits = 3
     if half > 0 and math.isfinite(half) and middle:
@@ -147,24 +147,38 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
 
 
 def _interval(low: float, high: float, digits: int) -> str:
-    return "" if math.isnan(low) or math.isnan(high) else f"{number(low, digits)} to {number(high, digits)}"
+    if math.isnan(low) or math.isnan(high) or math.isinf(low):
+        return ""
+    return f"{number(low, digits)} to {number(high, digits)}"
 
 
 def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
-    """Rows with the best value of a column and with those that no interval tells from it; empty where it is all of them."""
+    """Rows with the best value of a column and those that an interval does not tell from it; empty where it is all.
+
+    Told apart are two values of which neither is inside the other's interval: that is less than intervals without
+    overlap, which small samples hardly ever have.
+
+    Returns
+    -------
+    set of int
+        Numbers of the rows.
+    """
     if not column.better:
         return set()
-    found: dict[int, tuple[float, float, float]] = {}
-    for k, row in enumerate(rows):
-        cell = row.get(column.key)
-        whole = cell if isinstance(cell, tuple) else (cell, cell, cell)
-        if isinstance(whole[0], float | int) and math.isfinite(whole[0]):
-            middle = float(whole[0])
-            ends = (middle if v is None or math.isnan(float(v)) else float(v) for v in whole[1:])
-            found[k] = (middle, *ends)  # type: ignore[assignment]  # two ends
-    if len(found) < 2:
+    found = {k: _ends(row.get(column.key)) for k, row in enumerate(rows)}
+    known = {k: ends for k, ends in found.items() if math.isfinite(ends[0])}
+    if len(known) < 2:
         return set()
     pick = max if column.better == "more" else min
-    _, low, high = pick(found.values(), key=lambda v: v[0])
-    level = {k for k, (_, a, b) in found.items() if a <= high and b >= low}
-    return level if len(level) < len(found) else set()
+    best, low, high = pick(known.values(), key=lambda ends: ends[0])
+    level = {k for k, (value, a, b) in known.items() if low <= value <= high or a <= best <= b}
+    return level if len(level) < len(known) else set()
+
+
+def _ends(cell: Cell) -> tuple[float, float, float]:
+    """A value with the ends of its interval: itself, where it has none; NaN where it is no number."""
+    if isinstance(cell, tuple):
+        middle, low, high = (float(v) for v in cell)
+        return middle, middle if math.isnan(low) else low, middle if math.isnan(high) else high
+    value = float(cell) if isinstance(cell, float | int) else math.nan
+    return value, value, value
