@@ -86,9 +86,7 @@ def _rates(b: BudgetRows) -> str:
     for label in b.methods:
         part = known.filter(pl.col("method") == label)
         share, low, high = success(part, SUCCESS_LEVELS[-1])
-        seconds = part.filter(pl.col("status") == "solved")["seconds"]
-        took = f", {number(1e6 * float(np.median(seconds)))} µs a solved call" if len(seconds) else ""
-        words.append(f"{label} solves {percent(share)} ({low:.1f} to {high:.1f} %){took}")
+        words.append(f"{label} solves {percent(share)} ({low:.1f} to {high:.1f} %)")
     count = known["problem"].n_unique()
     return (
         f"{b.block.title}, {count:,} targets with a known solution, at most {b.budget} iterations: "
