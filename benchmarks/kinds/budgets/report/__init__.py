@@ -22,6 +22,6 @@ SECTIONS = (
     Section("Methods", "methods", methods, Path(__file__).with_name("methods.html.j2"), 30),
     Section("Error against distance and budget", "error", accuracy, Path(__file__).with_name("accuracy.html.j2"), 40),
     Section("Which damping, where", "damping", damping, Path(__file__).with_name("damping.html.j2"), 50),
-    Section("Workspace maps", "maps", maps, Path(__file__).with_name("maps.html.j2"), 60),
+    Section("The workspace: positions and errors (Fig. 10 to 13)", "maps", maps, Path(__file__).with_name("maps.html.j2"), 60),
 )  # fmt: skip
 """Sections, a sentence in the first paragraph and a table after the key findings."""
