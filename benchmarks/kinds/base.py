@@ -34,7 +34,7 @@ class Kind(Shown, ABC):
 
     Needed are `settings`, and `measure` or, where that is too simple, `run` or `parts` with `solve`. All else has a
     default: rows are read from one file a block, each measure is computed on the rows whose column ``method`` is the
-    entry's label, and the report shows a table of all entries and measures with the targets above it.
+    entry's label, and the report shows a table of all entries and measures and its targets at the end.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.numbers import number, percent, ratio
 from benchmarks.report.run import Run
-from benchmarks.report.tables import share, target_row
+from benchmarks.report.tables import share
 from optik.registry import short_name
 from planners.limits import DERIVATIVES
 
@@ -87,7 +87,6 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
         "limits": [part.label for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(short_name(part.robot), part.kind.replace("_", "-"), part.count) for part in block.lines],
-        "targets": [target_row(o) for o in run.outcomes if o.block == block.id],
         "tables": [_table(b, run, title, rows, is_open) for title, rows, is_open in groups],
         "boards": [_durations(b, run), _against_singularity(b, run)],
         "broken": _broken(b, run), "plans": _plans(b),
