@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 
 from benchmarks.kinds.base import Section
@@ -11,14 +12,19 @@ from benchmarks.kinds.budgets.report.default import default
 from benchmarks.kinds.budgets.report.head import summary, terms
 from benchmarks.kinds.budgets.report.maps import maps
 from benchmarks.kinds.budgets.report.methods import methods
+from benchmarks.kinds.budgets.report.picture import picture
+
+_QUESTION = files("benchmarks.report").joinpath("templates", "question.html.j2").read_text(encoding="utf-8")
+"""The template of a section that answers one question: an answer, plots, tables, then prose."""
 
 SECTIONS = (
     Section("What solved means", "terms", terms, Path(__file__).with_name("terms.html.j2"), 30, place="terms"),
     Section("What was run", "budgets", summary, Path(__file__).with_name("summary.html.j2"), 30, place="summary"),
     Section(
         "Is the default better than the paper's iteration?", "default", default,
-        Path(__file__).with_name("default.html.j2"), 5,
+        _QUESTION, 5,
     ),
+    Section("Who reaches what in the workspace", "picture", picture, _QUESTION, 5, place="top"),
     Section("Methods", "methods", methods, Path(__file__).with_name("methods.html.j2"), 30),
     Section("Error against distance and budget", "error", accuracy, Path(__file__).with_name("accuracy.html.j2"), 40),
     Section("Which damping, where", "damping", damping, Path(__file__).with_name("damping.html.j2"), 50),

@@ -10,7 +10,8 @@ import polars as pl
 from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
 from benchmarks.kinds.budgets.report.pair import Pair, pairs
-from benchmarks.report.board import Board, Key, Plot
+from benchmarks.kinds.budgets.rows import BudgetRows
+from benchmarks.report.board import Board, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
@@ -54,7 +55,7 @@ def default(run: Run) -> dict[str, Any] | None:
         "lead": answer(first, run),
         "boards": [_board(first, run)],
         "tables": [default_table(pair, run) for pair in found],
-        "prose": [
+        "how": "", "prose": [
             "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
             f"joint limits; {first.attempt} makes one attempt as well, {first.whole or 'the default as it comes'} restarts "
             "from other initial guesses until it succeeds. All get the same targets and the same start.",
@@ -154,8 +155,8 @@ def _board(pair: Pair, run: Run) -> Board:
     problems = pair.given["problem"].unique()
     for label in pair.labels:
         part = b.rows.filter((pl.col("method") == label) & pl.col("problem").is_in(problems.implode()))
-        plot.add(success_line(part, label, b.block.budgets, run.colour(label), whole=label in b.whole))
-    legend = tuple(Key(label, run.colour(label), "dashed" if label in b.whole else "solid") for label in pair.labels)
+        plot.add(success_line(part, label, b, run))
+    legend = tuple(run.key(label, marked=label not in b.whole) for label in pair.labels)
     return Board(
         "default-board", (plot,), (), legend,
         f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
@@ -164,7 +165,7 @@ def _board(pair: Pair, run: Run) -> Board:
 
 
 def success_line(
-    rows: pl.DataFrame, label: str, budgets: tuple[int, ...], colour: str, *, whole: bool, **look: Any
+    rows: pl.DataFrame, label: str, b: BudgetRows, run: Run, level: float = SUCCESS_LEVELS[-1]
 ) -> dict[str, Any]:
     """Success of one method against the iteration budget, with intervals; a level line where it has no budget.
 
@@ -174,32 +175,29 @@ def success_line(
         Of the method.
     label : str
         Its name on the page.
-    budgets : tuple of int
-        All budgets of the block.
-    colour : str
-        Of the line.
-    whole : bool
-        Whether the method is called as it comes.
-    **look
-        ``level`` of success [m and rad], the finest by default; ``marker`` of Plotly.
+    b : BudgetRows
+        The block.
+    run : Run
+        The run, for the look of the method.
+    level : float
+        Tolerance of success [m and rad].
 
     Returns
     -------
     dict
         A trace of Plotly.
     """
-    level = look.pop("level", SUCCESS_LEVELS[-1])
-    at = budgets[-1:] if whole else budgets
-    rates = [success(rows.filter(pl.col("budget") == budget), level) for budget in at] * (2 if whole else 1)
-    share = [r[0] for r in rates]
+    budgets, whole = b.block.budgets, label in b.whole
+    rates = [success(rows.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
+    rates *= 2 if whole else 1
     words = "as it comes" if whole else "%{x} iterations"
     return line(
-        x=[budgets[0], budgets[-1]] if whole else list(at), y=lean(share), name=label,
-        mode="lines" if whole else "lines+markers",
-        line={"color": colour, "width": 2, "dash": "dash" if whole else "solid"},
+        x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
+        mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
+        line={"color": run.colour(label), "width": 2, "dash": run.dash(label)},
         error_y={
             "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,
             "arrayminus": lean([max(r[0] - r[1], 0.0) for r in rates]), "width": 3,
         },
-        hovertemplate=f"{label}<br>{words}: %{{y:.1f}} %{HOVER}", **look,
+        hovertemplate=f"{label}<br>{words}: %{{y:.1f}} %{HOVER}",
     )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,11 @@ import polars as pl
 from benchmarks.kinds.budgets.report.accuracy import chosen
 from benchmarks.kinds.budgets.report.look import comparisons
 from benchmarks.kinds.budgets.report.positions import positions
-from benchmarks.kinds.budgets.report.sheets import Sheet, sheet_plot, sheets_of
+from benchmarks.kinds.budgets.report.sheets import GREY, Sheet, Squares, laid_out, sheet_plot, sheets_of
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, heatmap, iterations, lean, line
 from benchmarks.report.run import Run
-from optik.types import Array
 
 MAP_ITERATIONS = "iterations to 1e−6 m and rad"
 """What a map can show beside the errors."""
@@ -32,9 +30,6 @@ ERROR_DECADES = (-9, 3)
 
 ITERATION_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Numbers on the scale of iterations."""
-
-GREY = [[0, "var(--unknown)"], [1, "var(--unknown)"]]
-"""Colours of a square without a known solution."""
 
 
 def maps(run: Run) -> dict[str, Any] | None:
@@ -88,53 +83,9 @@ def _board(b: BudgetRows) -> Board:
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Squares:
-    """The squares of a sheet [mm], and rows laid out on them."""
-
-    us: Array
-    vs: Array
-
-    @property
-    def options(self) -> Json:
-        """Where a heat map stands."""
-
-        def step(ticks: Array) -> float:
-            return float(round((ticks[-1] - ticks[0]) / (len(ticks) - 1), 4)) if len(ticks) > 1 else 1.0
-
-        us, vs = self.us, self.vs
-        return {"x0": float(us[0]), "dx": step(us), "y0": float(vs[0]), "dy": step(vs), "xgap": 1, "ygap": 1}
-
-    def matrix(self, rows: pl.DataFrame, column: str, digits: int = 4) -> list[list[float | None]]:
-        """One column over the squares; None where there is no row.
-
-        Parameters
-        ----------
-        rows : DataFrame
-            With the columns ``row`` and ``col`` of each square.
-        column : str
-            Which one.
-        digits : int
-            Significant digits.
-
-        Returns
-        -------
-        list of list
-            A value a square, row by row.
-        """
-        out = np.full((len(self.vs), len(self.us)), np.nan)
-        out[rows["row"].to_numpy(), rows["col"].to_numpy()] = rows[column].to_numpy()
-        return [lean(row, digits) for row in out]
-
-
 def _sheet(plot: Plot, b: BudgetRows, sheet: Sheet) -> None:
     """Draw a sheet: what has no known solution, and every method's iterations and errors."""
-    rows = b.rows.filter(pl.col("group") == sheet.group)
-    across = [np.round(1e3 * rows[axis_.lower()].to_numpy(), 3) for axis_ in (sheet.u, sheet.v)]
-    squares = Squares(*(np.unique(values) for values in across))
-    rows = rows.with_columns(
-        col=pl.Series(np.searchsorted(squares.us, across[0])), row=pl.Series(np.searchsorted(squares.vs, across[1]))
-    )
+    rows, squares = laid_out(b.rows, sheet)
     here = {"offset": [str(sheet.offset)]}
     where = f"{sheet.u} %{{x:.0f}} mm, {sheet.v} %{{y:.0f}} mm<br>"
     unknown = rows.unique("problem").filter(~pl.col("known")).with_columns(one=pl.lit(1.0))

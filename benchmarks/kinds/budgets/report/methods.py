@@ -12,7 +12,7 @@ from benchmarks.kinds.budgets.report.default import success_line
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Key, Plot
-from benchmarks.report.figures import HOVER, SYMBOLS, axis, bars, lean
+from benchmarks.report.figures import HOVER, axis, bars, lean
 from benchmarks.report.run import Run
 
 ENDINGS = {
@@ -118,14 +118,14 @@ def _success_board(run: Run) -> Board:
         plots.append(plot)
     blocks = Control("block", "Problems", tuple((b.block.id, b.block.title) for b in budget_blocks(run)))
     legend = tuple(
-        Key(label, run.colour(label), "dashed" if label in b.whole else "dot", {"block": [b.block.id]})
+        run.key(label, {"block": [b.block.id]}, marked=label not in b.whole)
         for b in budget_blocks(run)
         for label in b.methods
     )
     return Board(
         "success", tuple(plots), (blocks,), legend,
         "Problems with a known solution that all methods were given; bars are Wilson 95 % intervals. A run stopped at a budget "
-        "is judged at the iterate it has reached. Dashed across: a method as it comes, which has no budget.",
+        "is judged at the iterate it has reached. A line across: a method as it comes, which has no budget.",
     )  # fmt: skip
 
 
@@ -135,10 +135,7 @@ def _success_lines(plot: Plot, b: BudgetRows, run: Run, level: float) -> None:
         part = known.filter(pl.col("method") == label)
         if part.is_empty():
             continue
-        marker = {"symbol": SYMBOLS[run.labels.index(label) % len(SYMBOLS)], "size": 7}
-        trace = success_line(
-            part, label, b.block.budgets, run.colour(label), whole=label in b.whole, level=level, marker=marker
-        )
+        trace = success_line(part, label, b, run, level)
         plot.add(trace, {"block": [b.block.id]})
 
 

@@ -5,11 +5,18 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+import numpy as np
+import polars as pl
+
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.problems.base import start_of
-from benchmarks.report.board import Plot
+from benchmarks.report.board import Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from optik.arm.library import load
+from optik.types import Array
+
+GREY = [[0, "var(--unknown)"], [1, "var(--unknown)"]]
+"""Colours of a square without a known solution."""
 
 _NAME = re.compile(r"^(?P<u>[XYZ])–(?P<v>[XYZ]) at (?P<normal>[xyz]) (?P<offset>[+-]\d+) mm$")
 """Name of the group of a sheet of graph paper."""
@@ -99,3 +106,68 @@ def sheet_plot(name: str, b: BudgetRows, sheet: Sheet) -> Plot:
         )
     )  # fmt: skip
     return plot
+
+
+@dataclass(frozen=True)
+class Squares:
+    """The squares of a sheet [mm], and rows laid out on them."""
+
+    us: Array
+    vs: Array
+
+    @property
+    def options(self) -> Json:
+        """Where a heat map stands."""
+
+        def step(ticks: Array) -> float:
+            return float(round((ticks[-1] - ticks[0]) / (len(ticks) - 1), 4)) if len(ticks) > 1 else 1.0
+
+        us, vs = self.us, self.vs
+        return {"x0": float(us[0]), "dx": step(us), "y0": float(vs[0]), "dy": step(vs), "xgap": 1, "ygap": 1}
+
+    def matrix(self, rows: pl.DataFrame, column: str, digits: int = 4) -> list[list[float | None]]:
+        """One column over the squares; None where there is no row.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            With the columns ``row`` and ``col`` of each square.
+        column : str
+            Which one.
+        digits : int
+            Significant digits.
+
+        Returns
+        -------
+        list of list
+            A value a square, row by row.
+        """
+        out = np.full((len(self.vs), len(self.us)), np.nan)
+        out[rows["row"].to_numpy(), rows["col"].to_numpy()] = rows[column].to_numpy()
+        return [lean(row, digits) for row in out]
+
+
+def laid_out(rows: pl.DataFrame, sheet: Sheet) -> tuple[pl.DataFrame, Squares]:
+    """Rows of a sheet with the square of each.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+    sheet : Sheet
+        The sheet.
+
+    Returns
+    -------
+    rows : DataFrame
+        Those of the sheet, with the columns ``col`` and ``row``.
+    squares : Squares
+        Where the squares are.
+    """
+    rows = rows.filter(pl.col("group") == sheet.group)
+    across = [np.round(1e3 * rows[axis_.lower()].to_numpy(), 3) for axis_ in (sheet.u, sheet.v)]
+    squares = Squares(*(np.unique(values) for values in across))
+    places = {
+        "col": pl.Series(np.searchsorted(squares.us, across[0])), "row": pl.Series(np.searchsorted(squares.vs, across[1]))
+    }  # fmt: skip
+    return rows.with_columns(**places), squares
