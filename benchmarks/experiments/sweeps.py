@@ -53,8 +53,8 @@ def damping_trade(folder: RunFolder) -> Finding:
     figures = tuple(
         (
             f"{r['group']}, {r['method']}",
-            f"{100 * r['solved']:.0f} % solved, median of {_number(r['iterations'])} iterations, peak: median ×{r['peak']:.2f}, "
-            f"95th percentile ×{r['peak_95']:.1f}; {100 * r['rises']:.1f} % of iterations raise the error",
+            f"{100 * r['solved']:.0f} % solved, median of {_number(r['iterations'])} iterations, peak: median "
+            f"×{r['peak']:.2f}, 95th percentile ×{r['peak_95']:.1f}; {100 * r['rises']:.1f} % of iterations raise the error",
         )
         for g in order
         for r in table.filter(pl.col("group") == g).iter_rows(named=True)
@@ -132,7 +132,7 @@ def _why(nearest: pl.DataFrame) -> str:
 
 
 def _at_the_end(rows: pl.DataFrame, by: str) -> pl.DataFrame:
-    """Share solved, median iterations, median and 95th percentile of the peak, and rises at the largest budget, by method and one more column."""
+    """Share solved, iterations, peak and rises at the largest budget, by method and one more column."""
     ok = pl.col("status") == "solved"
     return (
         rows.filter(pl.col("budget") == pl.col("budget").max())

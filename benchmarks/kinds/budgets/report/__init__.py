@@ -12,6 +12,7 @@ from benchmarks.kinds.budgets.report.default import default
 from benchmarks.kinds.budgets.report.head import summary, terms
 from benchmarks.kinds.budgets.report.maps import maps
 from benchmarks.kinds.budgets.report.methods import methods
+from benchmarks.kinds.budgets.report.paper import paper
 from benchmarks.kinds.budgets.report.picture import picture
 
 _QUESTION = files("benchmarks.report").joinpath("templates", "question.html.j2").read_text(encoding="utf-8")
@@ -29,5 +30,6 @@ SECTIONS = (
     Section("Error against distance and budget", "error", accuracy, Path(__file__).with_name("accuracy.html.j2"), 40),
     Section("Which damping, where", "damping", damping, Path(__file__).with_name("damping.html.j2"), 50),
     Section("The workspace: positions and errors (Fig. 10 to 13)", "maps", maps, Path(__file__).with_name("maps.html.j2"), 60),
+    Section("The paper and this report", "paper", paper, Path(__file__).with_name("paper.html.j2"), 98),
 )  # fmt: skip
 """Sections, a sentence in the first paragraph and a table after the key findings."""

@@ -31,16 +31,25 @@ def winners(run: Run) -> list[Winner]:
 
 
 def _winner(b: BudgetRows) -> Winner | None:
-    """Methods with one attempt, on the problems with a known solution that all of them were given."""
-    known = b.given(b.budgeted)
-    if known.is_empty():
+    """Methods with one attempt, on the problems with a known solution that all of them were given.
+
+    Methods that were given less than half of these problems are named and left out: with them all others would be compared on
+    the few that they were given.
+    """
+    known = b.last.filter("known")
+    counts = {label: known.filter(pl.col("method") == label).height for label in b.budgeted}
+    labels = [label for label in b.budgeted if 2 * counts[label] >= max(counts.values())]
+    rows = b.given(labels)
+    if rows.is_empty():
         return None
-    entries = [(label, *success(known.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])) for label in b.budgeted]
+    entries = [(label, *success(rows.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])) for label in labels]
+    out = ", ".join(f"{label} ({count:,})" for label, count in counts.items() if label not in labels)
     return Winner(
         f"Solves the most targets in one attempt: {b.block.title}", "%", "more",
         tuple(sorted(entries, key=lambda entry: -entry[1])), "methods",
-        f"{known['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
-        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad; Wilson 95 % intervals",
+        f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
+        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad; Wilson 95 % intervals"
+        + (f"; out of place, as given fewer: {out}" if out else ""),
     )  # fmt: skip
 
 

@@ -55,7 +55,8 @@ def default(run: Run) -> dict[str, Any] | None:
         "lead": answer(first, run),
         "boards": [_board(first, run)],
         "tables": [default_table(pair, run) for pair in found],
-        "how": "", "prose": [
+        "how": "",
+        "prose": [
             "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
             f"joint limits; {first.attempt} makes one attempt as well, {first.whole or 'the default as it comes'} restarts "
             "from other initial guesses until it succeeds. All get the same targets and the same start.",
@@ -89,9 +90,9 @@ def answer(pair: Pair, run: Run) -> str:
         word = "Yes" if test.first > test.second else "No"
     shares = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
     text = (
-        f"{word}: of {count:,} targets with a known solution one attempt of {pair.attempt} solves {shares[pair.attempt]}, "
-        f"the paper's iteration ({pair.paper}) {shares[pair.paper]}; {test.first:,} are solved by the first only, "
-        f"{test.second:,} by the second only (McNemar's p {'=' if test.p else '<'} {number(max(test.p, 1e-300), 2)})."
+        f"{word}: of {count:,} targets with a known solution one attempt of the default ({pair.attempt}) solves "
+        f"{shares[pair.attempt]}, the paper's iteration ({pair.paper}) {shares[pair.paper]}; {test.first:,} are solved by the "
+        f"first only, {test.second:,} by the second only (McNemar's p {'=' if test.p else '<'} {number(max(test.p, 1e-300), 2)})."
     )
     if pair.whole:
         text += f" As it comes, with restarts, the default ({pair.whole}) solves {shares[pair.whole]}."

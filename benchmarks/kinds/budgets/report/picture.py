@@ -55,7 +55,7 @@ def _categories(pair: Pair, run: Run) -> tuple[tuple[str, str, pl.Expr], ...]:
     """What may be true of a spot: in words, its colour, and which rows it holds for."""
     mine, other, known = pl.col("by_True"), pl.col("by_False"), pl.col("known")
     return (
-        ("reached by both", "var(--s1)", mine & other),
+        ("reached by both", "var(--c2)", mine & other),
         (f"by {pair.attempt} only", run.colour(pair.attempt), mine & ~other),
         (f"by {pair.paper} only", run.colour(pair.paper), other & ~mine),
         ("by neither", "var(--alarm)", known & ~mine & ~other),
