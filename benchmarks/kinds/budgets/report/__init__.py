@@ -15,16 +15,13 @@ from benchmarks.kinds.budgets.report.methods import methods
 from benchmarks.kinds.budgets.report.paper import paper
 from benchmarks.kinds.budgets.report.picture import picture
 
-_QUESTION = files("benchmarks.report").joinpath("templates", "question.html.j2").read_text(encoding="utf-8")
+_QUESTION = Path(str(files("benchmarks.report"))) / "templates" / "question.html.j2"
 """The template of a section that answers one question: an answer, plots, tables, then prose."""
 
 SECTIONS = (
     Section("What solved means", "terms", terms, Path(__file__).with_name("terms.html.j2"), 30, place="terms"),
     Section("What was run", "budgets", summary, Path(__file__).with_name("summary.html.j2"), 30, place="summary"),
-    Section(
-        "Is the default better than the paper's iteration?", "default", default,
-        _QUESTION, 5,
-    ),
+    Section("Is the default better than the paper's iteration?", "default", default, _QUESTION, 5),
     Section("Who reaches what in the workspace", "picture", picture, _QUESTION, 5, place="top"),
     Section("Methods", "methods", methods, Path(__file__).with_name("methods.html.j2"), 30),
     Section("Error against distance and budget", "error", accuracy, Path(__file__).with_name("accuracy.html.j2"), 40),
