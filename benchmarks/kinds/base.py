@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import polars as pl
 
 from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
+from benchmarks.kinds._compared import Compared
 from benchmarks.kinds._contest import timed, turns
 from benchmarks.kinds._shown import Column, Shown, Table, Winner
 from benchmarks.records import RunFolder, slug
@@ -18,8 +19,8 @@ from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
 __all__ = [
-    "KINDS", "Block", "BlockRows", "Column", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Table", "Target",
-    "Tell", "Winner", "load_kind", "read_target", "timed", "turns",
+    "KINDS", "Block", "BlockRows", "Column", "Compared", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Table",
+    "Target", "Tell", "Winner", "load_kind", "read_target", "timed", "turns",
 ]  # fmt: skip
 
 KINDS = "benchmarks.kinds"

@@ -9,7 +9,7 @@ import polars as pl
 
 from benchmarks.kinds._contest import read_facts
 from benchmarks.kinds._problems import check_set
-from benchmarks.kinds.base import BlockRows, Kind, Section, Target, Tell
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Target, Tell
 from benchmarks.kinds.calls.measures import MEASURES, judge
 from benchmarks.kinds.calls.run import facts_file, read_rows, run_calls
 from benchmarks.kinds.calls.settings import CallBlock, read_block
@@ -25,6 +25,11 @@ class _Calls(Kind):
     title = "Speed of one call"
     measures = MEASURES
     order = 20
+    compared = (
+        Compared("solved", "%", "more", "solved"),
+        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("ns_min", "ns_max")),
+        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("ns_min", "ns_max")),
+    )
 
     def settings(self, data: Any) -> CallBlock:
         return read_block(data)
