@@ -64,7 +64,7 @@ def render(run: Run) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "strict": strict}
+    environment.filters |= {"number": number, "percent": percent, "strict": strict, "shown": lambda table: table}
     placed = {place: built(run, place) for place in ("terms", "summary", "section")}
     return environment.get_template("page.html.j2").render(
         head=overview(run),
