@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,15 @@ from optik.types import Array
 
 BUDGET_PART = 500
 """Problems in one part of the work: small enough to continue from, large enough to hide the start of a worker."""
+
+CRASHED = "crashed"
+"""Status of a problem in which a method crashed its process, raised an error, or found no end; beside those of `IKStatus`."""
+
+COLUMN_ORDER = (
+    "problem", "budget", "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status",
+    "rises", "peak", "seconds",
+)  # fmt: skip
+"""Columns of the rows, before those that say whose they are."""
 
 RISE = 1e-12
 """Growth of the error from one iteration to the next [m and rad] that is counted; less is round-off."""
@@ -57,6 +66,39 @@ class Work:
     problems: NDArray[np.int64]
     targets: Array
     starts: Array
+
+    def halves(self) -> tuple[Work, ...]:
+        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        count = len(self.problems)
+        parts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
+        return tuple(
+            replace(self, problems=self.problems[i], targets=self.targets[i], starts=self.starts[i]) for i in parts
+        )
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        far = ("error_x", "error_y", "error_z", "position_error", "rotation_error", "peak", "seconds")
+        blank = dict.fromkeys(far, float("inf")) | {"iterations": 0, "status": CRASHED, "rises": 0}
+        pairs = [(int(problem), budget) for problem in self.problems for budget in self.budgets]
+        return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
+
+    def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows with the columns that say whose they are, in one order of columns.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            The rows.
+
+        Returns
+        -------
+        DataFrame
+            With the method's label, solver and place.
+        """
+        method = self.method
+        return rows.select(*COLUMN_ORDER).with_columns(
+            method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
+        )
 
 
 def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
@@ -154,9 +196,7 @@ def solve_problems(work: Work) -> pl.DataFrame:
             }
             for key, value in row.items():
                 columns.setdefault(key, []).append(value)
-    return pl.DataFrame(columns).with_columns(
-        method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(work.method_index)
-    )
+    return work.labelled(pl.DataFrame(columns))
 
 
 def at_budget(result: IKResult, budget: int) -> dict[str, Any]:
