@@ -310,6 +310,23 @@ class RunFolder:
 
     # ------------------------------------------------------------ all rows of a block
 
+    def part_names(self, top: str, block: str) -> list[str]:
+        """Names of the parts of a block, ``TOP/BLOCK--….parquet``.
+
+        Parameters
+        ----------
+        top : str
+            Folder of the parts.
+        block : str
+            Id of the block.
+
+        Returns
+        -------
+        list of str
+            In order; empty where there are none.
+        """
+        return [f"{top}/{file.name}" for file in sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))]
+
     def parts(self, top: str, block: str) -> pl.DataFrame | None:
         """All rows of a block out of its parts, ``TOP/BLOCK--….parquet``.
 
@@ -330,8 +347,7 @@ class RunFolder:
         InvalidInput
             A part is damaged.
         """
-        files = sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))
-        frames = [part for file in files if (part := self.read(f"{top}/{file.name}")) is not None]
+        frames = [part for name in self.part_names(top, block) if (part := self.read(name)) is not None]
         return pl.concat(frames, how="vertical_relaxed") if frames else None
 
     def rows(self, block: str) -> pl.DataFrame | None:
