@@ -115,7 +115,7 @@ class _Runner:
 
     def start(self, piece: _Piece) -> None:
         piece.task.open += 1
-        self._waiting.append(piece)
+        self._waiting.appendleft(piece)  # halves before what is larger: the problems to blame are found soon
         self._fill()
 
     def _fill(self) -> None:
@@ -155,7 +155,7 @@ class _Runner:
             task.crashes.append(failure.why)
             return
         halves = piece.work.halves() if self._crashes[method] < MOST_CRASHES else ()
-        for index, half in enumerate(halves):
+        for index, half in reversed(list(enumerate(halves))):
             self.start(_Piece(task, half, (*piece.order, index)))
         if not halves:
             self._crashes[method] += 1
