@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import logging
 from collections.abc import Mapping, Sequence
@@ -56,18 +57,26 @@ class OnDask:
 
     def _connected(self, address: str) -> Any:
         """A client of a scheduler that has workers."""
-        client = None
         try:
             security = self._dask.Security() if address.startswith("tls://") else None
-            client = self._dask.Client(address, timeout=CONNECT_SECONDS, security=security, set_as_default=False)
+            arguments = security.get_connection_args("client") if security else {}
+            if security and arguments.get("ssl_context") is None:
+                raise ValueError("Dask's configuration, distributed.comm.tls, names no certificates")
+            asyncio.run(self._greeted(address, arguments))  # a client that cannot connect takes long to end
+        except Exception as error:  # what answers there may be anything
+            raise _not_usable(address, _first_line(error)) from None
+        client = self._dask.Client(address, timeout=CONNECT_SECONDS, security=security, set_as_default=False)
+        try:
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, TypeError, RuntimeError) as error:  # also TimeoutError, and errors of TLS
-            why = "it has no workers" if client is not None else _first_line(error)
-            if client is not None:
-                client.close(timeout=1)
-            expected = "a Dask scheduler that answers, and that has a worker"
-            raise InvalidInput("--dask", f"{address!r} ({why})", expected) from None
+        except TimeoutError:
+            client.close(timeout=CONNECT_SECONDS)
+            raise _not_usable(address, "it has no workers") from None
         return client
+
+    async def _greeted(self, address: str, arguments: dict[str, Any]) -> None:
+        """Connect once, with the greeting of Dask."""
+        comm = await self._dask.comm.connect(address, timeout=CONNECT_SECONDS, **arguments)
+        comm.abort()
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
         """Submit a piece of work.
@@ -98,7 +107,8 @@ class OnDask:
             The scheduler has ended.
         """
         try:
-            done = self._dask.wait(list(self._tickets), return_when="FIRST_COMPLETED").done
+            with self._client.as_current():
+                done = self._dask.wait(list(self._tickets), return_when="FIRST_COMPLETED").done
             return [(self._tickets.pop(future), self._outcome(future)) for future in done]
         except (OSError, self._dask.CancelledError, TimeoutError) as error:
             words = f"the Dask scheduler at {self._address} is gone ({_first_line(error)})"
@@ -120,6 +130,10 @@ class OnDask:
         for future in self._tickets:
             future.release()
         self._client.close(timeout=CONNECT_SECONDS)
+
+
+def _not_usable(address: str, why: str) -> InvalidInput:
+    return InvalidInput("--dask", f"{address!r} ({why})", "a Dask scheduler that answers, and that has a worker")
 
 
 def _first_line(error: BaseException) -> str:

@@ -88,11 +88,11 @@ def test_an_address_where_nobody_answers_is_one_line_within_seconds(tmp_path: Pa
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     begin = time.monotonic()
-    for wrong in (f"127.0.0.1:{port}", "tls://127.0.0.1:1", "nonsense://x", "tcp://no-such-host.invalid:1"):
+    for wrong in (f"127.0.0.1:{port}", "tls://127.0.0.1:1", "nonsense://x", "host"):
         with pytest.raises(InvalidInput, match=re.escape(wrong)) as caught:
             run_suite(toy(), tmp_path / "run", dask=wrong)
         assert "\n" not in str(caught.value)
-    assert time.monotonic() - begin < 25.0
+    assert time.monotonic() - begin < 20.0
     assert not (tmp_path / "run").exists()
 
 
@@ -146,7 +146,7 @@ def test_two_workers_are_faster_than_one(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 def test_the_command_says_a_wrong_address_in_one_line(tmp_path: Path) -> None:
-    done = optik_command("bench", "run", "ik", "--out", str(tmp_path / "run"), "--dask", "10.255.255.1:1")
+    done = optik_command("bench", "run", "paper", "--out", str(tmp_path / "run"), "--dask", "10.255.255.1:1")
     assert done.returncode == 2
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 2
