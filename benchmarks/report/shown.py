@@ -129,6 +129,8 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
     value, interval : str
         Without a unit; the interval is empty where there is none.
     """
+    if low == middle == high:
+        low = high = math.nan  # an exact value
     half = (high - low) / 2
     if show == "share":
         decimals = 1 if not half > 0 else min(max(-math.floor(math.log10(half)), 1), DECIMALS_OF_SHARES)

@@ -105,7 +105,19 @@ def test_the_page_loads_nothing(page: Page) -> None:
 def test_the_page_has_a_language_a_title_and_every_section(page: Page) -> None:
     assert page.all("html")[0]["lang"] == "en"
     assert "a small run" in page.text
-    wanted = ["methods", "error", "maps", "line", "motion", "laws", "claims", "misprints", "limitations", "provenance"]
+    wanted = [
+        "methods",
+        "error",
+        "maps",
+        "line",
+        "motion",
+        "laws",
+        "paper",
+        "claims",
+        "misprints",
+        "limitations",
+        "provenance",
+    ]
     assert page.anchors == wanted
     linked = {a["href"] for a in page.all("a")}
     assert {f"#{anchor}" for anchor in wanted} <= linked
@@ -115,6 +127,7 @@ def test_plotly_is_there_once_and_compressed(page: Page) -> None:
     large = [s for s in page.scripts if len(s) > 1e6]
     assert len(large) == 1
     assert b"plotly.js v" in gzip.decompress(base64.b64decode(large[0]))[:2000]
+    assert len(large[0]) < 2.2e6
 
 
 def test_every_board_is_strict_json_with_finite_numbers(page: Page) -> None:
