@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from benchmarks.kinds._shown import Cell, Column, Table
@@ -74,13 +74,22 @@ def shown_table(table: Table, run: Run | None = None) -> ShownTable:
     best = {column.key: _best(column, table.rows) for column in table.columns}
     rows = []
     for k, row in enumerate(table.rows):
-        cells = tuple(shown_cell(column, row.get(column.key), k in best[column.key]) for column in table.columns)
+        columns = [_own(column, row) for column in table.columns]
+        cells = tuple(shown_cell(column, row.get(column.key), k in best[column.key]) for column in columns)
         label = str(row.get(FIRST, ""))
         if run is not None and label in run.labels:
             rows.append(ShownRow(cells, run.colour(label), run.symbol(label)))
         else:
             rows.append(ShownRow(cells))
     return ShownTable(table, tuple(rows))
+
+
+def _own(column: Column, row: Mapping[str, Cell]) -> Column:
+    """A column as it is in a row that has a unit of its own."""
+    if column.show != "mixed":
+        return column
+    unit = str(row.get("unit") or "")
+    return replace(column, unit=unit, show="share" if unit == "%" else "number")
 
 
 def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
@@ -167,7 +176,7 @@ def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
     """
     if not column.better:
         return set()
-    found = {k: _ends(row.get(column.key)) for k, row in enumerate(rows)}
+    found = {k: _ends(row.get(column.key)) for k, row in enumerate(rows) if not column.among or row.get(column.among)}
     known = {k: ends for k, ends in found.items() if math.isfinite(ends[0])}
     if len(known) < 2:
         return set()

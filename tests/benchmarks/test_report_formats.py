@@ -98,6 +98,21 @@ def test_the_best_are_those_that_no_interval_tells_from_the_best() -> None:
     assert [row.cells[2].best for row in shown.rows] == [False] * 4  # all the same: nothing to mark
 
 
+def test_only_rows_that_may_are_the_best() -> None:
+    columns = (
+        Column("label", "Law", show="text"),
+        Column("T", "T", "s", "less", among="rank"),
+        Column("rank", "rank", show="text"),
+    )
+    rows = (
+        {"label": "breaks", "T": 1.0, "rank": None},
+        {"label": "a", "T": 2.0, "rank": "1"},
+        {"label": "b", "T": 3.0, "rank": "2"},
+    )
+    shown = shown_table(Table("t", "t", columns, rows))
+    assert [row.cells[1].best for row in shown.rows] == [False, True, False]
+
+
 # ------------------------------------------------------------ read back
 
 
