@@ -23,7 +23,7 @@ RESAMPLED_AT_ONCE = 250
 """Resamples that are computed at once, so that a bootstrap needs little memory."""
 
 STANDS_FOR_INFINITY = 1e100
-"""Stands for infinity in a bootstrap: quantiles between a number and infinity would be NaN, and its square must not overflow."""
+"""Stands for infinity in a bootstrap: quantiles between a number and infinity would be NaN; its square must be finite."""
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:

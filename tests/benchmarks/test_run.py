@@ -44,8 +44,9 @@ def test_rows_hold_every_problem_method_and_budget(small_run: RunFolder) -> None
 
 def test_what_a_method_solves_does_not_change_what_is_known(small_run: RunFolder, tmp_path: Path) -> None:
     again = RunFolder(shutil.copytree(small_run.path, tmp_path / "again"))
-    problems = again.path / "problems" / "workspace.parquet"
-    pl.read_parquet(problems).with_columns(known=pl.col("problem") == 0).write_parquet(problems)
+    problems = again.read("problems/workspace.parquet")
+    assert problems is not None
+    again.write("problems/workspace.parquet", problems.with_columns(known=pl.col("problem") == 0))
     rows = again.rows("workspace")
     assert rows is not None
     assert set(rows.filter(pl.col("known"))["problem"]) == {0}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,15 @@ from optik.types import Array
 
 BUDGET_PART = 500
 """Problems in one part of the work: small enough to continue from, large enough to hide the start of a worker."""
+
+CRASHED = "crashed"
+"""Status of a problem in which a method crashed its process, raised an error, or found no end; beside those of `IKStatus`."""
+
+COLUMN_ORDER = (
+    "problem", "budget", "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status",
+    "rises", "peak",
+)  # fmt: skip
+"""Columns of the rows, before those that say whose they are."""
 
 RISE = 1e-12
 """Growth of the error from one iteration to the next [m and rad] that is counted; less is round-off."""
@@ -58,6 +67,44 @@ class Work:
     problems: NDArray[np.int64]
     targets: Array
     starts: Array
+
+    def halves(self) -> tuple[Work, ...]:
+        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        count = len(self.problems)
+        parts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
+        return tuple(
+            replace(self, problems=self.problems[i], targets=self.targets[i], starts=self.starts[i]) for i in parts
+        )
+
+    @property
+    def looked_at(self) -> tuple[int, ...]:
+        """Budgets that have a row: of a method as it comes only the largest."""
+        return self.budgets[-1:] if self.method.whole else self.budgets
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        far = ("error_x", "error_y", "error_z", "position_error", "rotation_error", "peak")
+        blank = dict.fromkeys(far, float("inf")) | {"iterations": 0, "status": CRASHED, "rises": 0}
+        pairs = [(int(problem), budget) for problem in self.problems for budget in self.looked_at]
+        return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
+
+    def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows with the columns that say whose they are, in one order of columns.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            The rows.
+
+        Returns
+        -------
+        DataFrame
+            With the method's label, solver and place.
+        """
+        method = self.method
+        return rows.select(*COLUMN_ORDER).with_columns(
+            method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
+        )
 
 
 def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
@@ -145,16 +192,16 @@ def solve_problems(work: Work) -> pl.DataFrame:
         else at_budgets(solver.solve(target, start, trace=True), work.budgets)
         for target, start in zip(work.targets, work.starts, strict=True)
     ]
-    budgets = work.budgets[-1:] if method.whole else work.budgets
+    budgets = work.looked_at
     columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
-    return pl.DataFrame(
-        {
-            "problem": np.repeat(work.problems, len(budgets)),
-            "budget": np.tile(np.array(budgets, dtype=np.int64), len(rows)),
-            **columns,
-        }
-    ).with_columns(
-        method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(work.method_index)
+    return work.labelled(
+        pl.DataFrame(
+            {
+                "problem": np.repeat(work.problems, len(budgets)),
+                "budget": np.tile(np.array(budgets, dtype=np.int64), len(rows)),
+                **columns,
+            }
+        )
     )
 
 
