@@ -73,6 +73,19 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
     return robot, q, path
 
 
+def plan_once(task: LineTask) -> None:
+    """Plan the line once by every law and with the first IK method, which compiles what planning takes.
+
+    Parameters
+    ----------
+    task : LineTask
+        The task.
+    """
+    robot, q, path = check_line(task)
+    for law in task.laws:
+        plan(robot, path, q, ik=make_solver(robot, task.ik[0]), timing=law, samples=task.samples)
+
+
 def run_line(task: LineTask, folder: RunFolder) -> None:
     """Plan the line by every method and law, and write what reports show.
 
