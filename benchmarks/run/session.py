@@ -16,6 +16,7 @@ from benchmarks.kinds.base import Kind, Part
 from benchmarks.provenance import provenance
 from benchmarks.records import ARMS, FORMAT, RunFolder
 from benchmarks.run.alone import Mark, run_apart
+from benchmarks.run.aside import compiled_aside
 from benchmarks.run.cluster import OnDask
 from benchmarks.run.lock import locked
 from benchmarks.run.parts import Done, solved
@@ -60,6 +61,13 @@ class Where:
     executor: Executor | None = None
     dask: str = ""
     limit: float | None = None
+
+    def checked(self) -> Where:
+        """Itself; InvalidInput where a number is out of range."""
+        check_count(self.workers, "workers", 1, MOST_WORKERS)
+        if self.limit is not None and check_number(self.limit, "part_timeout", "a time [s] above 0") <= 0.0:
+            raise InvalidInput("part_timeout", self.limit, "a time [s] above 0")
+        return self
 
     def place(self, recorded: list[dict[str, str]]) -> Place:
         """Start what is needed.
@@ -135,20 +143,16 @@ def run_suite(
         with; a table in the folder that is damaged or of another run; no cluster at that address.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
-    check_count(workers, "workers", 1, MOST_WORKERS)
-    if part_timeout is not None and check_number(part_timeout, "part_timeout", "a time [s] above 0") <= 0.0:
-        raise InvalidInput("part_timeout", part_timeout, "a time [s] above 0")
-    where = Where(workers, executor, dask, part_timeout)
-    tell = progress or (lambda done, total, what: None)
+    where = Where(workers, executor, dask, part_timeout).checked()
     folder = RunFolder(out)
     manifest = _manifest(suite, workers, command)
     folder.checked(manifest)
     with _begun(folder, manifest) as begun, closing(where.place(manifest["plugins"])) as place:
-        tell(0, 1, "problem sets")
         expect(manifest["plugins"])
-        run = _Session(suite, folder, begun, tell)
-        run.prepare()
-        run.do_parts(place)
+        run = _Session(suite, folder, begun, progress or (lambda done, total, what: None))
+        with compiled_aside(suite, wanted=isinstance(place, Workers)):
+            run.prepare()
+            run.do_parts(place)
         run.do_alone()
         run.finish()
     return folder
@@ -187,6 +191,7 @@ class _Session:
     def prepare(self) -> None:
         """Check what only trying shows, and write the arms that do not come with optik: a report needs no files of theirs."""
         suite = self._suite
+        self._tell(0, 1, "problem sets")
         self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
         outside = [name for name in suite.robots if name not in own_names("optik.robots")]
         if outside:

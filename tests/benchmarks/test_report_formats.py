@@ -237,6 +237,8 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
         "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
     )
     monkeypatch.setattr(kind, "winners", lambda self, run: [winner])
+    monkeypatch.setattr(type(load_kind("plans")), "tables", lambda self, run: [])
+    monkeypatch.setattr(type(load_kind("plans")), "winners", lambda self, run: [])
     for name, files in (
         ("csv", ["tables/winners.csv", "tables/odd.csv"]),
         ("tex", ["tables/winners.tex", "tables/odd.tex"]),
@@ -264,7 +266,7 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     monkeypatch.setattr(
         type(load_kind("budgets")), "winners", lambda self, run: [Winner("Who?", "%", "more", entries, "methods")]
     )
-    (found,) = won(Run(small_run))
+    found = won(Run(small_run))[0]
     assert (found.best.label, found.best.value, found.best.interval) == ("ipopt", "90.0 %", "80.0 to 95.0")
     assert found.tied == ("b",)
     assert found.second is not None
