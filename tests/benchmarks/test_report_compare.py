@@ -123,12 +123,11 @@ def test_a_time_must_differ_by_more_than_its_rounds(
 
 def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> None:
     changed = other(small_run, tmp_path / "seed", "misprint--01*", failing(40))
-    manifest = changed.manifest()
-    manifest["settings"]["seed"] = 8
-    changed.write_json("run.json", manifest)
+    about = changed.read_json("problems/misprint.json")
+    changed.write_json("problems/misprint.json", about | {"sha256": "another"})
     found = compare_runs(Run(small_run), Run(changed))
-    assert any("problems differ" in words for words in found.left_out)
-    assert all(d.pairs == 0 and math.isnan(d.p) for d in found.differences)
+    assert any(words.startswith("misprint: the problems differ") for words in found.left_out)
+    assert all((d.pairs == 0 and math.isnan(d.p)) == (d.block == "misprint") for d in found.differences)
     assert of(found.differences, "misprint", "corrected", "solved").verdict == "worse"
 
 
