@@ -18,9 +18,10 @@ from benchmarks.kinds._contest import read_facts, timed
 from benchmarks.kinds._fresh import ProcessFailed, fresh
 from benchmarks.kinds.base import load_kind
 from benchmarks.kinds.batch.measures import judge as judge_batch
+from benchmarks.kinds.calls.callers import Caller
 from benchmarks.kinds.calls.judgement import judged, wrapped
 from benchmarks.kinds.calls.measures import MEASURES, judge, median_ratio, shared
-from benchmarks.kinds.calls.run import Caller, facts_file, read_rows, timed_part
+from benchmarks.kinds.calls.run import facts_file, read_rows, timed_part
 from benchmarks.kinds.first_use import run as first_use_module
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik._urdf import roll_pitch_yaw, urdf

@@ -6,7 +6,7 @@ import importlib.metadata
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -133,6 +133,44 @@ class Peer(ABC):
         return None
 
 
+class NotInstalled(Exception):
+    """A peer that is not installed on this machine; the message says how to install it."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """What a call left in place of an answer.
+
+    Attributes
+    ----------
+    outcome : str
+        ``raised`` (an exception), ``crashed`` (its process ended) or ``refused`` (it does not support the problem).
+    error : str
+        What it said.
+    """
+
+    outcome: str
+    error: str
+
+
+class Answer(NamedTuple):
+    """One timed call.
+
+    Attributes
+    ----------
+    raw : object
+        What it returned, or `Failed`.
+    ns : int
+        Its time [ns]; where its process ended, the time until then.
+    cpu_ns : int or None
+        Time of all threads of its process during the call [ns]; None where its process ended.
+    """
+
+    raw: Any
+    ns: int
+    cpu_ns: int | None
+
+
 @dataclass(frozen=True)
 class Absent:
     """A peer that is not run, and the reason.
@@ -240,6 +278,8 @@ def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
         if (error.name or "").partition(".")[0] != kind.package:
             raise
         return Absent(f"not installed: pip install {kind.distribution}")
+    except NotInstalled as error:
+        return Absent(str(error))
     except ImportError as error:  # installed, but not for this machine
         return Absent(f"cannot be imported here: {error}")
 
@@ -265,6 +305,9 @@ def version_of(name: str, folder: str = PEERS) -> str | None:
         There is no peer of this name.
     """
     kind: Any = load_method(folder, name, "peer")
+    if hasattr(kind, "version"):
+        found: str | None = kind.version()
+        return found
     try:
         return importlib.metadata.version(kind.distribution)
     except importlib.metadata.PackageNotFoundError:

@@ -29,7 +29,9 @@ class PlainCasADi(Peer):
         q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 7)
         p, h = _tool(ca, robot, q)
         problem = {"x": q, "p": target, "f": ca.SX(0.0), "g": _pose_error(ca, p, h, target)}
-        options = {"print_level": 0, "sb": "yes"} | ({} if iterations is None else {"max_iter": iterations})
+        options: dict[str, Any] = {"print_level": 0, "sb": "yes"} | (
+            {} if iterations is None else {"max_iter": iterations}
+        )
         solver = ca.nlpsol("ik", "ipopt", problem, {"print_time": False, "ipopt": options})
         rotated = ca.horzcat(*(_rotate(ca, h, ca.SX(column)) for column in np.eye(3)))
         self.pose: Any = ca.Function("pose", [q], [ca.vertcat(ca.horzcat(rotated, p), ca.DM([[0.0, 0.0, 0.0, 1.0]]))])

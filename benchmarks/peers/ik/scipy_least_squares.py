@@ -25,9 +25,9 @@ class ScipyLeastSquares(Peer):
     package = "scipy"
     settings = (
         "least_squares on our pose error (position, rotation vector) with our compiled forward kinematics and Jacobian, limits "
-        f"as bounds, method dogbox, tolerances {LSQ_TOLERANCE:g}: with finite differences twice as slow; with its default method "
-        "trf a redundant arm takes 400 evaluations instead of 6 from a near start, and a third of the answers miss 1e-6; no "
-        "restarts"
+        f"as bounds, method dogbox, tolerances {LSQ_TOLERANCE:g}: finite differences take twice as long; with its default "
+        "method trf a redundant arm takes 400 evaluations instead of 6 from a near start, and a third of the answers "
+        "miss 1e-6; no restarts"
     )
     budgeted = True
 

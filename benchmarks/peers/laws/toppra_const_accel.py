@@ -63,7 +63,8 @@ class ToppraConstAccel(TimingPeer):
             The peer found no motion.
         """
         path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
-        grid = np.linspace(*path.path_interval, TOPPRA_INTERVALS + 1)
+        first, last = path.path_interval
+        grid = np.linspace(float(first), float(last), TOPPRA_INTERVALS + 1)
         problem = self._toppra.algorithm.TOPPRA(
             self._constraints, path, gridpoints=grid, parametrizer="ParametrizeConstAccel"
         )
