@@ -1,4 +1,4 @@
-"""Who is called in a block of single calls: our methods and peers, built and ready; and those that are not, with the reason."""
+"""Methods and peers of a block of single calls, built and ready; and those that are not run, with the reason."""
 
 from __future__ import annotations
 

@@ -55,23 +55,6 @@ def peers_folder() -> Path:
     return Path(data) / "optik" / "peers"
 
 
-def python_of(name: str) -> Path:
-    """Interpreter of the environment of a peer.
-
-    Parameters
-    ----------
-    name : str
-        Name of the peer.
-
-    Returns
-    -------
-    Path
-        It may not exist.
-    """
-    folder = peers_folder() / name
-    return folder / "Scripts" / "python.exe" if sys.platform == "win32" else folder / "bin" / "python"
-
-
 class WorkerPeer(Peer):
     """A peer whose package is in an environment of its own; a subclass has its facts only.
 
@@ -88,43 +71,37 @@ class WorkerPeer(Peer):
 
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         self.robot = robot
-        self._worker = Worker(self.interpreter(), self.script(), {"urdf": urdf(robot), "iterations": iterations})
+        if why := self.missing():
+            raise NotInstalled(why)
+        self._worker = Worker(self.python(), self.script(), {"urdf": urdf(robot), "iterations": iterations})
 
     @classmethod
-    def interpreter(cls) -> Path:
-        """Interpreter of its environment.
+    def environment(cls) -> Path:
+        """Folder of its environment, which may not exist."""
+        return peers_folder() / cls.name
 
-        Returns
-        -------
-        Path
-            An existing file.
+    @classmethod
+    def python(cls) -> Path:
+        """Interpreter of its environment, which may not exist."""
+        return cls.environment() / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
-        Raises
-        ------
-        NotInstalled
-            The environment does not exist.
-        """
-        python = python_of(cls.name)
-        if not python.exists():
-            raise NotInstalled(f"has no environment in {python.parents[1]}: optik bench peer {cls.name} --install")
-        return python
+    @classmethod
+    def missing(cls) -> str:
+        """Why it cannot be run here, empty where it can."""
+        if cls.python().exists():
+            return ""
+        return f"no environment in {cls.environment()}: optik bench peer {cls.name} --install"
 
     @classmethod
     def script(cls) -> Path:
-        """File that defines its method for the worker process.
-
-        Returns
-        -------
-        Path
-            A file in ``benchmarks/peers/_workers``.
-        """
+        """File in ``benchmarks/peers/_workers`` that defines its method for the worker process."""
         return WORKERS / f"{cls.name}.py"
 
     @classmethod
     def version(cls) -> str | None:
         """Version of its distribution in its environment, read from the metadata there."""
         stem = cls.distribution.replace("-", "_")
-        found = sorted((peers_folder() / cls.name).glob(f"**/site-packages/{stem}-*.dist-info"))
+        found = sorted(cls.environment().glob(f"**/site-packages/{stem}-*.dist-info"))
         return found[0].name.removesuffix(".dist-info").rpartition("-")[2] if found else None
 
     def call(self, target: Array, q0: Array) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -282,6 +283,24 @@ def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
         return Absent(str(error))
     except ImportError as error:  # installed, but not for this machine
         return Absent(f"cannot be imported here: {error}")
+
+
+def missing(kind: Any) -> str:
+    """Why a peer cannot be run here, by what is installed: nothing is imported.
+
+    Parameters
+    ----------
+    kind : class
+        An IK method or a time law of another package.
+
+    Returns
+    -------
+    str
+        The reason, with what to type; empty where its package is installed.
+    """
+    if hasattr(kind, "missing"):
+        return str(kind.missing())
+    return "" if importlib.util.find_spec(kind.package) else f"pip install {kind.distribution}"
 
 
 def version_of(name: str, folder: str = PEERS) -> str | None:
