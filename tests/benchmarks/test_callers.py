@@ -162,8 +162,8 @@ def test_threads_of_a_caller_show_in_the_processor_time() -> None:
         threading.Thread(target=lambda: hashlib.sha256(data).digest()).start()
         return q0
 
-    rows = rows_of(call)
-    assert rows["cpu_ns"].mean() > 2.0 * rows["ns"].median()  # type: ignore[operator]
+    alone = rows_of(lambda target, q0: q0)["cpu_ns"].max()
+    assert rows_of(call)["cpu_ns"].min() > 20 * alone  # type: ignore[operator]
 
 
 class Lies(Peer):

@@ -31,7 +31,7 @@ class RoboticsToolbox(Peer):
             joint = ET.tz if robot.prismatic[i] else ET.Rz
             elements += [ET.SE3(np.array(robot.fixed[i])), joint(qlim=[robot.limits.lower[i], robot.limits.upper[i]])]
         self.ets: Any = ETS([*elements, ET.SE3(np.array(robot.tool))])
-        budget = {} if iterations is None else {"ilimit": iterations, "slimit": 1}
+        budget = {} if iterations is None else {"ilimit": iterations - 1, "slimit": 1}  # it takes ilimit + 1
         self.call = partial(self.ets.ik_LM, tol=1e-13, **budget)
 
     def answers(self, raw: Any) -> Array:
