@@ -68,7 +68,7 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
 
 
 def read_peers(
-    data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems"
+    data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems", budgets: bool = False
 ) -> tuple[Entry, ...]:
     """Check the settings of all peers of a block.
 
@@ -84,6 +84,8 @@ def read_peers(
         What errors call them.
     most : str
         The key that says how many problems or lines a slow one is given.
+    budgets : bool
+        Whether a peer may have the key ``iterations``, the largest number of iterations of a call.
 
     Returns
     -------
@@ -99,10 +101,14 @@ def read_peers(
     """
 
     def read(peer: Any) -> Entry:
-        check_keys(peer, {"label", "peer", most}, f"{where}: peers", need={"peer"})
+        check_keys(
+            peer, {"label", "peer", most, *(["iterations"] if budgets else [])}, f"{where}: peers", need={"peer"}
+        )
         name = check_known(peer["peer"], folder, word)
         shown = str(peer.get("label", short_name(name).replace("_", " ")))
-        return Entry(shown, name, {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
+        budget = optional_count(peer.get("iterations"), f"{where}: iterations")
+        options = {} if budget is None else {"iterations": budget}
+        return Entry(shown, name, options, optional_count(peer.get(most), f"{where}: {most}"), "peer")
 
     return all_of(data, f"{where}: peers", read)
 

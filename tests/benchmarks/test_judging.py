@@ -188,8 +188,8 @@ def test_a_cheat_wins_nothing(run: RunFolder) -> None:
 
 def test_a_method_that_changes_its_input_harms_none_and_is_named(block: CallRows) -> None:
     success = table(block)
-    assert success["mutator"]["mutated"] == COUNT
-    assert {label: success[label]["mutated"] for label in ("lm", "dls", "few", "liar")} == dict.fromkeys(
+    assert success["mutator"]["changed_input"] == COUNT
+    assert {label: success[label]["changed_input"] for label in ("lm", "dls", "few", "liar")} == dict.fromkeys(
         ("lm", "dls", "few", "liar"), 0
     )
     assert "mutator changed its input" in block.tables[0].note
@@ -250,7 +250,7 @@ def raw(run: RunFolder) -> dict[str, dict[str, Any]]:
         str(key[0]): {name: part[name].to_numpy() for name in part.columns}
         for key, part in rows.sort("problem").partition_by("method", as_dict=True).items()
     }
-    found["remembers"]["ns"] = found["remembers"]["ns_first"]  # it is timed by its first round
+    found["remembers"]["ns"] = found["remembers"]["first_ns"]  # it is timed by its first round
     return found
 
 
@@ -371,7 +371,7 @@ def test_the_profile_and_the_bins_of_singular_values_are_counted(
 
 def test_refused_and_absent_are_words_and_no_rates(block: CallRows) -> None:
     facts = copy.deepcopy(block.facts)
-    facts["entries"]["few"] |= {"refused": "does not support paper6r"}
+    facts["entries"]["few"] |= {"absent": "does not support paper6r", "outcome": "refused"}
     facts["entries"]["liar"] |= {"absent": "not installed"}
     rows = block.rows.filter(~pl.col("method").is_in(["few", "liar"]))
     found = CallRows(block.block, rows, block.folder, facts)
@@ -390,7 +390,7 @@ def _winners(block: CallRows) -> list[Winner]:
 
 
 def test_an_older_run_without_the_newer_columns_has_its_tables(block: CallRows) -> None:
-    newer = {"ns_first", "ns_min", "ns_max", "mutated", "outcome", "claimed", "cpu_ns"}
+    newer = {"first_ns", "least_ns", "most_ns", "changed_input", "outcome", "claimed", "cpu_ns"}
     older = CallRows(block.block, block.rows.drop(newer & set(block.rows.columns)), block.folder, block.facts)
     assert table(older)["lm"]["solved"] == table(block)["lm"]["solved"]
     assert "false_claims" not in table(older)["lm"]
