@@ -179,7 +179,7 @@ class RunFolder:
         )
 
     def write_text(self, name: str, text: str) -> None:
-        """Write a text file in UTF-8.
+        """Write a text file in UTF-8, its folder too.
 
         Parameters
         ----------
@@ -187,7 +187,13 @@ class RunFolder:
             Path of the file, relative to the run folder.
         text : str
             Its content.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
         """
+        self._make_room(name)
         write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _make_room(self, name: str) -> None:

@@ -36,6 +36,11 @@ class Block:
     targets: tuple[Target, ...] = ()
 
     @property
+    def sweep(self) -> bool:
+        """Whether it varies the options of one method: what it compares takes no colour that a method needs."""
+        return False
+
+    @property
     def robots(self) -> tuple[str, ...]:
         """Names of the arms that it runs on."""
         return ()

@@ -18,8 +18,9 @@ from benchmarks.report.run import Run
 from benchmarks.report.tables import share
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
+from tests.benchmarks.browser import CHROMIUM
 from tests.benchmarks.conftest import hide, small
-from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
+from tests.benchmarks.test_report import Page, draws_every_plot, page_of
 
 SPEED: dict[str, Any] = {
     "title": "fast and sure",
@@ -56,7 +57,7 @@ def page(speed_run: RunFolder) -> Page:
 
 
 def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
-    assert page.anchors == ["speed", "limitations", "provenance"]
+    assert page.anchors == ["speed", "limitations", "asked", "provenance"]
     assert "Of 3 targets, 1 is held, 1 could not be measured." in page.text
 
 

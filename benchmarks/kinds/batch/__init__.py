@@ -10,7 +10,7 @@ import polars as pl
 
 from benchmarks.kinds._fresh import fresh
 from benchmarks.kinds._problems import check_set
-from benchmarks.kinds.base import Kind, Section, Table, Target, Tell, Winner
+from benchmarks.kinds.base import Compared, Kind, Section, Table, Target, Tell, Winner
 from benchmarks.kinds.batch.measures import MEASURES, judge
 from benchmarks.kinds.batch.settings import BatchBlock, read_block
 from benchmarks.records import slug
@@ -28,6 +28,11 @@ class _Batch(Kind):
     title = "Batches"
     measures = MEASURES
     order = 30
+    compared = (Compared("time of a batch", "s", "less", "seconds"),)
+
+    def compared_rows(self, block: BatchBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Repeats by number of threads."""
+        return rows.with_columns(label=pl.format("{} threads", "threads"), problem=pl.lit("the batch"))
 
     def settings(self, data: Any) -> BatchBlock:
         return read_block(data)

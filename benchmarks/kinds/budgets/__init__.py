@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import BlockRows, Kind, Part, Section
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Part, Section
 from benchmarks.kinds.budgets.measures import MEASURES
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.kinds.budgets.run import Work, parts, prepare, solve_problems
@@ -29,6 +29,15 @@ class _Budgets(Kind):
     order = 10
     alone = False
     on_paper = True
+    compared = (
+        Compared("solved", "%", "more", "solved"),
+        Compared("iterations (both solved)", "", "less", "iterations", only="solved"),
+    )
+
+    def compared_rows(self, block: BudgetBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows at the largest budget."""
+        last = rows.filter(pl.col("budget") == block.budgets[-1])
+        return last.with_columns(label="method", solved=pl.col("status") == "solved")
 
     def settings(self, data: Any) -> BudgetBlock:
         return read_block(data)

@@ -9,7 +9,7 @@ import polars as pl
 
 from benchmarks.kinds._contest import read_facts
 from benchmarks.kinds._problems import check_set
-from benchmarks.kinds.base import BlockRows, Kind, Section, Table, Target, Tell, Winner
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Table, Target, Tell, Winner
 from benchmarks.kinds.calls.callers import build_ours
 from benchmarks.kinds.calls.evaluations import run_evaluations
 from benchmarks.kinds.calls.measures import MEASURES, judge
@@ -31,6 +31,11 @@ class _Calls(Kind):
     title = "Speed of one call"
     measures = MEASURES
     order = 20
+    compared = (
+        Compared("solved", "%", "more", "solved"),
+        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("ns_min", "ns_max")),
+        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("ns_min", "ns_max")),
+    )
 
     def settings(self, data: Any) -> CallBlock:
         return read_block(data)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from benchmarks.kinds._contest import read_facts
-from benchmarks.kinds.base import BlockRows, Kind, Section, Table, Target, Tell, Winner
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Table, Target, Tell, Winner
 from benchmarks.kinds.laws.measures import MEASURES, judge
 from benchmarks.kinds.laws.rows import LawRows, read_rows
 from benchmarks.kinds.laws.run import check_laws, facts_file, run_laws
@@ -26,6 +26,17 @@ class _Laws(Kind):
     title = "Time laws on many lines"
     measures = MEASURES
     order = 60
+    compared = (
+        Compared("motions found", "%", "more", "solved"),
+        Compared("keep every limit", "%", "more", "keeps_all", only="solved"),
+        Compared("duration", "s", "less", "duration", only="solved"),
+        Compared("time of the law", "ms", "less", "ms_law", only="solved"),
+    )
+
+    def compared_rows(self, block: LawBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """One problem is one line within one set of limits."""
+        problem = pl.concat_str("robot", "kind", "index", "limits", separator=" ").alias("problem")
+        return rows.filter(pl.col("entry") != "reference").with_columns(problem, label="law")
 
     def settings(self, data: Any) -> LawBlock:
         return read_block(data)

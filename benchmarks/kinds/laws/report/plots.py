@@ -57,7 +57,7 @@ def durations(b: LawRows, run: Run) -> Board:
             rows = part.filter(pl.col("law") == label)
             if "absent" in about or rows.is_empty():
                 continue
-            look = _look(label, about, run)
+            look = _look(label, run)
             _steps(
                 plain,
                 label,
@@ -75,7 +75,7 @@ def durations(b: LawRows, run: Run) -> Board:
         f"{b.block.id}-durations", (plain, kept), (Control("group", "Lines", tuple(names)),), _legend(b, run),
         "First: all motions as they are; one that breaks a limit may be shorter than T*. Then: the duration to which a motion "
         "must be slowed, uniformly, until its exact velocity, acceleration and jerk keep the limits. A law whose acceleration "
-        f"jumps has none. What comes nearer than {LEAST_EXCESS:g} % is drawn there. Solid: ours; dotted: peers.",
+        f"jumps has none. What comes nearer than {LEAST_EXCESS:g} % is drawn there.",
     )  # fmt: skip
 
 
@@ -96,17 +96,13 @@ def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: s
     plot.add(trace, {"group": [group]})
 
 
-def _look(label: str, about: dict[str, Any], run: Run) -> Json:
-    return {"color": run.colour(label), "width": 2, "dash": "dot" if about["kind"] == "peer" else "solid"}
+def _look(label: str, run: Run) -> Json:
+    return {"color": run.colour(label), "width": 2, "dash": run.dash(label)}
 
 
 def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
     here = set(b.rows["law"])
-    return tuple(
-        Key(label, run.colour(label), "dashed" if about["kind"] == "peer" else "solid")
-        for label, about in b.entries.items()
-        if label in here
-    )
+    return tuple(run.key(label) for label in b.entries if label in here)
 
 
 def against_singularity(b: LawRows, run: Run) -> Board:
@@ -131,14 +127,10 @@ def against_singularity(b: LawRows, run: Run) -> Board:
         Plot("timing-sigma-ratio", "Duration over T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
     )
     for (label, limits), rows in b.rows.filter("solved").group_by("law", "limits", maintain_order=True):
-        about = b.entries.get(str(label))
-        if about is None:
+        if str(label) not in b.entries:
             continue
         for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
-            colour = run.colour(str(label))
-            marker = {"color": colour, "size": 5, "opacity": 0.75, "symbol": "circle"}
-            if about["kind"] == "peer":
-                marker |= {"symbol": "x-thin", "size": 6, "line": {"width": 1.5, "color": colour}}
+            marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
             trace = line(
                 mode="markers", x=lean(rows["singular_value"], 4), y=lean(rows[column], 5), name=str(label), marker=marker,
                 text=[f"{r} {k.replace('_', '-')} {i}" for r, k, i in rows.select("robot", "kind", "index").iter_rows()],
@@ -149,5 +141,5 @@ def against_singularity(b: LawRows, run: Run) -> Board:
     return Board(
         f"{b.block.id}-singularity", plots, controls, _legend(b, run),
         "One point a line and law. A law with one bound for the whole line is paced by its worst place: it falls behind to the "
-        "left, where a singularity is near. Dots: ours; crosses: peers.",
+        "left, where a singularity is near.",
     )  # fmt: skip

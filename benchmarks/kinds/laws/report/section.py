@@ -13,7 +13,6 @@ from benchmarks.kinds.laws.report.tables import compared, law_tables, plan_times
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
-from benchmarks.report.tables import target_row
 from optik.registry import short_name
 
 
@@ -73,7 +72,6 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
         "limits": [part.label for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(short_name(part.robot), part.kind.replace("_", "-"), part.count) for part in block.lines],
-        "targets": [target_row(o) for o in run.outcomes if o.block == block.id],
         "boards": [durations(b, run), against_singularity(b, run)],
         "tables": tables[:alone], "more": tables[alone:],
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
