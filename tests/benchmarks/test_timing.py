@@ -38,7 +38,8 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
 from planners import JointPath, MotionLimits, certify, follow, make_law
-from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
+from tests.benchmarks.browser import CHROMIUM
+from tests.benchmarks.test_report import Page, draws_every_plot, page_of
 
 LIMITS = MotionLimits(velocity=2.0, acceleration=10.0, jerk=100.0)
 QUICK: dict[str, Any] = {
