@@ -11,6 +11,9 @@ from benchmarks.kinds.laws.run import example_file
 from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.records import RunFolder
 
+ON_THE_LINE = 1e-5
+"""Deviation [m, rad] up to which a motion is one along the line: laws stay within 1e-6, joint moves leave it by 1e-2."""
+
 
 @dataclass(frozen=True)
 class LawRows(BlockRows):
@@ -36,7 +39,8 @@ def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
     """All rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*.
 
     T* is the least duration on that line within those limits of the reference and of every motion that keeps all
-    limits exactly. ``kept_over_optimum`` is the same ratio after the motion was slowed, uniformly, until it keeps them.
+    limits exactly and stays on the line within `ON_THE_LINE`. ``kept_over_optimum`` is the same ratio after the motion was
+    slowed, uniformly, until it keeps them.
 
     Parameters
     ----------
@@ -55,7 +59,8 @@ def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
         return None
     solved = (pl.col("status") == "solved").alias("solved")
     keeps = (pl.col("status") == "solved") & (pl.col("breaks") == "")
-    counts = keeps | ((pl.col("entry") == "reference") & (pl.col("status") == "solved"))
+    stays = (pl.col("distance") <= ON_THE_LINE) & (pl.col("angle") <= ON_THE_LINE)
+    counts = (keeps & stays) | ((pl.col("entry") == "reference") & (pl.col("status") == "solved"))
     optimum = pl.when(counts).then(pl.col("duration")).min().over("line", "limits")
     return (
         rows.with_columns(solved, keeps_all=keeps, optimum=optimum)
