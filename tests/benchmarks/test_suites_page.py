@@ -8,13 +8,14 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 from typer.testing import CliRunner
 
 import optik
 from benchmarks.cli.app import app
-from benchmarks.cli.explain import explain
+from benchmarks.cli.explain import Explained, explain
 from benchmarks.kinds.batch.process import measure
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
@@ -80,10 +81,16 @@ def test_a_new_suite_is_checked_and_names_the_links_of_a_urdf(own: Path) -> None
     assert not (folder / "c.toml").exists()
 
 
-def test_every_key_of_our_suites_is_explained_with_the_default_that_the_code_has() -> None:
-    for name in sorted(own_names(SUITES)):
-        for key in explain(load_suite(name), Path()):
-            assert key.meaning, key.key
+@pytest.fixture(scope="module")
+def keys() -> dict[str, list[Explained]]:
+    """Every key of every suite of ours, explained."""
+    return {name: explain(load_suite(name), Path()) for name in sorted(own_names(SUITES))}
+
+
+def test_every_key_of_our_suites_is_explained_with_the_default_that_the_code_has(
+    keys: dict[str, list[Explained]],
+) -> None:
+    assert [key.key for found in keys.values() for key in found if not key.meaning] == []
     found = {row["key"]: row for row in json.loads(optik_bench("check", "timing-quick", "--all", "--json"))["keys"]}
     assert found["timing.lines.lines"]["default"] == "required"
     assert (found["timing.lines.rounds"]["value"], found["timing.lines.rounds"]["default"]) == (1, "3")
@@ -92,7 +99,7 @@ def test_every_key_of_our_suites_is_explained_with_the_default_that_the_code_has
     }  # fmt: skip
     assert found["timing.lines.reference.options.intervals"]["value"] == 400
     assert found["timing.lines.limits[0].jerk"]["unit"].startswith("rad/s³")
-    paper = {row.key: row for row in explain(load_suite("paper"), Path())}
+    paper = {row.key: row for row in keys["paper"]}
     assert paper["blocks.workspace.options.spacing_m"][1:4] == (0.05, "0.05", "m")
     assert paper["blocks.workspace.options.start_deg"].default == "required"
     assert paper["blocks.workspace.methods[0].options.damping"].value == 0.01
@@ -140,6 +147,26 @@ def test_checking_does_not_run_what_a_suite_names(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- the page
 
 
+def test_the_suite_on_the_page_runs_on_own_poses_and_an_own_seam(own: Path) -> None:
+    found = re.search(r"```toml\n(# station\.toml\n.*?)```", PAGE, re.DOTALL)
+    assert found
+    arm = optik.load(str(own / "arm.urdf"))
+    q = arm.limits.clip(np.full((2, arm.n), 0.3) + np.array([[0.0], [0.05]]))
+    rows = [[*T[:3, 3], *T[:3, :3].ravel()] for T in arm.fk(q)]
+    header = ",".join(["x_m,y_m,z_m", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))])
+    for name in ("poses.csv", "seam.csv"):
+        np.savetxt(own / name, rows, delimiter=",", header=header, comments="", fmt="%.17g")
+    suite = own / "station.toml"
+    suite.write_text(found[1])
+    optik_bench("run", str(suite), "--out", str(own / "station"))
+    calls = pl.read_parquet(own / "station/speed/*.parquet")
+    assert calls.filter("solved")["method"].unique().sort().to_list() == ["closed_form", "lm"]
+    motions = pl.read_parquet(own / "station/timing/seam-4--*.parquet")
+    assert motions.select("law", "kind", "status", "breaks").rows() == [
+        ("optimal", "seam.csv", "solved", ""), ("smooth", "seam.csv", "solved", "")
+    ]  # fmt: skip
+
+
 def section(title: str) -> str:
     """The part of the page under a heading, or after a line, that begins so."""
     found = re.search(rf"^(?:#+ )?{re.escape(title)}.*?\n(.*?)(?=^#|^`line/|\Z)", PAGE, re.MULTILINE | re.DOTALL)
@@ -170,11 +197,9 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         assert columns_in(title) == columns, title
 
 
-def test_the_page_has_every_key_and_every_option_of_every_set() -> None:
-    for name in sorted(own_names(SUITES)):
-        keys = {row.key.split(".")[-1] for row in explain(load_suite(name), Path()) if ".options." not in row.key}
-        missing = [key for key in keys if f"`{key}`" not in PAGE and f" {key}" not in PAGE and f"`[{key}" not in PAGE]
-        assert missing == []
+def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, list[Explained]]) -> None:
+    names = {row.key.split(".")[-1] for found in keys.values() for row in found if "options." not in row.key}
+    assert [name for name in sorted(names) if not re.search(rf"[`{{ ]{name}[`, ]", PAGE)] == []
     for name in sorted(own_names(SETS)):
         row = next(line for line in section("Problem sets").splitlines() if line.startswith(f"| `{name}`"))
         assert set(re.findall(r"`(\w+)`", row.split("|")[3])) == set(defaults(load_method(SETS, name, "set")))
