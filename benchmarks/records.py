@@ -283,7 +283,7 @@ class RunFolder:
     def rows(self, block: str) -> pl.DataFrame | None:
         """All IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
-        ``known`` is also True where any of the methods solved the problem.
+        ``known`` is what the problem set says: what a method solves changes nothing.
 
         Parameters
         ----------
@@ -307,8 +307,7 @@ class RunFolder:
         if problems is None:
             raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
         joined = rows.join(problems.drop("target", "start"), on="problem")
-        solved = (pl.col("status") == "solved").any().over("problem")
-        return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")
+        return joined.sort("method_index", "problem", "budget")
 
 
 def slug(text: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
+from optik.plugins.options import nearest
 from optik.registry import check_name
 
 Item = TypeVar("Item")
@@ -100,12 +101,38 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
     InvalidInput
         Not a table, an unknown key, or a missing one.
     """
-    if not isinstance(data, dict):
-        raise InvalidInput(where, type(data).__name__, "a table")
+    check_table(data, where)
     if unknown := sorted(set(data) - known):
-        raise InvalidInput(where, f"the key {unknown[0]!r}", f"keys out of {', '.join(sorted(known))}")
+        near = nearest(unknown[0], known)
+        meant = f"{near!r}, or another of" if near else "keys out of"
+        raise InvalidInput(where, f"the key {unknown[0]!r}", f"{meant} {', '.join(sorted(known))}")
     if missing := sorted((need or set()) - set(data)):
         raise InvalidInput(where, f"no {missing[0]!r}", f"the keys {', '.join(sorted(need or set()))}")
+
+
+def check_table(value: Any, where: str) -> dict[str, Any]:
+    """Return the value if it is a table.
+
+    Parameters
+    ----------
+    value : Any
+        Value to check.
+    where : str
+        Place of the value, for errors.
+
+    Returns
+    -------
+    dict
+        The value.
+
+    Raises
+    ------
+    InvalidInput
+        Not a table.
+    """
+    if not isinstance(value, dict):
+        raise InvalidInput(where, type(value).__name__, "a table")
+    return value
 
 
 def check_list(value: Any, where: str) -> list[Any]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.kinds.base import Entry
-from benchmarks.settings import all_of, check_different, check_keys, check_known, optional_count
+from benchmarks.settings import all_of, check_different, check_keys, check_known, check_table, optional_count
 from optik.registry import short_name
 
 
@@ -35,7 +35,12 @@ def read_method(data: Any, where: str) -> Entry:
     check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
     name = check_known(data["solver"], "optik.ik", "IK method")
     most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), most)
+    return Entry(
+        str(data.get("label", short_name(name))),
+        name,
+        dict(check_table(data.get("options", {}), f"{where}: options")),
+        most,
+    )
 
 
 def read_law(data: Any, where: str, role: str = "law") -> Entry:
@@ -64,7 +69,12 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
     """
     check_keys(data, {"label", "law", "options"}, where, need={"law"})
     name = check_known(data["law"], "planners.timing", "time law")
-    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), role=role)
+    return Entry(
+        str(data.get("label", short_name(name))),
+        name,
+        dict(check_table(data.get("options", {}), f"{where}: options")),
+        role=role,
+    )
 
 
 def read_peers(
@@ -111,6 +121,11 @@ def read_peers(
         return Entry(shown, name, options, optional_count(peer.get(most), f"{where}: {most}"), "peer")
 
     return all_of(data, f"{where}: peers", read)
+
+
+def _options(data: dict[str, Any], where: str) -> dict[str, Any]:
+    """Options of an entry: a copy of its table."""
+    return dict(check_table(data.get("options", {}), f"{where}: options"))
 
 
 def check_labels(entries: Sequence[Entry], where: str) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Entry, Part
 from benchmarks.kinds.budgets.settings import BudgetBlock
 from benchmarks.problems.base import ProblemSet, problem_set
@@ -106,9 +107,7 @@ def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: Problem
     Part
         Some problems by one method.
     """
-    name = f"problems/{slug(block.id)}.parquet"
-    if not folder.has(name):
-        folder.write(name, problems.frame(robot))
+    store_problems(folder, block, robot, problems)
     for index, method in enumerate(block.methods):
         chosen = problems.chosen(method.most)
         for part, first in enumerate(range(0, len(chosen), BUDGET_PART)):

@@ -10,6 +10,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.kinds._contest import clock_cost, timed, turns
+from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Tell
 from benchmarks.kinds.calls.callers import Caller, callers_of
 from benchmarks.kinds.calls.judgement import judged
@@ -82,14 +83,13 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
     tell : callable
         Called with what is next.
     """
-    facts, name = facts_file(block), f"problems/{slug(block.id)}.parquet"
+    facts = facts_file(block)
     count = folder.read_json(facts)["count"] if folder.has(facts) else None
     if count is not None and all(folder.has(part) for part in part_files(block, count)):
         return
     tell(f"{block.id}: problems")
     robot, problems = problem_set(block, seed)
-    if not folder.has(name):
-        folder.write(name, problems.frame(robot).drop("target", "start"))
+    store_problems(folder, block, robot, problems, poses=False)
     tell(f"{block.id}: building")
     callers, absent = callers_of(block, robot)
     entries = {c.label: c.about for c in callers} | absent

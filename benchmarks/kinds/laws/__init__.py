@@ -9,6 +9,7 @@ import polars as pl
 
 from benchmarks.kinds._contest import read_facts
 from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Table, Target, Tell, Winner
+from benchmarks.kinds.laws.lines import LINE_KINDS
 from benchmarks.kinds.laws.measures import MEASURES, judge
 from benchmarks.kinds.laws.rows import LawRows, read_rows
 from benchmarks.kinds.laws.run import check_laws, facts_file, run_laws
@@ -63,7 +64,9 @@ class _Laws(Kind):
         return SECTIONS
 
     def subjects(self, blocks: Sequence[LawBlock]) -> Sequence[str]:
-        return (f"time laws along {sum(part.count for b in blocks for part in b.lines)} straight lines",)
+        parts = [part for block in blocks for part in block.lines]
+        words = "straight lines" if all(part.kind in LINE_KINDS for part in parts) else "paths"
+        return (f"time laws along {sum(part.count for part in parts)} {words}",)
 
     def winners(self, run: Run) -> Sequence[Winner]:
         from benchmarks.kinds.laws.report.winners import winners

@@ -37,8 +37,8 @@ def winners(run: Run) -> Sequence[Winner]:
 def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     """Which law has the shortest motions on a kind of line, and which of these laws is computed fastest.
 
-    Ranked are the laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and on its path. All are compared
-    on the lines that all of them were asked for.
+    Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
+    path. All are compared on the lines that all of them were asked for.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     list of Winner
         Empty where fewer than two laws can be ranked.
     """
-    rows_of_kind = rows = in_group(b.rows, kind).filter(pl.col("law").is_in(list(b.entries)))
+    rows = in_group(b.rows, kind).filter(pl.col("law").is_in(list(b.entries)))
     unbounded = [
         label
         for label in b.entries
         if np.isinf(rows.filter(pl.col("law") == label)["least_duration"].drop_nulls().to_numpy()).any()
     ]
-    off = [
-        label for label in b.entries if not rows.filter((pl.col("law") == label) & pl.col("solved"))["follows"].any()
-    ]
-    ranked = [label for label in b.entries if label not in (*unbounded, *off)]
+    asked = set(rows["law"])
+    on_path = set(rows.filter(pl.col("solved") & pl.col("follows"))["law"])
+    off = [label for label in b.entries if label in asked - on_path]
+    ranked = [label for label in b.entries if label in on_path and label not in unbounded]
     rows = rows.filter(pl.col("law").is_in(ranked))
     rows = rows.filter(pl.len().over("line", "limits") == len(ranked))
     parts = {label: rows.filter(pl.col("law") == label) for label in ranked}
@@ -69,8 +69,7 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
         return []
     words, count = kind.replace("_", "-"), len(parts[ranked[0]])
     note = f"median of {count:,} motions that all were asked for, bootstrap intervals"
-    asked = set(rows_of_kind["law"])
-    for why, labels in (("jerk unbounded", unbounded), ("no motion on its path", [x for x in off if x in asked])):
+    for why, labels in (("jerk unbounded", unbounded), ("no motion on its path", off)):
         note += f"; {why}, not ranked: {', '.join(labels)}" if labels else ""
     lengths = [(label, *median_interval(or_infinite(part["kept_over_optimum"]))) for label, part in parts.items()]
     times = [(label, *median_interval(part["ms_law"].to_numpy())) for label, part in parts.items()]
