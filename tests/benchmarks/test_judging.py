@@ -152,7 +152,8 @@ def test_answers_are_judged_as_plain_kinematics_does(run: RunFolder) -> None:
     q = robot.limits.draw(rng, 40)
     targets = np.stack([fk_extended(robot, v).astype(np.float64) for v in q])
     offered = q + rng.normal(size=q.shape) * 10.0 ** rng.uniform(-11, -2, size=(40, 1))
-    offered[0, 0] = robot.limits.upper[0] + 1e-3
+    offered[0] = np.r_[robot.limits.upper[0] + 1e-3, q[0, 1:]]
+    targets[0] = fk_extended(robot, offered[0]).astype(np.float64)  # met exactly, outside the limits
     rows = judged(robot, targets, [v[None] for v in offered], wraps=False)
     for i, v in enumerate(offered):
         position, rotation = off_by(fk_extended(robot, v).astype(np.float64), targets[i])
@@ -306,7 +307,9 @@ def test_a_number_of_iterations_is_kept(run: RunFolder) -> None:
 def test_pairs_are_counted_problem_by_problem(block: CallRows, raw: dict[str, dict[str, Any]]) -> None:
     from scipy.stats import wilcoxon
 
-    found, reference = table(block, "-pairs"), raw["lm"]
+    failed = block.rows.with_columns(solved=pl.col("solved") & ~((pl.col("method") == "lm") & (pl.col("problem") < 10)))
+    found = table(CallRows(block.block, failed, block.folder, block.facts), "-pairs")
+    reference = raw["lm"] | {"solved": raw["lm"]["solved"] & (raw["lm"]["problem"] >= 10)}
     solved = dict(zip(reference["problem"], reference["solved"], strict=True))
     times = dict(zip(reference["problem"], reference["ns"], strict=True))
     p_solved, p_time = {}, {}
