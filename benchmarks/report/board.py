@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -189,9 +190,35 @@ class Board:
         """The value of every control that is chosen at first."""
         return {c.key: c.value for c in self.controls}
 
-    def packed(self) -> str:
-        """Everything the page's script needs to draw the plots, compressed."""
-        return pack([plot.to_data() for plot in self.plots])
+    def packed(self, labels: Sequence[str] = ()) -> str:
+        """Everything the page's script needs to draw the plots, compressed.
+
+        Parameters
+        ----------
+        labels : sequence of str
+            Names that a suite has chosen: Plotly reads tags in text, and a name is none.
+
+        Returns
+        -------
+        str
+            As `pack` writes it.
+        """
+        marked = sorted((label for label in labels if set(label) & set("<>&")), key=len, reverse=True)
+        data = [plot.to_data() for plot in self.plots]
+        return pack(_escaped(data, marked) if marked else data)
+
+
+def _escaped(data: Any, names: Sequence[str]) -> Any:
+    """Data in which some names stand as Plotly shows them unchanged."""
+    if isinstance(data, str):
+        for name in names:
+            data = data.replace(name, html.escape(name, quote=False))
+        return data
+    if isinstance(data, dict):
+        return {key: _escaped(value, names) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_escaped(value, names) for value in data]
+    return data
 
 
 def _raised(trace: Json, values: str, floor: float) -> Json:

@@ -70,6 +70,7 @@ def render(run: Run) -> str:
     )
     environment.filters |= {"number": number, "percent": percent, "strict": strict, "tied": tied_words}
     environment.filters["shown"] = lambda table: shown_table(table, run)
+    environment.filters["packed"] = lambda board: board.packed(run.labels)
     placed = {place: built(run, place) for place in ("top", "terms", "summary", "section")}
     return environment.get_template("page.html.j2").render(
         head=overview(run),

@@ -131,7 +131,7 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
     """
     half = (high - low) / 2
     if show == "share":
-        decimals = 1 if not half > 0 else min(max(1 - math.floor(math.log10(half)), 1), DECIMALS_OF_SHARES)
+        decimals = 1 if not half > 0 else min(max(-math.floor(math.log10(half)), 1), DECIMALS_OF_SHARES)
         step = 10.0**-decimals
         text = "100" if middle >= 100 else f"{min(math.floor(middle / step + 1e-9) * step, 100 - step):.{decimals}f}"
         return text, "" if math.isnan(half) else f"{low:.{decimals}f} to {high:.{decimals}f}"
@@ -141,7 +141,7 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
         return f"{middle:.7g}", "" if math.isnan(half) else f"{low:.7g} to {high:.7g}"
     digits = 3
     if half > 0 and math.isfinite(half) and middle:
-        digits = 2 + math.floor(math.log10(abs(middle))) - math.floor(math.log10(half))
+        digits = 1 + math.floor(math.log10(abs(middle))) - math.floor(math.log10(half))
         digits = min(max(digits, LEAST_DIGITS), MOST_DIGITS)
     return number(middle, digits), _interval(low, high, digits)
 

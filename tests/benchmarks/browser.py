@@ -44,7 +44,7 @@ class Browser:
         os.close(down[0])
         os.close(up[1])
         self.to, self.out = os.fdopen(down[1], "wb"), os.fdopen(up[0], "rb")
-        self.count, self.session = 0, ""
+        self.count, self.session, self.unread = 0, "", bytearray()
         self.said: list[str] = []
         self.requests: list[str] = []
         target = next(t for t in self.send("Target.getTargets")["targetInfos"] if t["type"] == "page")
@@ -80,11 +80,12 @@ class Browser:
         return answer["result"]
 
     def _next(self) -> dict[str, Any]:
-        text = bytearray()
-        while (one := self.out.read(1)) != b"\0":
-            assert one, "the browser is gone"
-            text += one
-        found: dict[str, Any] = json.loads(text)
+        while (end := self.unread.find(b"\0")) < 0:
+            more = os.read(self.out.fileno(), 1 << 20)
+            assert more, "the browser is gone"
+            self.unread += more
+        found: dict[str, Any] = json.loads(self.unread[:end])
+        del self.unread[: end + 1]
         return found
 
     def _note(self, event: dict[str, Any]) -> None:

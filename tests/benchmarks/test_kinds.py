@@ -136,7 +136,7 @@ def test_a_report_has_its_table_without_its_code(outside: type[Kind], run: RunFo
     found = Run(run)
     assert not isinstance(found.suite.kinds[0], outside)
     page = page_of(run)
-    assert page.anchors == ["fk-time", "limitations", "provenance"]
+    assert page.anchors == ["fk-time", "limitations", "asked", "provenance"]
     assert "The kind of block 'fk_time' is not available here" in page.text
     assert "What was compared: forward kinematics on paper6r (6 joints)." in page.text.replace(" (", " (")
     assert "Poses <of> one arm" in page.text

@@ -25,7 +25,7 @@ from benchmarks.report.numbers import number
 from benchmarks.report.packing import unpack
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
-from tests.benchmarks.browser import CHROMIUM, Browser
+from tests.benchmarks.browser import Browser
 from tests.benchmarks.conftest import SMALL, small
 
 LOADS = ("src", "href", "srcset", "poster", "data", "action", "background")
@@ -316,11 +316,6 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------ in a browser
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-def test_a_browser_draws_every_plot_without_an_error(copied: RunFolder, tmp_path: Path) -> None:
-    draws_every_plot(copied, tmp_path)
 
 
 def draws_every_plot(folder: RunFolder, scratch: Path) -> None:

@@ -23,13 +23,15 @@ class PyTracIK(Peer):
 
     distribution = "pytracik"
     package = "pytracik"
+    clocked = True
+    random = True
     settings = (
         f"URDF of the arm with its limits; Speed mode, eps {TRACIK_TOLERANCE:g} (its default, 1e-5, does not reach 1e-6), "
         f"at most {1e3 * TRACIK_SECONDS:g} ms; runs two threads of its own; the timed call includes the conversion of the "
         "matrix to a quaternion"
     )
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import pytracik
 
         need_revolute(robot, 1, 9)
@@ -37,6 +39,8 @@ class PyTracIK(Peer):
         solver = pytracik.TRAC_IK(
             "link0", "tool", urdf(robot), TRACIK_SECONDS, TRACIK_TOLERANCE, pytracik.SolveType.Speed
         )
+        self.module: Any = pytracik
+        self.solver: Any = solver
         ik = pytracik.ik
 
         def call(target: Array, q0: Array) -> Any:
@@ -60,6 +64,36 @@ class PyTracIK(Peer):
         """
         values = np.asarray(raw, dtype=np.float64).ravel()
         return one(values[-self.robot.n :]) if values.size > self.robot.n and values[0] >= 0 else none(self.robot)
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the return code is not negative.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return float(np.ravel(raw)[0]) >= 0.0 if np.size(raw) else False
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by the KDL chain that TRAC-IK read from the URDF.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.asarray(self.module.fk(self.solver, q)).reshape(4, 4)
 
 
 def _quaternion(T: list[list[float]]) -> tuple[float, float, float, float]:

@@ -164,7 +164,8 @@ class _Panel:
             self._axis(name, self.layout.get(f"{name}axis", {}))
         for shape in self.layout.get("shapes", ()):
             self._shape(shape)
-        self.axes.grid(visible=self.layout.get("xaxis", {}).get("showgrid", True), linewidth=0.4)
+        if self.layout.get("xaxis", {}).get("showgrid", True):
+            self.axes.grid(visible=True, linewidth=0.4)
 
     def _line(self, trace: Json) -> None:
         y = trace.get("y", ())

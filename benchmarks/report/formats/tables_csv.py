@@ -104,6 +104,9 @@ def _values(row: Mapping[str, Cell], key: str, wide: bool) -> list[str]:
 
 
 def _exact(value: Cell) -> str:
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else repr(float(value) if isinstance(value, float) else int(value))  # type: ignore[arg-type]  # no tuple here
+    """A value with all its digits; NaN as programs write it."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    if isinstance(value, tuple):
+        value = value[0]
+    return "NaN" if value != value else repr(value if isinstance(value, int) else float(value))

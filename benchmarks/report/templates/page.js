@@ -2,6 +2,7 @@
 (() => {
   "use strict";
   const dark = matchMedia("(prefers-color-scheme: dark)");
+  const printing = () => document.documentElement.classList.contains("printing");
   const mouse = matchMedia("(hover: hover) and (pointer: fine)").matches;
   const fits = (when, state) => Object.entries(when || {}).every(([key, values]) => values.includes(state[key]));
   const isObject = value => value !== null && typeof value === "object" && !Array.isArray(value) && !ArrayBuffer.isView(value);
@@ -115,7 +116,9 @@
         for (const entry of plot.layouts || []) if (fits(entry.when, this.state)) merge(layout, themed(entry.layout, style));
         layout.uirevision = plot.layout.scene ? "camera" : JSON.stringify(this.state);
         if (layout.scene) layout.dragmode = "orbit";
-        if (layout.height) document.getElementById(plot.id).style.height = `${layout.height}px`;
+        const place = document.getElementById(plot.id);
+        if (layout.height) place.style.height = `${layout.height}px`;
+        if (printing()) Object.assign(layout, { width: place.clientWidth, height: place.clientHeight }); // paper is not resized
         Plotly.react(plot.id, data, layout, config(plot));
       }
       if (this.player) this.player.reset();

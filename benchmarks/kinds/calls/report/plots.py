@@ -10,7 +10,7 @@ import polars as pl
 
 from benchmarks.kinds.calls.measures import shared
 from benchmarks.kinds.calls.rows import CallRows
-from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.board import Board, Control, Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
 from benchmarks.report.run import Run
 from benchmarks.statistics import performance_profile, wilson
@@ -33,18 +33,14 @@ FEWEST_IN_BIN = 10
 
 
 def _traces(blocks: list[CallRows], run: Run) -> Iterator[tuple[CallRows, str, pl.DataFrame, Json]]:
-    """Every method that has rows, with the look of its line: outside methods are dotted."""
+    """Every method that has rows, with the look of its line."""
     for b in blocks:
         for label, part in b.by_method.items():
-            dash = "dot" if b.entries[label]["kind"] == "peer" else "solid"
-            yield b, label, part, {"color": run.colour(label), "width": 2, "dash": dash}
+            yield b, label, part, {"color": run.colour(label), "width": 2, "dash": run.dash(label)}
 
 
 def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Plot, ...], caption: str) -> Board:
-    legend = tuple(
-        Key(label, run.colour(label), "dashed" if look["dash"] == "dot" else "solid", {"block": [b.block.id]})
-        for b, label, _, look in _traces(blocks, run)
-    )
+    legend = tuple(run.key(label, {"block": [b.block.id]}, marked=False) for b, label, _, _ in _traces(blocks, run))
     controls = (Control("block", "Problems", tuple((b.block.id, b.block.title) for b in blocks)),)
     return Board(id, plots, controls, legend, caption)
 
@@ -84,7 +80,7 @@ def success_in_time(blocks: list[CallRows], run: Run) -> Board:
             )
     caption = (
         "Share of all problems solved by a call that took at most this time; a curve ends at its method's share solved. Each "
-        "call's time is the median of its rounds. Solid: ours; dotted: peers."
+        "call's time is the median of its rounds."
     )
     return _board("success-time-board", blocks, run, (plot,), caption)
 

@@ -1,0 +1,215 @@
+"""The page in a real browser: every control, keys, themes, print, and names that would be tags."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from benchmarks.kinds.base import Column, Section, Table, Winner, load_kind
+from benchmarks.records import RunFolder
+from benchmarks.report import write_report
+from benchmarks.report.figures import METHOD_COLOURS, method_dash
+from tests.benchmarks.browser import CHROMIUM, Browser
+
+EVIL = "<script>alert('x')</script> & <b>a|b</b>"
+PLAYS = "document.querySelector('[data-play]')?.getAttribute('aria-pressed') === 'true'"
+ALL_DRAWN = "performance.getEntriesByName('all plots').length"
+
+QUESTION = Path(load_kind.__code__.co_filename).parents[1] / "report" / "templates" / "question.html.j2"
+
+
+def shown(run: Any) -> dict[str, Any]:
+    from benchmarks.kinds.budgets.report.methods import methods
+
+    found = methods(run)
+    assert found is not None
+    return {"lead": "An answer.", "boards": [], "tables": tables(run), "prose": ["How."]}
+
+
+def tables(run: Any) -> list[Table]:
+    columns = (
+        Column("label", "Method", show="text"),
+        Column("solved", "solved", "%", "more", "share"),
+        Column("error", "error", "mm", "less"),
+        Column("aside", "few ask", "µs", aside=True),
+    )
+    labels = run.labels
+    rows = (
+        {"label": labels[0], "solved": (90.0, 85.0, 94.0), "error": 3e-10, "aside": 1.5},
+        {"label": labels[1], "solved": (40.0, 30.0, 50.0), "error": 12.5, "aside": None},
+        {"label": "none", "solved": None, "error": float("nan"), "aside": 3.0},
+    )
+    return [Table("odd|name", f"A table of {EVIL}", columns, rows, "A note.")]
+
+
+def winners(run: Any) -> list[Winner]:
+    a, b = run.labels[:2]
+    entries = ((a, 90.0, 85.0, 94.0), (b, 40.0, 30.0, 50.0))
+    return [Winner("Solves the most", "%", "more", entries, "question", "100 targets")]
+
+
+@pytest.fixture(scope="module")
+def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with odd names, whose kinds say who wins and bring a table and a section."""
+    folder = RunFolder(tmp_path_factory.mktemp("browser") / "run")
+    shutil.copytree(small_run.path, folder.path)
+    manifest = folder.manifest()
+    manifest["settings"]["blocks"][1]["methods"][0]["label"] = EVIL
+    manifest["settings"]["blocks"][1]["title"] = EVIL
+    folder.write_json("run.json", manifest)
+    for file in (folder.path / "ik").glob("misprint--00*"):
+        pl.read_parquet(file).with_columns(method=pl.lit(EVIL)).write_parquet(file)
+    kind = type(load_kind("budgets"))
+    with pytest.MonkeyPatch.context() as patch:
+        own = tuple(load_kind("budgets").sections())
+        patch.setattr(kind, "winners", lambda self, run: winners(run))
+        patch.setattr(kind, "tables", lambda self, run: tables(run))
+        patch.setattr(kind, "sections", lambda self: (*own, Section("A question", "question", shown, QUESTION, 5)))
+        return write_report(folder)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    with Browser(tmp_path_factory.mktemp("profile")) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def drawn(browser: Browser, page: Path) -> Browser:
+    """The page, drawn; Play was pressed as soon as the page was parsed, before anything was drawn."""
+    press = "() => document.querySelector('[data-play]').click()"
+    source = f"document.addEventListener('readystatechange', {press}, {{ once: true }});"
+    script = browser.send("Page.addScriptToEvaluateOnNewDocument", source=source)
+    browser.emulate(width=1280)
+    browser.open(page)
+    browser.until(PLAYS)
+    browser.until("Number(document.querySelector('[data-frame]').value) > 2")
+    browser.run("document.querySelector('[data-play]').click()")
+    browser.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
+    browser.until(ALL_DRAWN)
+    return browser
+
+
+@pytest.fixture
+def opened(drawn: Browser, page: Path) -> Iterator[Browser]:
+    """The page, drawn; after the test its console must be empty and nothing must have been asked for."""
+    drawn.emulate(width=1280)
+    drawn.run("scrollTo(0, 0)")
+    yield drawn
+    assert drawn.errors == []
+    assert drawn.asked(page) == []
+
+
+def test_play_works_also_when_it_is_pressed_before_anything_is_drawn(opened: Browser) -> None:
+    assert not opened.run(PLAYS)
+    assert opened.run("document.querySelector('[data-play]').textContent") == "Play"
+    opened.run("document.querySelector('[data-play]').click()")
+    assert opened.run(PLAYS)
+    opened.run("document.querySelector('[data-play]').click()")
+
+
+def test_every_control_is_driven(opened: Browser) -> None:
+    driven = opened.run("""(async () => {
+        let count = 0;
+        for (const select of document.querySelectorAll('select[data-control]')) {
+            const first = select.value;
+            for (const value of [...[...select.options].map(option => option.value), first]) {
+                select.value = value;
+                select.dispatchEvent(new Event('change', { bubbles: true }));
+                await new Promise(resolve => setTimeout(resolve));
+                const chosen = select.closest('figure').querySelector('.chosen').textContent;
+                const said = select.closest('[hidden]') || chosen.includes(select.selectedOptions[0].textContent);
+                if (!said) return select.outerHTML;
+                count++;
+            }
+        }
+        return count;
+    })()""")
+    assert isinstance(driven, int), driven
+    assert driven > 20
+    assert opened.run("[...document.querySelectorAll('.plot')].every(plot => plot.querySelector('.main-svg, canvas'))")
+
+
+def test_no_button_talks_to_a_server(opened: Browser) -> None:
+    titles = "[...document.querySelectorAll('.modebar-btn')].map(b => b.dataset.title)"
+    assert set(opened.run(titles)) <= {"Zoom", "Pan", "Reset axes", "Download plot as a PNG", "Orbital rotation",
+                                       "Reset camera to default"}  # fmt: skip
+    assert opened.run("[...document.querySelectorAll('.js-plotly-plot')].every(p => !p._context.plotlyServerURL)")
+
+
+def test_names_with_tags_stay_text(opened: Browser) -> None:
+    assert opened.run(f"document.body.textContent.includes({json.dumps(EVIL)})")
+    ticks = "[...document.querySelectorAll('#status .ytick')].map(t => t.textContent)"
+    opened.run("""(() => { const s = document.querySelector('#statuses select'); s.value = 'misprint';
+        s.dispatchEvent(new Event('change')); })()""")
+    assert EVIL in opened.run(ticks)
+    assert opened.run("document.querySelectorAll('main b, header b, main script:not([type])').length") == 0
+
+
+def test_tables_sort_by_click_and_show_more_on_request(opened: Browser) -> None:
+    table = "document.querySelector('.table table')"
+    first = f"{table}.tBodies[0].rows[0].cells[0].textContent.trim()"
+    names = opened.run(f"[...{table}.tBodies[0].rows].map(r => r.cells[0].textContent.trim())")
+    opened.run(f"{table}.querySelector('[data-sort=\"1\"]').click()")
+    assert opened.run(first) == names[1]
+    opened.run(f"{table}.querySelector('[data-sort=\"1\"]').click()")
+    assert opened.run(first) == names[0]
+    assert opened.run(f"{table}.tBodies[0].rows[2].cells[0].textContent.trim()") == "none"
+    hidden = f"getComputedStyle({table}.querySelector('td.aside')).display"
+    assert opened.run(hidden) == "none"
+    opened.run("document.querySelector('.table .more').click()")
+    assert opened.run(hidden) == "table-cell"
+    assert opened.run(f"[...{table}.querySelectorAll('td.best')].map(c => c.textContent.trim())") == [
+        "90.0 85.0 to 94.0",
+        "≤ 10⁻⁹",
+    ]
+
+
+def test_the_winners_come_first_and_lead_to_their_section(opened: Browser) -> None:
+    assert opened.run("document.querySelector('#winners').getBoundingClientRect().bottom < 900")
+    assert opened.run("document.querySelector('#winners td.best').textContent").strip() == "dls λ=0.01"
+    target = opened.run("document.querySelector('#winners a').getAttribute('href')")
+    assert opened.run(f"document.querySelectorAll('section{target}').length") == 1
+
+
+def test_keys_reach_the_content_first_and_every_control(opened: Browser) -> None:
+    def tab() -> str:
+        for kind in ("keyDown", "keyUp"):
+            opened.send("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab", windowsVirtualKeyCode=9)
+        return str(opened.run("document.activeElement.className || document.activeElement.tagName"))
+
+    opened.run("document.activeElement.blur()")
+    assert tab() == "skip"
+    reached = {tab() for _ in range(60)}
+    assert {"A", "SELECT", "SUMMARY", "BUTTON", "scroll"} <= {word.split()[0] for word in reached}
+
+
+def test_nothing_is_wider_than_a_phone(opened: Browser) -> None:
+    opened.emulate(width=390)
+    opened.until("document.documentElement.scrollWidth <= 390", 10)
+
+
+def test_print_says_what_was_chosen_and_shows_everything(opened: Browser, tmp_path: Path) -> None:
+    opened.send("Emulation.setEmulatedMedia", media="", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    opened.run("addEventListener('beforeprint', () => { window.seen = [document.querySelectorAll('details:not([open])').length,"
+               " getComputedStyle(document.documentElement).getPropertyValue('--paper')]; })")  # fmt: skip
+    opened.pdf(tmp_path / "page.pdf")
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    assert opened.run("window.seen") == [0, "#ffffff"]
+    assert opened.run("document.querySelectorAll('details:not([open])').length") > 0
+    said = opened.run("[...document.querySelectorAll('.chosen')].map(p => p.textContent)")
+    assert said
+    assert all(words.strip() for words in said)
+
+
+def test_methods_that_look_alike_have_another_dash() -> None:
+    assert {method_dash(i) for i in range(METHOD_COLOURS)} == {"solid", "dash", "dot", "dashdot"}
+    assert method_dash(0) != method_dash(METHOD_COLOURS)

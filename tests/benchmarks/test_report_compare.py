@@ -1,0 +1,138 @@
+"""Two runs compared: what is the same, better and worse, against tests computed by hand, and the exit status."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.cli.app import app
+from benchmarks.kinds.base import Compared, load_kind
+from benchmarks.records import RunFolder
+from benchmarks.report.compare import Difference, compare_runs
+from benchmarks.report.run import Run
+from optik.errors import InvalidInput
+
+Change = Callable[[pl.DataFrame], pl.DataFrame]
+
+
+def other(run: RunFolder, folder: Path, pattern: str, change: Change) -> RunFolder:
+    """A copy of a run with some of its rows changed."""
+    shutil.copytree(run.path, folder)
+    files = list((folder / "ik").glob(pattern))
+    assert files
+    for file in files:
+        change(pl.read_parquet(file)).write_parquet(file)
+    return RunFolder(folder)
+
+
+def failing(count: int) -> Change:
+    """The first problems, with another ending."""
+    status = pl.when(pl.col("problem") < count).then(pl.lit("stalled")).otherwise("status").alias("status")
+    return lambda rows: rows.with_columns(status)
+
+
+def slower(factor: float) -> Change:
+    return lambda rows: rows.with_columns(pl.col("seconds") * factor)
+
+
+def of(found: tuple[Difference, ...], block: str, label: str, measure: str) -> Difference:
+    return next(d for d in found if (d.block, d.label, d.measure) == (block, label, measure))
+
+
+def compare(*arguments: Any) -> tuple[int, dict[str, Any]]:
+    done = CliRunner().invoke(app, ["bench", "compare", *map(str, arguments), "--json"])
+    return done.exit_code, json.loads(done.stdout) if done.exit_code < 2 else {}
+
+
+def test_a_run_is_like_itself(small_run: RunFolder) -> None:
+    code, found = compare(small_run.path, small_run.path)
+    assert code == 0
+    assert {d["verdict"] for d in found["differences"]} == {"within noise"}
+    assert {(d["change"], d["loss"]) for d in found["differences"]} == {(0.0, 0.0)}
+    assert found["worse_past_threshold"] == 0
+
+
+def test_what_got_worse_ends_with_status_1_and_what_got_better_does_not(small_run: RunFolder, tmp_path: Path) -> None:
+    worse = other(small_run, tmp_path / "worse", "misprint--01*", failing(20))
+    rows = [small_run.rows("misprint"), worse.rows("misprint")]
+    solved = []
+    for part in rows:
+        assert part is not None
+        last = part.filter((pl.col("method") == "corrected") & (pl.col("budget") == 100)).sort("problem")
+        solved.append((last["status"] == "solved").to_list())
+    lost = sum(a and not b for a, b in zip(*solved, strict=True))
+    assert lost > 10
+    code, found = compare(small_run.path, worse.path)
+    assert code == 1
+    d = next(d for d in found["differences"] if d["label"] == "corrected" and d["unit"] == "%")
+    assert d["verdict"] == "worse"
+    assert d["loss"] == pytest.approx(100.0 * lost / 40)
+    # McNemar's exact test by hand: all that changed changed the same way; Holm multiplies by the number of tests.
+    tests = sum(x["p"] is not None for x in found["differences"])
+    assert d["p"] == pytest.approx(min(1.0, tests * 2.0 * 0.5**lost))
+    code, found = compare(worse.path, small_run.path)
+    assert code == 0
+    assert [d["verdict"] for d in found["differences"] if d["label"] == "corrected" and d["unit"] == "%"] == ["better"]
+    assert compare(small_run.path, worse.path, "--threshold", "90")[0] == 0
+
+
+def test_one_problem_more_or_less_is_noise(small_run: RunFolder, tmp_path: Path) -> None:
+    nearly = other(small_run, tmp_path / "nearly", "misprint--01*", failing(2))
+    assert compare(small_run.path, nearly.path)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("factor", "noise", "verdict"), [(2.0, 0.1, "worse"), (0.5, 0.1, "better"), (1.05, 0.1, "within noise")]
+)
+def test_a_time_must_differ_by_more_than_its_rounds(
+    small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, noise: float, verdict: str
+) -> None:
+    kind = type(load_kind("budgets"))
+    monkeypatch.setattr(kind, "compared", (Compared("time", "µs", "less", "seconds", 1e6, "", ("least", "most")),))
+    own = kind.compared_rows
+
+    def with_rounds(self: Any, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
+        spread = [(pl.col("seconds") * (1.0 + sign * noise)).alias(name) for sign, name in ((-1, "least"), (1, "most"))]
+        return own(self, block, rows).with_columns(spread)
+
+    monkeypatch.setattr(kind, "compared_rows", with_rounds)
+    changed = other(small_run, tmp_path / "changed", "misprint--01*", slower(factor))
+    found = compare_runs(Run(small_run), Run(changed)).differences
+    d = of(found, "misprint", "corrected", "time")
+    assert d.verdict == verdict
+    assert d.change == pytest.approx(100.0 * (factor - 1.0))
+    assert d.noise == pytest.approx(100.0 * noise)
+    assert d.p < 0.05  # Wilcoxon's test alone would call even 5 % a difference
+    assert of(found, "misprint", "as printed", "time").verdict == "within noise"
+
+
+def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> None:
+    changed = other(small_run, tmp_path / "seed", "misprint--01*", failing(40))
+    manifest = changed.manifest()
+    manifest["settings"]["seed"] = 8
+    changed.write_json("run.json", manifest)
+    found = compare_runs(Run(small_run), Run(changed))
+    assert any("problems differ" in words for words in found.left_out)
+    assert all(d.pairs == 0 and math.isnan(d.p) for d in found.differences)
+    assert of(found.differences, "misprint", "corrected", "solved").verdict == "worse"
+
+
+def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(small_run.path, tmp_path / "renamed")
+    folder = RunFolder(tmp_path / "renamed")
+    manifest = folder.manifest()
+    del manifest["settings"]["line"]
+    manifest["settings"]["blocks"] = [b | {"id": f"other-{b['id']}"} for b in manifest["settings"]["blocks"]]
+    folder.write_json("run.json", manifest)
+    with pytest.raises(InvalidInput, match="workspace: only in the first run"):
+        compare_runs(Run(small_run), Run(folder))
+    with pytest.raises(InvalidInput, match="optik bench run"):
+        compare_runs(Run(small_run), Run(RunFolder(tmp_path)))

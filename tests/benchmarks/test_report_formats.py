@@ -1,0 +1,261 @@
+"""What leaves the page: tables as CSV, Markdown and LaTeX read back, figures as SVG, and the data that the page packs."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.cli.app import app
+from benchmarks.kinds.base import Column, Table, Winner
+from benchmarks.records import RunFolder
+from benchmarks.report.board import Board, Control, Key, Plot
+from benchmarks.report.figures import axis, line, log_axis
+from benchmarks.report.formats.markdown import markdown_of
+from benchmarks.report.formats.svg import draw
+from benchmarks.report.formats.tables_csv import csv_of
+from benchmarks.report.formats.tex import escaped, tex_of
+from benchmarks.report.packing import pack, unpack
+from benchmarks.report.shown import shown_cell, shown_table
+from benchmarks.report.winners import won
+from optik.errors import MissingDependency
+from tests.benchmarks.conftest import hide
+
+EVIL = "a|b <script>& 50 % _x_ $y$ #1 {z} ~^\\"
+COLUMNS = (
+    Column("label", "Method | law", show="text"),
+    Column("solved", "solved", "%", "more", "share"),
+    Column("us", "median_time", "µs", "less"),
+    Column("count", "problems", show="count"),
+    Column("error", "error", "mm", "less"),
+    Column("rest", "few ask", aside=True),
+)
+ROWS: tuple[dict[str, Any], ...] = (
+    {
+        "label": EVIL,
+        "solved": (99.96, 99.9, 99.99),
+        "us": (2.8123, 2.7, 2.9),
+        "count": 4305,
+        "error": 3.1e-7,
+        "rest": 1 / 3,
+    },
+    {"label": "λ=0.1, “x”", "solved": (88.0, 86.1, 90.3), "us": 1234.5, "count": 7, "error": 2e-13, "rest": None},
+    {"label": "none", "solved": None, "us": float("nan"), "count": 0, "error": None},
+)
+TABLE = Table("odd", "A title & more", COLUMNS, ROWS, "A note: 50 %.")
+
+
+# ------------------------------------------------------------ cells
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "text", "interval"),
+    [
+        (COLUMNS[1], (100.0, 99.1, 100.0), "100", "99.1 to 100.0"),
+        (COLUMNS[1], (99.96, 95.0, 99.99), "99.9", "95.0 to 100.0"),  # not all of them: never rounded up to 100
+        (COLUMNS[1], (99.999, 99.99, 100.0), "99.999", "99.990 to 100.000"),
+        (COLUMNS[2], (12.345, 11.8, 12.9), "12.3", "11.8 to 12.9"),
+        (COLUMNS[2], (12.345, 12.34, 12.35), "12.35", "12.34 to 12.35"),
+        (COLUMNS[2], 12.345, "12.3", ""),
+        (COLUMNS[3], 4305, "4,305", ""),
+        (COLUMNS[4], 2e-10, "≤ 10⁻⁹", ""),
+        (COLUMNS[4], 2e-9, "2.00·10⁻⁹", ""),
+        (COLUMNS[4], float("inf"), "∞", ""),
+        (Column("x", "x", show="exact"), 1.000000000000, "1", ""),
+        (Column("x", "x", show="exact"), 1.00000571, "1.000006", ""),
+    ],
+)
+def test_values_have_the_digits_that_they_deserve(column: Column, value: Any, text: str, interval: str) -> None:
+    cell = shown_cell(column, value)
+    assert (cell.text, cell.interval) == (text, interval)
+
+
+def test_the_best_are_those_that_no_interval_tells_from_the_best() -> None:
+    columns = (Column("label", "Method", show="text"), Column("v", "v", "", "less"), Column("w", "w", "", "more"))
+    rows = (
+        {"label": "a", "v": (5.0, 4.0, 6.0), "w": 1.0},
+        {"label": "b", "v": (4.5, 4.2, 4.8), "w": 1.0},
+        {"label": "c", "v": (9.0, 8.0, 9.5), "w": None},
+    )
+    shown = shown_table(Table("t", "t", columns, rows))
+    assert [row.cells[1].best for row in shown.rows] == [True, True, False]
+    assert [row.cells[2].best for row in shown.rows] == [False] * 3  # all the same: nothing to mark
+
+
+# ------------------------------------------------------------ read back
+
+
+def test_csv_has_the_exact_values() -> None:
+    found = pl.read_csv(io.StringIO(csv_of(TABLE)))
+    assert found.columns == [
+        "label", "solved [%]", "solved low [%]", "solved high [%]", "us [µs]", "us low [µs]", "us high [µs]", "count",
+        "error [mm]", "rest",
+    ]  # fmt: skip
+    assert found["label"].to_list() == [row["label"] for row in ROWS]
+    assert found["solved [%]"].to_list() == [99.96, 88.0, None]
+    assert found["us low [µs]"].to_list() == [2.7, None, None]
+    assert found["us [µs]"].to_list()[:2] == [2.8123, 1234.5]
+    assert np.isnan(found["us [µs]"][2])
+    assert found["error [mm]"].to_list() == [3.1e-7, 2e-13, None]
+    assert found["rest"].to_list() == [1 / 3, None, None]
+
+
+def markdown_rows(text: str) -> list[list[str]]:
+    """Cells of a Markdown table as a reader sees them."""
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    cells = [re.split(r"(?<!\\)\|", row)[1:-1] for row in rows]
+
+    def seen(cell: str) -> str:
+        plain = re.sub(r"\*\*(.*)\*\*", r"\1", cell.strip())
+        plain = re.sub(r"\\([\\`*_{}\[\]#|~$])", r"\1", plain)
+        return plain.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
+
+    return [[seen(cell) for cell in row] for row in cells]
+
+
+def test_markdown_reads_back() -> None:
+    head, rule, *rows = markdown_rows(markdown_of(TABLE))
+    assert head == ["Method | law", "solved [%]", "median_time [µs]", "problems", "error [mm]"]
+    assert rule == ["---", "---:", "---:", "---:", "---:"]
+    shown = shown_table(TABLE)
+    for row, cells in zip(shown.rows, rows, strict=True):
+        assert cells == [c.text + (f" ({c.interval})" if c.interval else "") for c in row.cells[:5]]
+    assert rows[0][0] == EVIL
+    assert "<script>" not in markdown_of(TABLE)
+
+
+def test_latex_is_whole_and_has_no_bare_special_character() -> None:
+    text = tex_of(TABLE)
+    body = text.partition(r"\midrule")[2].partition(r"\bottomrule")[0].strip().splitlines()
+    assert len(body) == len(ROWS)
+    for row in body:
+        assert len(re.split(r"(?<!\\)&", row)) == 5
+        assert row.endswith(r"\\")
+    assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
+    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
+    for row in body:
+        bare = re.sub(r"\\[%#_&${}]|\$[^$]*\$|\\\\$", "", row)
+        assert not set("%#_$|<>~^λµ−") & set(bare), bare
+    assert escaped("1.23·10⁻⁷ ≤ λ") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$"
+
+
+# ------------------------------------------------------------ figures
+
+
+def board() -> Board:
+    plot = Plot("p", "A $title$ <b>", {"xaxis": axis("t [s]"), "yaxis": log_axis("error [mm]", range=(-14, 2))})
+    plot.add(
+        line(x=[1, 2, 3], y=[1.0, 1e-6, 1e-13], name="a", line={"color": "var(--m1)", "dash": "dash"}), {"k": ["a"]}
+    )
+    plot.add(line(x=[1, 2, 3], y=[2.0, 2.0, 2.0], name="b", line={"color": "#123456"}), {"k": ["b"]})
+    return Board("odd", (plot,), (Control.of("k", "K", ("a", "b")),), (Key("<b> $x$", "var(--m1)"),), "A caption.")
+
+
+def test_a_figure_is_what_the_page_shows_first_and_the_same_every_time() -> None:
+    text = draw(board())
+    assert draw(board()) == text
+    ElementTree.fromstring(text)
+    assert "#d55e00" in text
+    assert "#123456" not in text
+    assert "&lt;b&gt; $x$" in text
+
+
+def test_nothing_is_drawn_below_what_is_a_result() -> None:
+    data = board().plots[0].to_data()
+    assert data["traces"][0]["trace"]["y"] == [1.0, 1e-6, 1e-9]
+    assert data["layout"]["yaxis"]["range"][0] > -9.5
+    assert data["layout"]["annotations"][0]["text"] == "≤ 10<sup>−9</sup>"
+    assert "meta" not in data["layout"]["yaxis"]
+
+
+def test_packed_data_is_what_it_was() -> None:
+    long = [None if k % 7 == 0 else round(0.1234 * k, 4) for k in range(300)]
+    data = {
+        "x": long,
+        "y": list(long),
+        "z": [long[:60], long[60:120]],
+        "short": [1.5, None],
+        "words": ["a"] * 60,
+        "large": [2**30] * 60,
+    }
+    found = unpack(pack(data))
+    assert found["x"] == found["y"]
+    assert found["z"][1] == found["x"][60:120]
+    assert [v is None for v in found["x"]] == [v is None for v in long]
+    assert [v for v in found["x"] if v is not None] == pytest.approx([v for v in long if v is not None], rel=1e-6)
+    assert {k: found[k] for k in ("short", "words", "large")} == {k: data[k] for k in ("short", "words", "large")}
+    assert len(pack(data)) < 0.5 * len(json.dumps(data))
+    assert pack(data) == pack(data)
+
+
+# ------------------------------------------------------------ from the command line
+
+
+@pytest.fixture
+def copied(small_run: RunFolder, tmp_path: Path) -> RunFolder:
+    shutil.copytree(small_run.path, tmp_path / "run")
+    return RunFolder(tmp_path / "run")
+
+
+def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    from benchmarks.kinds.base import load_kind
+
+    kind = type(load_kind("budgets"))
+    monkeypatch.setattr(kind, "tables", lambda self, run: [TABLE])
+    winner = Winner(
+        "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
+    )
+    monkeypatch.setattr(kind, "winners", lambda self, run: [winner])
+    for name, files in (
+        ("csv", ["tables/winners.csv", "tables/odd.csv"]),
+        ("tex", ["tables/winners.tex", "tables/odd.tex"]),
+    ):
+        done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", name, "--json"])
+        assert done.exit_code == 0, done.output
+        assert [str(Path(f).relative_to(copied.path)) for f in json.loads(done.stdout)["files"]] == files
+    winners = pl.read_csv(copied.path / "tables/winners.csv").row(0, named=True)
+    assert (winners["best"], winners["value"], winners["tied"], winners["second"]) == ("a", 90.0, "b", "c")
+    done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", "md", "--json"])
+    assert done.exit_code == 0, done.output
+    text = (copied.path / "report.md").read_text(encoding="utf-8")
+    figures = re.findall(r"\]\((report-figures/[^)]+)\)", text)
+    assert len(figures) == len(set(figures)) > 3
+    for file in figures:
+        ElementTree.parse(copied.path / file)
+    assert text.count("A title &amp; more") == 1
+
+
+def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    from benchmarks.kinds.base import load_kind
+    from benchmarks.report.run import Run
+
+    entries = (("ipopt", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0))
+    monkeypatch.setattr(
+        type(load_kind("budgets")), "winners", lambda self, run: [Winner("Who?", "%", "more", entries, "methods")]
+    )
+    (found,) = won(Run(small_run))
+    assert (found.best.label, found.best.value, found.best.interval) == (
+        "ipopt",
+        "90 %",
+        "80 to 95",
+    ) or found.best.value == "90.0 %"
+    assert found.tied == ("b",)
+    assert found.second is not None
+    assert found.second.label == "c"
+    assert found.best.colour.startswith("var(--m")
+
+
+def test_without_matplotlib_one_line_names_the_extra(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide(monkeypatch, "matplotlib")
+    with pytest.raises(MissingDependency, match=r"optik-toolkit\[figures\]"):
+        draw(board())
+    assert not (copied.path / "report.md").exists()
