@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.kinds._seeds import reseed
 from benchmarks.kinds.base import Entry, Part
 from benchmarks.kinds.budgets.settings import BudgetBlock
 from benchmarks.problems.base import ProblemSet, problem_set
@@ -18,7 +20,7 @@ from benchmarks.records import RunFolder, slug
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKSolver, IKStatus, make_solver
-from optik.registry import short_name
+from optik.registry import own_names, short_name
 from optik.types import Array
 
 BUDGET_PART = 500
@@ -57,6 +59,8 @@ class Work:
         Poses of the tool [m, 1].
     starts : (k, n) array
         Initial guesses [rad, m].
+    seed : int
+        Of the suite: what is random in a method is keyed by it, the problem and the method.
     """
 
     robot: str
@@ -66,6 +70,7 @@ class Work:
     problems: NDArray[np.int64]
     targets: Array
     starts: Array
+    seed: int = 0
 
     def halves(self) -> tuple[Work, ...]:
         """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
@@ -101,7 +106,7 @@ class Work:
         )
 
 
-def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
+def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
     """Check the options of every method, and draw the problems.
 
     Parameters
@@ -117,6 +122,8 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
         The arm.
     problems : ProblemSet
         The problems.
+    seed : int
+        Of the suite.
 
     Raises
     ------
@@ -126,10 +133,10 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
     robot = load(block.robot)
     for method in block.methods:
         make_solver(robot, method.name, **method.options, max_restarts=0)
-    return problem_set(block, seed)
+    return (*problem_set(block, seed), seed)
 
 
-def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: ProblemSet) -> Iterator[Part]:
+def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: ProblemSet, seed: int) -> Iterator[Part]:
     """Write the problems, and divide the work.
 
     Parameters
@@ -142,6 +149,8 @@ def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: Problem
         The arm.
     problems : ProblemSet
         The problems.
+    seed : int
+        Of the suite.
 
     Yields
     ------
@@ -155,7 +164,7 @@ def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: Problem
         chosen = problems.chosen(method.most)
         for part, first in enumerate(range(0, len(chosen), BUDGET_PART)):
             i = chosen[first : first + BUDGET_PART]
-            work = Work(block.robot, method, index, block.budgets, i, problems.targets[i], problems.starts[i])
+            work = Work(block.robot, method, index, block.budgets, i, problems.targets[i], problems.starts[i], seed)
             file = f"ik/{slug(block.id)}--{index:02d}-{slug(method.label)}--{part:03d}.parquet"
             yield Part(file, method.label, work)
 
@@ -184,9 +193,11 @@ def solve_problems(work: Work) -> pl.DataFrame:
     for warm in (solver, *stopped.values()):
         warm.solve(work.targets[0], work.starts[0])
     columns: dict[str, list[Any]] = {}
+    foreign = method.name not in own_names("optik.ik")
     for problem, target, start in zip(work.problems, work.targets, work.starts, strict=True):
-        result = solver.solve(target, start, trace=True)
-        seconds = _times(stopped, result, target, start)
+        fresh = partial(_set_random, work, foreign, int(problem))
+        result = fresh(solver).solve(target, start, trace=True)
+        seconds = _times(stopped, result, target, start, fresh)
         for budget in work.budgets:
             row = {
                 "problem": int(problem),
@@ -235,12 +246,22 @@ def at_budget(result: IKResult, budget: int) -> dict[str, Any]:
     }
 
 
-def _times(stopped: dict[int, IKSolver], result: IKResult, target: Array, start: Array) -> dict[int, float]:
+def _set_random(work: Work, foreign: bool, problem: int, solver: IKSolver) -> IKSolver:
+    """A solver with its random numbers set for a problem, where it is not ours: ours have none."""
+    if foreign:
+        reseed(solver, work.seed, problem, work.method.label)
+    return solver
+
+
+def _times(
+    stopped: dict[int, IKSolver], result: IKResult, target: Array, start: Array, fresh: Callable[[IKSolver], IKSolver]
+) -> dict[int, float]:
     """Seconds of a run that is really stopped at each budget."""
     seconds: dict[int, float] = {}
     measured = None
     for budget, solver in stopped.items():
         if measured is None:
+            fresh(solver)
             begin = time.perf_counter()
             solver.solve(target, start)
             seconds[budget] = time.perf_counter() - begin
