@@ -6,7 +6,7 @@ BIN    := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint soak mutants clean
+.PHONY: demo test lint docs soak mutants clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -20,6 +20,10 @@ soak: $(VENV)/.dev
 # Changes one point of the code at a time: some test must notice. Goes on where it was stopped; results in .mutants.jsonl.
 mutants: $(VENV)/.dev
 	$(BIN)/python -m tests.mutants
+
+# The documentation site, in docs/_build: a page for each file in docs/, and the API from the docstrings.
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -39,5 +43,9 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e '.[dev]'
 	@touch $@ $(VENV)/.core
 
+$(VENV)/.docs: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet -e '.[docs]'
+	@touch $@ $(VENV)/.core
+
 clean:
-	rm -rf $(VENV) $(OUT) .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(OUT) docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

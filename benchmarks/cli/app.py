@@ -12,6 +12,7 @@ from rich.table import Table
 
 import optik
 from benchmarks.cli.bench import bench_app, demo
+from benchmarks.cli.doctor import doctor
 from benchmarks.cli.output import guard_output
 from benchmarks.cli.plan import plan_app
 from benchmarks.cli.shared import (
@@ -31,8 +32,7 @@ from optik.arm.robot import Robot
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
 from optik.ik import IKResult
-from optik.plugins.installed import distribution_of
-from optik.registry import GROUPS, installed, refused, short_name
+from optik.registry import short_name
 
 app = typer.Typer(
     help="Trajectories for serial arms: inverse kinematics, paths, time laws with a certificate, and a fair comparison.",
@@ -209,40 +209,7 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 
 
 command(app)(demo)
-
-
-@command(app)
-def doctor(as_json: AsJson = False) -> None:
-    """List the plug-ins of installed packages, and those that are refused. Exit status 1 where one is refused.
-
-    Nothing is imported: a plug-in that is listed here may still be broken.
-
-    Parameters
-    ----------
-    as_json
-        As ``--help`` says.
-    """
-    rows = [
-        {"group": group, "name": name, "object": point.value, "distribution": distribution_of(point), "refused": ""}
-        for group in GROUPS
-        for name, point in installed(group).items()
-    ]
-    rows += [
-        {"group": r.group, "name": r.name, "object": r.value, "distribution": r.distribution, "refused": r.reason}
-        for group in GROUPS
-        for r in refused(group)
-    ]
-    if as_json:
-        print_json({"version": optik.__version__, "plugins": rows})
-    elif rows:
-        table = Table("group", "name", "object", "package", "")
-        for row in rows:
-            table.add_row(*list(row.values())[:4], f"refused: {row['refused']}" if row["refused"] else "can be used")
-        out_console.print(table)
-    else:
-        out_console.print(f"optik {optik.__version__}: no installed package adds a plug-in", highlight=False)
-    if any(row["refused"] for row in rows):
-        raise typer.Exit(1)
+command(app)(doctor)
 
 
 if __name__ == "__main__":

@@ -5,23 +5,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import polars as pl
 
 from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
 from benchmarks.kinds._contest import timed, turns
+from benchmarks.kinds._shown import Column, Shown, Table, Winner
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import NAMED_KEYS, Target, all_of, check_keys, check_known
 from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
-if TYPE_CHECKING:
-    from benchmarks.report.run import Run
-
 __all__ = [
-    "KINDS", "Block", "BlockRows", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Target", "Tell", "load_kind",
-    "read_target", "timed", "turns",
+    "KINDS", "Block", "BlockRows", "Column", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Table", "Target",
+    "Tell", "Winner", "load_kind", "read_target", "timed", "turns",
 ]  # fmt: skip
 
 KINDS = "benchmarks.kinds"
@@ -31,7 +29,7 @@ Tell = Callable[[str], None]
 """Called with what is done next, for the progress bar."""
 
 
-class Kind(ABC):
+class Kind(Shown, ABC):
     """A kind of suite block. Its file, or the ``__init__.py`` of its folder, names its class ``METHOD``.
 
     Needed are `settings`, and `measure` or, where that is too simple, `run` or `parts` with `solve`. All else has a
@@ -42,8 +40,6 @@ class Kind(ABC):
     ----------
     name : str
         By which a suite asks for it; also names its folder in a run.
-    title : str
-        Heading of its section.
     measures : tuple of Measure
         What a target of its blocks may ask for.
     single : bool
@@ -57,7 +53,6 @@ class Kind(ABC):
     """
 
     name: ClassVar[str]
-    title: ClassVar[str]
     measures: ClassVar[tuple[Measure, ...]] = ()
     single: ClassVar[bool] = False
     order: ClassVar[int] = 100
@@ -360,63 +355,6 @@ class Kind(ABC):
             )
             for target in block.targets
         ]  # fmt: skip
-
-    # ------------------------------------------------------------ the report
-
-    def sections(self) -> Sequence[Section]:
-        """Its sections of the report; where there are none, the page has a table of its rows' measures.
-
-        Returns
-        -------
-        sequence of Section
-            In any order.
-        """
-        return ()
-
-    def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
-        """What its blocks compare, for the first sentence of the report.
-
-        Parameters
-        ----------
-        blocks : sequence of Block
-            All blocks of the suite of this kind.
-
-        Returns
-        -------
-        sequence of str
-            Such as ``inverse kinematics``.
-        """
-        return (self.title[:1].lower() + self.title[1:],)
-
-    def findings(self, run: Run) -> Sequence[str]:
-        """Key findings for the head of the report, computed.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        sequence of str
-            Sentences.
-        """
-        return ()
-
-    def limitations(self, run: Run) -> Sequence[str]:
-        """What a reader should know before quoting its figures.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        sequence of str
-            Sentences.
-        """
-        return ()
 
 
 def load_kind(name: str) -> Kind:

@@ -100,24 +100,28 @@ class Run:
         """All blocks that have rows."""
         return [b for found in self._read.values() for b in found]
 
-    def colour(self, kind: str, label: str) -> str:
-        """Colour of an entry: ours first, then the peers, the same in every block of a kind.
+    @cached_property
+    def labels(self) -> list[str]:
+        """Everything that has a colour on the page, each once: what is ours first, then the peers."""
+        pairs = list(self.suite.pairs())
+        peers = {entry.label for _, block in pairs for entry in block.entries if entry.role == "peer"}
+        found = dict.fromkeys(label for kind, block in pairs for label in kind.labels(block))
+        return sorted(found, key=lambda label: label in peers)
+
+    def colour(self, label: str) -> str:
+        """Colour of a method or law, one on the whole page.
 
         Parameters
         ----------
-        kind : str
-            Name of the kind.
         label : str
-            Of the entry.
+            Of the method or law.
 
         Returns
         -------
         str
             A variable of the page's style.
         """
-        entries = [entry for block in self.suite.of(kind) for entry in block.entries]
-        labels = dict.fromkeys(e.label for peers in (False, True) for e in entries if (e.role == "peer") == peers)
-        return colour(list(labels).index(label))
+        return colour(self.labels.index(label))
 
     @cached_property
     def outcomes(self) -> list[Outcome]:

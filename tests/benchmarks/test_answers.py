@@ -43,6 +43,9 @@ from optik.ik.base import Attempt
 class Guess(IKSolver):
     """Guesses."""
     takes_tasks = False
+    def __init__(self, robot, **options):
+        super().__init__(robot, **options)
+        self.reseed(0)
     def reseed(self, number):
         self.rng = np.random.default_rng(number)
     def attempt(self, target, start, trace, seconds):

@@ -53,7 +53,7 @@ def calls(run: Run) -> dict[str, Any] | None:
 def _table(b: BlockRows, run: Run) -> dict[str, Any]:
     rows = []
     for label, about in b.entries.items():
-        row = {"label": label, "colour": run.colour("calls", label), "kind": about["kind"]}
+        row = {"label": label, "colour": run.colour(label), "kind": about["kind"]}
         part = b.rows.filter(pl.col("method") == label)
         if "absent" in about or part.is_empty():
             rows.append(row | {"absent": about.get("absent", "no rows yet")})
@@ -92,7 +92,7 @@ def _entries(run: Run) -> list[dict[str, Any]]:
         for label, about in b.entries.items():
             version = about["version"] or ("–" if about["kind"] == "peer" else "this one")
             shown = {"label": label, "kind": about["kind"], "version": version, "settings": about["settings"]}
-            found.setdefault((label, about["settings"]), shown | {"colour": run.colour("calls", label)})
+            found.setdefault((label, about["settings"]), shown | {"colour": run.colour(label)})
     return list(found.values())
 
 
@@ -113,7 +113,7 @@ def _failures(b: BlockRows, run: Run) -> dict[str, Any] | None:
     for group in groups:
         found = [cells.get((group, label)) for label in labels]
         rows.append((group, [f"{c['failed']:,} of {c['all']:,}" if c else "–" for c in found]))
-    heads = [(label, run.colour("calls", label)) for label in labels]
+    heads = [(label, run.colour(label)) for label in labels]
     return {"title": b.block.title, "heads": heads, "rows": rows}
 
 
@@ -132,14 +132,12 @@ def _distributions(blocks: list[BlockRows], run: Run) -> Board:
             plot.add(
                 line(
                     x=lean(np.quantile(us, CALL_SHARES)), y=lean(100.0 * CALL_SHARES, 6), name=label,
-                    line={"color": run.colour("calls", label), "width": 2, "dash": "dot" if peer else "solid"},
+                    line={"color": run.colour(label), "width": 2, "dash": "dot" if peer else "solid"},
                     hovertemplate=f"{label}<br>%{{y:.4~g}} % within %{{x:.3g}} µs{HOVER}",
                 ),
                 {"block": [b.block.id]},
             )  # fmt: skip
-            legend.append(
-                Key(label, run.colour("calls", label), "dashed" if peer else "solid", {"block": [b.block.id]})
-            )
+            legend.append(Key(label, run.colour(label), "dashed" if peer else "solid", {"block": [b.block.id]}))
     controls = (Control("block", "Problems", tuple((b.block.id, b.block.title) for b in blocks)),)
     return Board(
         "call-time-board", (plot,), controls, tuple(legend),

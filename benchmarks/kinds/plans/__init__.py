@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import BlockRows, Kind, Section, Tell
+from benchmarks.kinds.base import Block, BlockRows, Kind, Section, Tell
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.kinds.plans.run import PLANS, check_line, run_line
 from benchmarks.kinds.plans.settings import LineTask, read_task
 from benchmarks.records import RunFolder
+from optik.registry import short_name
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -56,6 +57,10 @@ class _Plans(Kind):
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ("inverse kinematics", "time laws along a straight line")
+
+    def labels(self, block: Block) -> Sequence[str]:
+        assert isinstance(block, LineTask)
+        return [short_name(law) for law in block.laws]
 
     def findings(self, run: Run) -> Sequence[str]:
         from benchmarks.kinds.plans.report.head import findings

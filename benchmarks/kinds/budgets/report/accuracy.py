@@ -6,7 +6,7 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.kinds.budgets.report.look import comparisons, method_colour
+from benchmarks.kinds.budgets.report.look import comparisons
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
@@ -134,9 +134,9 @@ def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
         )  # fmt: skip
         for b in blocks:
             for label in b.methods:
-                _budget_lines(plot, b, label, method_colour(run, label), column)
+                _budget_lines(plot, b, label, run.colour(label), column)
         plots.append(plot)
-    legend = [Key(m, method_colour(run, m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.methods]
+    legend = [Key(m, run.colour(m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.methods]
     legend += [Key("median", "var(--ink)"), Key("95th percentile", "var(--ink)", "dashed"), Key("2 mm", "var(--alarm)")]
     for plot in plots:
         plot.layout["shapes"] = [

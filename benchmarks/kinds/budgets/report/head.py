@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
-from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons, method_colour
+from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
@@ -54,7 +54,7 @@ def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
     for m in b.block.methods:
         part = "" if ran.get(m.label, 0) == total else f"; {ran.get(m.label, 0):,} of the problems"
         what = f"{short_name(m.name)}, {m.words or 'no options'}{part}"
-        methods.append({"label": m.label, "colour": method_colour(run, m.label), "what": what})
+        methods.append({"label": m.label, "colour": run.colour(m.label), "what": what})
     return {
         "id": b.block.id, "title": b.block.title, "set": short_name(b.block.set).replace("_", " "),
         "robot": short_name(b.block.robot),

@@ -1,9 +1,8 @@
-"""Blocks with iteration budgets as the report takes them: which compare methods, and the colour of each method."""
+"""Blocks with iteration budgets as the report takes them: which of them compare methods."""
 
 from __future__ import annotations
 
 from benchmarks.kinds.budgets.rows import BudgetRows
-from benchmarks.report.figures import colour
 from benchmarks.report.run import Run
 
 
@@ -37,40 +36,3 @@ def comparisons(run: Run) -> list[BudgetRows]:
         In the order of the suite.
     """
     return [b for b in budget_blocks(run) if not b.sweep] or budget_blocks(run)
-
-
-def method_index(run: Run, label: str) -> int:
-    """Number of a method's colour and symbol, the same wherever it is shown.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    label : str
-        Of the method.
-
-    Returns
-    -------
-    int
-        From 0.
-    """
-    labels = dict.fromkeys(name for b in (*comparisons(run), *budget_blocks(run)) for name in b.block.labels)
-    return list(labels).index(label)
-
-
-def method_colour(run: Run, label: str) -> str:
-    """Colour of a method.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    label : str
-        Of the method.
-
-    Returns
-    -------
-    str
-        A variable of the page's style.
-    """
-    return colour(method_index(run, label))

@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from benchmarks.kinds.budgets.measures import MEASURES, SUCCESS_LEVELS, level_words, success, success_at
-from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons, method_colour, method_index
+from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, SYMBOLS, axis, bars, lean, line
@@ -64,7 +64,7 @@ def _table(b: BudgetRows, run: Run) -> dict[str, Any]:
         rows.append(
             {
                 "label": label,
-                "colour": method_colour(run, label),
+                "colour": run.colour(label),
                 "cells": [cells(metric, v) for metric, v in zip(MEASURES, values, strict=True)],
                 "values": values,
                 "known": len(own) - len(unknown),
@@ -94,9 +94,7 @@ def _success_board(run: Run) -> Board:
         plots.append(plot)
     blocks = Control("block", "Problems", tuple((b.block.id, b.block.title) for b in budget_blocks(run)))
     legend = tuple(
-        Key(label, method_colour(run, label), "dot", {"block": [b.block.id]})
-        for b in budget_blocks(run)
-        for label in b.methods
+        Key(label, run.colour(label), "dot", {"block": [b.block.id]}) for b in budget_blocks(run) for label in b.methods
     )
     return Board(
         "success", tuple(plots), (blocks,), legend,
@@ -113,11 +111,11 @@ def _success_lines(plot: Plot, b: BudgetRows, run: Run, level: float) -> None:
             continue
         rates = [success(part.filter(pl.col("budget") == budget), level) for budget in b.block.budgets]
         share = [r[0] for r in rates]
-        i = method_index(run, label)
+        i = run.labels.index(label)
         plot.add(
             line(
                 x=list(b.block.budgets), y=lean(share), mode="lines+markers", name=label,
-                line={"color": method_colour(run, label), "width": 2},
+                line={"color": run.colour(label), "width": 2},
                 marker={"symbol": SYMBOLS[i % len(SYMBOLS)], "size": 7},
                 error_y={
                     "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,

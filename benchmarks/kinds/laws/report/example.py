@@ -72,10 +72,10 @@ def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, wor
         plot.add(
             line(
                 x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(1e3 * part["speed"].to_numpy()), name=law,
-                line={"color": run.colour("laws", law), "width": 2}, hovertemplate=law + at,
+                line={"color": run.colour(law), "width": 2}, hovertemplate=law + at,
             )
         )  # fmt: skip
-    legend = [Key(law, run.colour("laws", law)) for law in laws]
+    legend = [Key(law, run.colour(law)) for law in laws]
     legend += [
         Key("no joint faster than its velocity limit", INK_COLOUR, "dashed"),
         Key("some acceleration keeps all limits", MUTED_COLOUR, "dashed"),

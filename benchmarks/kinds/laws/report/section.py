@@ -130,7 +130,7 @@ def _table(b: LawRows, run: Run, title: str, rows: pl.DataFrame, is_open: bool) 
 
 
 def _law_row(label: str, about: dict[str, Any], rows: pl.DataFrame, run: Run) -> dict[str, Any]:
-    row: dict[str, Any] = {"label": label, "kind": about["kind"], "colour": run.colour("laws", label), "absent": ""}
+    row: dict[str, Any] = {"label": label, "kind": about["kind"], "colour": run.colour(label), "absent": ""}
     if "absent" in about or rows.is_empty():
         return row | {"absent": about.get("absent", "no rows: it was given none of these lines, or not yet")}
     good = rows.filter("solved")
@@ -172,7 +172,7 @@ def _broken(b: LawRows, run: Run) -> list[dict[str, Any]]:
         least, optimum = broken["least_duration"].to_numpy(), broken["optimum"].to_numpy()
         found.append(
             {
-                "label": label, "kind": b.entries[str(label)]["kind"], "colour": run.colour("laws", str(label)),
+                "label": label, "kind": b.entries[str(label)]["kind"], "colour": run.colour(str(label)),
                 "limits": limits, "count": len(rows), "fields": fields,
                 "now": number(float(np.median(rows["duration"].to_numpy()))),
                 "least": tuple(number(float(x)) for x in (np.median(least), least.max())),
@@ -204,7 +204,7 @@ def _plans(b: LawRows) -> list[dict[str, Any]]:
 
 def _entry(label: str, about: dict[str, Any], run: Run) -> dict[str, Any]:
     return {
-        "label": label, "kind": about["kind"], "colour": run.colour("laws", label),
+        "label": label, "kind": about["kind"], "colour": run.colour(label),
         "version": about["version"] or ("–" if about["kind"] == "peer" else "this one"),
         "settings": about["settings"], "promises": ", ".join(k.replace("_", " ") for k in about["keeps"]) or "nothing",
     }  # fmt: skip
@@ -262,13 +262,13 @@ def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: s
 
 
 def _look(label: str, about: dict[str, Any], run: Run) -> Json:
-    return {"color": run.colour("laws", label), "width": 2, "dash": "dot" if about["kind"] == "peer" else "solid"}
+    return {"color": run.colour(label), "width": 2, "dash": "dot" if about["kind"] == "peer" else "solid"}
 
 
 def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
     here = set(b.rows["law"])
     return tuple(
-        Key(label, run.colour("laws", label), "dashed" if about["kind"] == "peer" else "solid")
+        Key(label, run.colour(label), "dashed" if about["kind"] == "peer" else "solid")
         for label, about in b.entries.items()
         if label in here
     )
@@ -287,7 +287,7 @@ def _against_singularity(b: LawRows, run: Run) -> Board:
         if about is None:
             continue
         for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
-            colour = run.colour("laws", str(label))
+            colour = run.colour(str(label))
             marker = {"color": colour, "size": 5, "opacity": 0.75, "symbol": "circle"}
             if about["kind"] == "peer":
                 marker |= {"symbol": "x-thin", "size": 6, "line": {"width": 1.5, "color": colour}}

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.kinds.plans.report.look import law_colour, line_plans
-from benchmarks.kinds.plans.rows import LinePlans
+from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
@@ -128,7 +127,7 @@ def laws(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if found is None:
         return None
-    rows = [_row(p, found) for p in found.plans]
+    rows = [_row(p, run) for p in found.plans]
     for ik in {p["ik"] for p in found.plans}:
         within = [r for r in rows if r["ik"] == ik and r["solved"] and not r["breaks"]]
         for place, r in enumerate(sorted(within, key=lambda r: r["duration"]), start=1):
@@ -141,10 +140,10 @@ def laws(run: Run) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _row(p: dict[str, Any], found: LinePlans) -> dict[str, Any]:
+def _row(p: dict[str, Any], run: Run) -> dict[str, Any]:
     row: dict[str, Any] = {
         "ik": p["ik"], "law": p["law"], "name": p["name"], "solved": p["status"] == "solved", "rank": "–",
-        "colour": law_colour(found, p["law"]), "milliseconds": number(1e3 * p["seconds"]),
+        "colour": run.colour(p["law"]), "milliseconds": number(1e3 * p["seconds"]),
     }  # fmt: skip
     if not row["solved"]:
         why = (

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds.plans.report.laws import worst
-from benchmarks.kinds.plans.report.look import law_colour, line_plans
+from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, axis, colour, lean, line, log_axis
@@ -59,10 +59,10 @@ def motion(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if rows is None or found is None or not found.solved:
         return None
-    boards = [_joint_board(found, rows, run.robot(found.block.robot))]
+    boards = [_joint_board(found, rows, run)]
     tool = run.folder.read("line/tool.parquet")
     if tool is not None:
-        boards.append(_tool_board(found, tool))
+        boards.append(_tool_board(found, tool, run))
     return {"boards": boards, "beyond": _beyond(found)}
 
 
@@ -87,7 +87,8 @@ def _beyond(found: LinePlans) -> list[str]:
     return out[::-1]
 
 
-def _joint_board(found: LinePlans, rows: pl.DataFrame, robot: Robot) -> Board:
+def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
+    robot = run.robot(found.block.robot)
     iks = rows["ik"].unique(maintain_order=True).to_list()
     laws = rows["law"].unique(maintain_order=True).to_list()
     joints = rows["joint"].unique(maintain_order=True).to_list()
@@ -105,7 +106,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, robot: Robot) -> Board:
                     line={"color": colour(i), "width": 1.6}, hovertemplate=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}{HOVER}",
                 ),
                 {"ik": [str(ik)], "law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
-                [({"law": [ALL_LAWS]}, {"line": {"color": law_colour(found, str(law))}})],
+                [({"law": [ALL_LAWS]}, {"line": {"color": run.colour(str(law))}})],
             )  # fmt: skip
         _bands(plot, _limits(found, column, robot), column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
@@ -119,7 +120,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, robot: Robot) -> Board:
         Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
     )
     legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
-    legend += [Key(law, law_colour(found, law), "solid", {"law": [ALL_LAWS]}) for law in laws]
+    legend += [Key(law, run.colour(law), "solid", {"law": [ALL_LAWS]}) for law in laws]
     legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
     instants = len(rows) // len(rows.unique(["ik", "law", "joint"]))
     return Board(
@@ -199,7 +200,7 @@ def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
         )
 
 
-def _tool_board(found: LinePlans, rows: pl.DataFrame) -> Board:
+def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     iks = rows["ik"].unique(maintain_order=True).to_list()
     laws = rows["law"].unique(maintain_order=True).to_list()
     most = 1e6 * max(float(rows[c].to_numpy().max()) for c in ("distance", "angle"))
@@ -222,13 +223,13 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame) -> Board:
             plot.add(
                 line(
                     x0=float(t[0]), dx=float(t[1] - t[0]), y=lean(scale * y), name=str(law),
-                    line={"color": law_colour(found, str(law)), "width": 2},
+                    line={"color": run.colour(str(law)), "width": 2},
                     hovertemplate=f"{law}<br>%{{x:.3f}} s: %{{y:.3g}}{HOVER}",
                 ),
                 {"ik": [str(ik)]},
             )  # fmt: skip
         plots.append(plot)
-    legend = tuple(Key(law, law_colour(found, law)) for law in laws)
+    legend = tuple(Key(law, run.colour(law)) for law in laws)
     return Board(
         "tool-board", tuple(plots), (Control.of("ik", "Inverse kinematics", iks),), legend,
         f"Speed from differences of the path length between instants. Deviations: the largest of every {ENVELOPE} instants.",

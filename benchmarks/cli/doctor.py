@@ -1,0 +1,189 @@
+"""`optik doctor`: what is usable on this machine, what is not, why, and what would change that."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import typer
+from numba.extending import is_jitted
+from rich.markup import escape
+from rich.table import Table
+
+import optik
+from benchmarks.cli.shared import AsJson, out_console, print_json
+from benchmarks.peers.ik import PEERS
+from benchmarks.peers.laws import TIMING_PEERS
+from benchmarks.provenance import provenance
+from optik.compiled import KernelCache
+from optik.kinematics import forward
+from optik.plugins.installed import distribution_of
+from optik.registry import GROUPS, installed, load_method, own_names, refused
+
+OPTIK = "optik-toolkit"
+"""Name of this distribution, whose metadata names what it needs and its extras."""
+
+CLASHING = "optik-py"
+"""Distribution with the same import name as ours: only one of the two can be installed in an environment."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the answer.
+
+    Attributes
+    ----------
+    part : str
+        What it belongs to: a heading.
+    name : str
+        What was looked at.
+    state : str
+        ``usable``, ``absent`` (not installed, not needed) or ``problem``.
+    words : str
+        Its version, or why it is not usable and what to type.
+    """
+
+    part: str
+    name: str
+    state: str
+    words: str
+
+
+def doctor(as_json: AsJson = False) -> None:
+    """Say what is usable on this machine, what is not and why. Exit status 1 where something is wrong.
+
+    A package that is absent is not wrong: only what needs it says so. No plug-in of another package is imported: one that
+    is listed here may still be broken.
+
+    Parameters
+    ----------
+    as_json
+        As ``--help`` says.
+    """
+    rows = [*_machine(), *_requirements(), *_cache(), *_extras(), *_peers(), *_plugins()]
+    if as_json:
+        plugins = [asdict(plugin) for plugin in _installed_plugins()]
+        print_json({"version": optik.__version__, "plugins": plugins, "rows": [asdict(row) for row in rows]})
+    else:
+        looks = {"usable": "green", "absent": "yellow", "problem": "bold red"}
+        for part in dict.fromkeys(row.part for row in rows):
+            table = Table(title=part, title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+            for row in rows:
+                if row.part == part:
+                    table.add_row(escape(row.name), f"[{looks[row.state]}]{row.state}", escape(row.words))
+            out_console.print(table, highlight=False)
+            out_console.print()
+    if any(row.state == "problem" for row in rows):
+        raise typer.Exit(1)
+
+
+def _machine() -> Iterator[Row]:
+    facts = provenance(0, 1)
+    commit = f", commit {facts['commit'][:12]}{' with changes' if facts['dirty'] else ''}" if facts["commit"] else ""
+    yield Row("machine", "optik", "usable", f"{optik.__version__}{commit}, in {os.path.dirname(optik.__file__)}")
+    yield Row("machine", "Python", "usable", f"{facts['python']}, {facts['system']}")
+    yield Row("machine", "processor", "usable", f"{facts['cpu']}, {facts['cores']} cores for this process")
+    if _version(CLASHING):
+        words = f"has the same import name as {OPTIK}: uninstall one of them, then install the other again"
+        yield Row("machine", CLASHING, "problem", words)
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _needed(extra: str | None) -> list[str]:
+    """Distributions that this one needs, or one of its extras adds; of a checkout that is not installed, none."""
+    try:
+        asked = importlib.metadata.requires(OPTIK) or []
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    found = []
+    for line in asked:
+        name, _, condition = line.partition(";")
+        match = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", condition)
+        if (match[1] if match else None) == extra and not name.startswith(OPTIK):
+            found.append(re.split(r"[\s<>=!~\[;(]", name.strip(), maxsplit=1)[0])
+    return list(dict.fromkeys(found))
+
+
+def _requirements() -> Iterator[Row]:
+    for name in _needed(None):
+        version = _version(name)
+        yield Row("packages", name, "usable" if version else "problem", version or f"needed: pip install {name}")
+
+
+def _cache() -> Iterator[Row]:
+    kernel: Any = forward
+    if not is_jitted(kernel):
+        yield Row("compiled code", "cache", "problem", "NUMBA_DISABLE_JIT is set: nothing is compiled, all is slow")
+        return
+    place = KernelCache(kernel).cache_path
+    if place is None:
+        words = "no folder can be written, so every process compiles again (a minute): name one in NUMBA_CACHE_DIR"
+        yield Row("compiled code", "cache", "problem", words)
+    else:
+        yield Row("compiled code", "cache", "usable", place)
+
+
+def _extras() -> Iterator[Row]:
+    try:
+        extras = importlib.metadata.metadata(OPTIK).get_all("Provides-Extra") or []
+    except importlib.metadata.PackageNotFoundError:
+        return
+    for extra in sorted(set(extras) - {"dev", "docs", "peers"}):
+        missing = [name for name in _needed(extra) if not _version(name)]
+        words = f"pip install '{OPTIK}[{extra}]' (missing: {', '.join(missing)})"
+        versions = ", ".join(f"{name} {_version(name)}" for name in _needed(extra))
+        yield Row("extras", extra, "absent" if missing else "usable", words if missing else versions)
+
+
+def _peers() -> Iterator[Row]:
+    for folder, part in ((PEERS, "peers: inverse kinematics"), (TIMING_PEERS, "peers: time laws")):
+        for name in sorted(own_names(folder)):
+            kind = load_method(folder, name, "peer")
+            version = _version(kind.distribution)
+            if importlib.util.find_spec(kind.package) is None:
+                yield Row(part, name, "absent", f"pip install {kind.distribution}")
+            else:
+                yield Row(part, name, "usable", f"{kind.distribution} {version}")
+
+
+@dataclass(frozen=True)
+class _Plugin:
+    """An entry point of an installed package: its group, name, object and distribution, and why it is refused."""
+
+    group: str
+    name: str
+    object: str
+    distribution: str
+    refused: str
+
+
+def _installed_plugins() -> Iterator[_Plugin]:
+    for group in GROUPS:
+        for name, point in installed(group).items():
+            yield _Plugin(group, name, point.value, distribution_of(point), "")
+    for group in GROUPS:
+        for row in refused(group):
+            yield _Plugin(row.group, row.name, row.value, row.distribution, row.reason)
+
+
+def _plugins() -> Iterator[Row]:
+    for plugin in _installed_plugins():
+        words = f"{plugin.object} of {plugin.distribution}"
+        state = "problem" if plugin.refused else "usable"
+        yield Row(
+            "plug-ins",
+            f"{plugin.group}: {plugin.name}",
+            state,
+            words + (f": {plugin.refused}" if plugin.refused else ""),
+        )

@@ -1,0 +1,214 @@
+"""What a kind of block shows: sections of the page, tables that leave it, and who wins on what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from benchmarks.kinds._block import Block, Section
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
+
+Cell = str | float | int | None | tuple[float, float, float]
+"""A value of a table: text, a number, None where there is none, or a value with the ends of its interval."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    key : str
+        By which rows have their values.
+    words : str
+        Its heading, without the unit.
+    unit : str
+        Of its values; empty for text, counts and ratios.
+    better : str
+        ``more`` or ``less``, where one value is better than another; else empty.
+    show : str
+        ``number`` (three digits), ``exact`` (seven), ``count``, ``share`` (a percentage) or ``text``.
+    aside : bool
+        Whether the page shows it only on request: for columns that few readers ask for.
+    """
+
+    key: str
+    words: str
+    unit: str = ""
+    better: str = ""
+    show: str = "number"
+    aside: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the report, as the page shows it and as it is written as CSV, Markdown and LaTeX.
+
+    Attributes
+    ----------
+    id : str
+        Unique in the report; names its files.
+    title : str
+        Its caption.
+    columns : tuple of Column
+        Their order is that of the page.
+    rows : tuple of mapping
+        Values by the keys of the columns; ``label`` is the first column's, a method or law, whose colour the row has.
+    note : str
+        What a reader must know to quote it.
+    """
+
+    id: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[Mapping[str, Cell], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Winner:
+    """Who is best at something, with the others, for the first screen of the page.
+
+    Attributes
+    ----------
+    question : str
+        What was asked, as a reader asks it: "Solves the most targets, from one fixed start".
+    unit : str
+        Of the values.
+    better : str
+        ``more`` or ``less``.
+    entries : tuple of (str, float, float, float)
+        Label, value, and the ends of its 95 % interval, of all that took part; the best first.
+    anchor : str
+        Section of the page that has the rest.
+    note : str
+        Number of problems, and what the interval is.
+    """
+
+    question: str
+    unit: str
+    better: str
+    entries: tuple[tuple[str, float, float, float], ...]
+    anchor: str
+    note: str = ""
+
+    @property
+    def tied(self) -> tuple[str, ...]:
+        """Labels of the best and of all whose interval overlaps with its interval."""
+        _, _, low, high = self.entries[0]
+        return tuple(label for label, _, a, b in self.entries if a <= high and b >= low)
+
+
+class Shown:
+    """The part of a kind that the report asks.
+
+    Attributes
+    ----------
+    title : str
+        Heading of its section.
+    """
+
+    title: ClassVar[str]
+
+    def sections(self) -> Sequence[Section]:
+        """Its sections of the report; where there are none, the page has a table of its rows' measures.
+
+        Returns
+        -------
+        sequence of Section
+            In any order.
+        """
+        return ()
+
+    def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
+        """What its blocks compare, for the first sentence of the report.
+
+        Parameters
+        ----------
+        blocks : sequence of Block
+            All blocks of the suite of this kind.
+
+        Returns
+        -------
+        sequence of str
+            Such as ``inverse kinematics``.
+        """
+        return (self.title[:1].lower() + self.title[1:],)
+
+    def labels(self, block: Block) -> Sequence[str]:
+        """What of a block has a colour on the page: by default all its entries.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+
+        Returns
+        -------
+        sequence of str
+            Labels; the same label has the same colour in all kinds.
+        """
+        return block.labels
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        """Who is best at what, for the first screen of the page.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        sequence of Winner
+            One for each question that its blocks answer.
+        """
+        return ()
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        """Tables that a reader takes out of the report.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        sequence of Table
+            In the order of the page.
+        """
+        return ()
+
+    def findings(self, run: Run) -> Sequence[str]:
+        """Key findings for the head of the report, computed.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        sequence of str
+            Sentences.
+        """
+        return ()
+
+    def limitations(self, run: Run) -> Sequence[str]:
+        """What a reader should know before quoting its figures.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        sequence of str
+            Sentences.
+        """
+        return ()
