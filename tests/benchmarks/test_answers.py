@@ -16,6 +16,7 @@ from benchmarks.kinds.answers.run import AnswersWork, parts, solve
 from benchmarks.kinds.base import Entry, load_kind
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
+from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.statistics import wilson
 from benchmarks.suite import Suite, load_suite, suite_of
@@ -134,6 +135,12 @@ def test_the_page_has_a_table_and_a_plot(done: RunFolder) -> None:
     assert "answers" in page.anchors
     assert "dls <weak>" in page.text
     assert "Of 1 targets, 1 is held" in page.text
+    kind = load_kind("answers")
+    (shown,) = kind.tables(Run(done))
+    assert [row["label"] for row in shown.rows] == ["dls <weak>", "lm"]
+    assert all(set(row) >= {column.key for column in shown.columns} for row in shown.rows)
+    (best,) = kind.winners(Run(done))
+    assert best.entries[0][0] == "lm"
 
 
 def test_random_numbers_are_keyed_by_problem_method_and_trial(tmp_path: Path) -> None:

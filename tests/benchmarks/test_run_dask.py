@@ -19,7 +19,6 @@ from polars.testing import assert_frame_equal
 
 from benchmarks.run import run_suite
 from benchmarks.run.cluster import warn_of_plain_text
-from benchmarks.suite import load_suite
 from optik.errors import InvalidInput
 from tests.benchmarks.test_cli import optik_command
 from tests.benchmarks.test_run_folder import state, toy
@@ -27,18 +26,6 @@ from tests.benchmarks.test_run_workers import until
 from tests.oracles import REPOSITORY
 
 distributed = pytest.importorskip("distributed")
-
-ANSWERS = """
-seed = 3
-[[answers]]
-id = "arm"
-robot = "paper6r"
-set = "near_start"
-count = 600000
-part = 10000
-methods = [{ solver = "lm" }]
-"""
-"""Enough work for a ratio of times: about a minute by one worker."""
 
 
 def dask(*command: str) -> subprocess.Popen[str]:
@@ -129,16 +116,14 @@ def test_a_worker_that_is_killed_in_the_middle_changes_nothing(tmp_path: Path) -
 @pytest.mark.soak
 @pytest.mark.filterwarnings("ignore")
 def test_two_workers_are_faster_than_one(tmp_path: Path) -> None:
-    suite = tmp_path / "suite.toml"
-    suite.write_text(ANSWERS)
+    """The problems wait in place of computing, so that other work on this machine does not count."""
+    suite = toy(count=600, part=5, bad={str(i): "waits" for i in range(600)})
     seconds = []
     for count in (1, 2):
         with cluster(count) as (address, _):
-            warm = tmp_path / "warm.toml"
-            warm.write_text(ANSWERS.replace("600000", "40000"))
-            run_suite(load_suite(str(warm)), tmp_path / f"warm{count}", dask=address)
+            run_suite(toy(count=20, part=1), tmp_path / f"warm{count}", dask=address)
             begin = time.perf_counter()
-            run_suite(load_suite(str(suite)), tmp_path / f"run{count}", dask=address)
+            run_suite(suite, tmp_path / f"run{count}", dask=address)
             seconds.append(time.perf_counter() - begin)
     print(f"one worker {seconds[0]:.1f} s, two {seconds[1]:.1f} s: {seconds[0] / seconds[1]:.2f} times")
     assert seconds[0] >= 1.7 * seconds[1]

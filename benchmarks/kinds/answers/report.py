@@ -47,7 +47,7 @@ def _table(run: Run, b: BlockRows) -> dict[str, Any]:
         count = row["count"]
         rows.append(
             {
-                "label": row["method"], "colour": run.colour("answers", row["method"]), "count": f"{count:,}",
+                "label": row["method"], "colour": run.colour(row["method"]), "count": f"{count:,}",
                 "success": [share(row[f"at {name}"], count) for name in ("1e-3", "1e-6", "1e-9")],
                 "position": [number(1e3 * row[f"position {name}"]) for name in ("median", "p99")],
                 "rotation": [number(row[f"rotation {name}"]) for name in ("median", "p99")],
@@ -74,13 +74,13 @@ def _board(run: Run, found: list[BlockRows]) -> Board:
             shares = 100.0 * np.cumsum(part["count"].to_numpy()) / row["count"]
             trace = line(
                 x=lean(part["upper"].to_list()), y=lean(shares.tolist(), 5), name=label,
-                line={"color": run.colour("answers", label), "shape": "hv"},
+                line={"color": run.colour(label), "shape": "hv"},
                 hovertemplate=f"{label}<br>within %{{x:.2g}} m: %{{y:.3f}} %{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"block": [b.block.id]})
     labels = dict.fromkeys(label for b in found for label in b.rows["method"])
     legend = tuple(
-        Key(label, run.colour("answers", label), when={"block": [b.block.id for b in found if label in set(b.rows["method"])]})
+        Key(label, run.colour(label), when={"block": [b.block.id for b in found if label in set(b.rows["method"])]})
         for label in labels
     )  # fmt: skip
     blocks = Control("block", "Problems", tuple((b.block.id, b.block.title) for b in found))
