@@ -10,11 +10,14 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from benchmarks.cli.reports import add_reports
 from benchmarks.cli.running import AllowPlugins, Dask, PartTimeout, Workers, run_with_progress
 from benchmarks.cli.shared import AsJson, command, either, err_console, out_console, print_json
 from optik.plugins.used import record
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
+
+add_reports(bench_app)
 
 
 @command(bench_app, "list")
@@ -122,34 +125,6 @@ def bench_check(
     for row in rows:
         what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
         out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
-
-
-@command(bench_app, "report")
-def bench_report(
-    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    as_json: AsJson = False,
-) -> None:
-    """Write the report of a run: one HTML file that opens offline.
-
-    Parameters
-    ----------
-    run, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    OutputError
-        No folder of a run, or one that cannot be written.
-    """
-    from benchmarks.records import RunFolder
-    from benchmarks.report import write_report
-
-    with err_console.status("writing the report"):
-        page = write_report(RunFolder(run))
-    if as_json:
-        print_json({"report": str(page)})
-    else:
-        out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
 
 
 def demo(

@@ -214,7 +214,7 @@ class RunFolder:
         )
 
     def write_text(self, name: str, text: str) -> None:
-        """Write a text file in UTF-8.
+        """Write a text file in UTF-8, its folder too.
 
         Parameters
         ----------
@@ -222,7 +222,13 @@ class RunFolder:
             Path of the file, relative to the run folder.
         text : str
             Its content.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
         """
+        self._make_room(name)
         write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _make_room(self, name: str) -> None:
@@ -353,7 +359,7 @@ class RunFolder:
     def rows(self, block: str) -> pl.DataFrame | None:
         """All IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
-        ``known`` is also True where any of the methods solved the problem.
+        ``known`` is what the problem set says: what a method solves changes nothing.
 
         Parameters
         ----------
@@ -377,8 +383,7 @@ class RunFolder:
         if problems is None:
             raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
         joined = rows.join(problems.drop("target", "start"), on="problem")
-        solved = (pl.col("status") == "solved").any().over("problem")
-        return joined.with_columns(known=pl.col("known") | solved).sort("method_index", "problem", "budget")
+        return joined.sort("method_index", "problem", "budget")
 
 
 def _with(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[dict[str, Any]]:

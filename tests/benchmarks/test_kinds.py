@@ -73,7 +73,7 @@ def test_every_kind_keeps_the_contract(name: str) -> None:
     assert len({measure.name for measure in kind.measures}) == len(kind.measures)
     for section in kind.sections():
         assert isinstance(section, Section)
-        assert section.place in ("terms", "summary", "section")
+        assert section.place in ("top", "terms", "summary", "section")
         assert isinstance(section.template, Path)
         assert section.template.is_file()
     with pytest.raises(InvalidInput):

@@ -11,7 +11,7 @@ from benchmarks.records import slug
 from benchmarks.report.run import Run
 from benchmarks.statistics import wilson
 
-COLUMNS = (
+ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
     Column("count", "problems", show="count"),
     *(Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share") for name in JUDGED_AT),
@@ -41,10 +41,11 @@ def tables(run: Run) -> list[Table]:
         In the order of the suite.
     """
     note = "Every answer judged by our own forward kinematics, inside the joint limits; intervals: Wilson, 95 %."
-    return [
-        Table(f"answers-{slug(b.block.id)}", b.block.title, COLUMNS, tuple(map(_cells, b.rows.iter_rows(named=True))), note)
-        for b in run.of("answers")
-    ]  # fmt: skip
+    found = []
+    for b in run.of("answers"):
+        rows = tuple(map(_cells, b.rows.iter_rows(named=True)))
+        found.append(Table(f"answers-{slug(b.block.id)}", b.block.title, ANSWER_COLUMNS, rows, note))
+    return found
 
 
 def winners(run: Run) -> list[Winner]:
