@@ -61,6 +61,11 @@ class Where:
     dask: str = ""
     limit: float | None = None
 
+    def __post_init__(self) -> None:
+        check_count(self.workers, "workers", 1, MOST_WORKERS)
+        if self.limit is not None and check_number(self.limit, "part_timeout", "a time [s] above 0") <= 0.0:
+            raise InvalidInput("part_timeout", self.limit, "a time [s] above 0")
+
     def place(self, recorded: list[dict[str, str]]) -> Place:
         """Start what is needed.
 
@@ -124,7 +129,7 @@ def run_suite(
     Returns
     -------
     RunFolder
-        The finished run. Its manifest says under ``failed`` what crashed, and is ``complete`` where all has its rows.
+        The finished run: ``failed`` of its manifest says what crashed; it is ``complete`` where all has its rows.
 
     Raises
     ------
@@ -135,18 +140,13 @@ def run_suite(
         with; a table in the folder that is damaged or of another run; no cluster at that address.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
-    check_count(workers, "workers", 1, MOST_WORKERS)
-    if part_timeout is not None and check_number(part_timeout, "part_timeout", "a time [s] above 0") <= 0.0:
-        raise InvalidInput("part_timeout", part_timeout, "a time [s] above 0")
     where = Where(workers, executor, dask, part_timeout)
-    tell = progress or (lambda done, total, what: None)
     folder = RunFolder(out)
     manifest = _manifest(suite, workers, command)
     folder.checked(manifest)
     with _begun(folder, manifest) as begun, closing(where.place(manifest["plugins"])) as place:
-        tell(0, 1, "problem sets")
         expect(manifest["plugins"])
-        run = _Session(suite, folder, begun, tell)
+        run = _Session(suite, folder, begun, progress or (lambda done, total, what: None))
         run.prepare()
         run.do_parts(place)
         run.do_alone()
@@ -186,6 +186,7 @@ class _Session:
 
     def prepare(self) -> None:
         """Check what only trying shows, and write the arms that do not come with optik: a report needs no files of theirs."""
+        self._tell(0, 1, "problem sets")
         suite = self._suite
         self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
         outside = [name for name in suite.robots if name not in own_names("optik.robots")]
