@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from benchmarks.kinds._contest import clock_cost, facts_on, timed, turns
 from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Entry, Tell
+from benchmarks.kinds.calls.evaluations import evaluations_file, run_evaluations
 from benchmarks.kinds.calls.judgement import judged
+from benchmarks.kinds.calls.rounds import changed_inputs, round_times
 from benchmarks.kinds.calls.settings import CallBlock
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import Absent, build_peer, version_of
@@ -119,7 +121,7 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
     """
     facts = facts_file(block)
     count = folder.read_json(facts)["count"] if folder.has(facts) else None
-    if count is not None and all(folder.has(part) for part in part_files(block, count)):
+    if count is not None and all(folder.has(part) for part in _all_files(block, count)):
         return
     tell(f"{block.id}: problems")
     robot, problems = problem_set(block, seed)
@@ -133,6 +135,12 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
             tell(f"{block.id}: {part * CALL_PART:,} of {len(problems):,}")
             here = np.arange(part * CALL_PART, min((part + 1) * CALL_PART, len(problems)))
             folder.write(file, timed_part(robot, problems, here, callers, block.rounds))
+    run_evaluations(block, robot, problems, folder, tell)
+
+
+def _all_files(block: CallBlock, count: int) -> list[str]:
+    """All files of rows: a block that has them is done."""
+    return part_files(block, count) + ([evaluations_file(block)] if block.evaluation_budgets else [])
 
 
 # ---------------------------------------------------------------- who takes part
@@ -223,19 +231,23 @@ def timed_part(
     """
     mine = {c.label: np.intersect1d(here, problems.chosen(c.most)) for c in callers}
     ready = [c for c in callers if len(mine[c.label])]
-    arguments = {c.label: _arguments(c, problems, mine[c.label]) for c in ready}
     times: dict[str, list[NDArray[np.int64]]] = {c.label: [] for c in ready}
     raws: dict[str, list[Any]] = {}
+    changed = {c.label: np.zeros(len(mine[c.label]), dtype=bool) for c in ready}
     for caller in ready:
-        for given in arguments[caller.label][:FIRST_CALLS]:
-            caller.call(*given)
+        for arguments in _arguments(caller, problems, mine[caller.label][:FIRST_CALLS]):
+            caller.call(*arguments)
     for _, caller in turns(ready, rounds):
-        took, raw = timed(caller.call, arguments[caller.label])
+        # copies for every round: what a call changes in its arguments must not help, or harm, a later one
+        given = _arguments(caller, problems, mine[caller.label])
+        took, raw = timed(caller.call, given)
         times[caller.label].append(took)
         raws.setdefault(caller.label, raw)
+        changed[caller.label] |= changed_inputs(given, problems, mine[caller.label])
     frames = [
         _rows(robot, problems, mine[c.label], c, raws[c.label]).with_columns(
-            ns=pl.Series(np.median(times[c.label], axis=0)),
+            **round_times(times[c.label]),
+            mutated=pl.Series(changed[c.label]),
             method=pl.lit(c.label),
             method_index=pl.lit(callers.index(c)),
         )
@@ -283,4 +295,6 @@ def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
     rows = folder.parts("speed", block.id)
     if problems is None or rows is None:
         return None
-    return rows.join(problems.select("problem", "group"), on="problem").sort("method_index", "problem")
+    return rows.join(problems.select("problem", "group", "sigma", "known"), on="problem").sort(
+        "method_index", "problem"
+    )
