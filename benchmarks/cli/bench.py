@@ -16,8 +16,9 @@ from benchmarks.cli.shared import AsJson, command, either, err_console, out_cons
 from benchmarks.cli.suites import add_suites
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
-add_suites(bench_app)
+
 add_reports(bench_app)
+add_suites(bench_app)
 
 
 @command(bench_app, "list")
@@ -81,7 +82,12 @@ def bench_run(
     UnknownName, InvalidInput, OutputError
         As `load_suite` and `run_suite`.
     """
-    suite, out, workers, dask, part_timeout, allow_plugins, report, as_json
+    folder = run_with_progress(suite, out, workers, allow_plugins, dask, part_timeout)
+    manifest = folder.manifest()
+    if report:
+        bench_report(out, as_json=as_json)
+    elif as_json:
+        print_json(manifest)
     else:
         out_console.print(
             f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True

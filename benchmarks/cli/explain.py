@@ -36,6 +36,7 @@ ENTRY_KEYS = {
     "label": "What reports call it; by default its name.",
     "options": "Its options.",
     "max_problems": "Number of problems that a slow one is given; all by default.",
+    "whole": "Whether each problem is one call with all that the method does by itself, where others make one attempt.",
     "max_lines": "Number of motions of each set that a slow one is given; all by default.",
 }
 """Keys of an entry of ``methods``, ``laws``, ``peers`` or ``reference``."""
