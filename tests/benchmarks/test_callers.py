@@ -207,7 +207,7 @@ class Method:
         if "broken" in {mode!r}: import nothing_like_that
     def prepared(self, target, q0): return target, q0
     def call(self, target, q0):
-        print("noise")
+        print("noise", flush=True)
         if abs(q0[0] - 3.0) < 1e-9:
             if {mode!r} == "hang": time.sleep(60)
             if {mode!r} == "raise": raise ZeroDivisionError("by zero")
