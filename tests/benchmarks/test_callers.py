@@ -12,8 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 import polars as pl
 import pytest
+from typer.testing import CliRunner
 
 import optik
+from benchmarks.cli.app import app
 from benchmarks.kinds.base import Entry
 from benchmarks.kinds.calls.callers import Caller, callers_of
 from benchmarks.kinds.calls.run import timed_part
@@ -198,6 +200,21 @@ def test_a_peer_with_another_model_is_never_timed(monkeypatch: pytest.MonkeyPatc
 
 
 # ---------------------------------------------------------------- worker processes
+
+
+def test_the_command_says_how_a_peer_is_called_and_what_it_lacks(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))
+    said = CliRunner().invoke(app, ["bench", "peer", "placo"])
+    assert said.exit_code == 0
+    assert said.stdout.startswith(f"placo: no environment in {tmp_path / 'placo'}: optik bench peer placo --install\n")
+    assert "KinematicsSolver" in said.stdout
+    refused = CliRunner().invoke(app, ["bench", "peer", "eaik", "--install"])
+    assert isinstance(refused.exception, InvalidInput)
+    assert "pip install EAIK" in str(refused.exception)
+    assert not list(tmp_path.iterdir())
+
 
 SCRIPT = """
 import os, sys, time
