@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from optik.check import check_count, check_number
@@ -100,12 +101,38 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
     InvalidInput
         Not a table, an unknown key, or a missing one.
     """
-    if not isinstance(data, dict):
-        raise InvalidInput(where, type(data).__name__, "a table")
+    check_table(data, where)
     if unknown := sorted(set(data) - known):
-        raise InvalidInput(where, f"the key {unknown[0]!r}", f"keys out of {', '.join(sorted(known))}")
+        near = get_close_matches(unknown[0], known, n=1)
+        meant = f"{near[0]!r}, or another of" if near else "keys out of"
+        raise InvalidInput(where, f"the key {unknown[0]!r}", f"{meant} {', '.join(sorted(known))}")
     if missing := sorted((need or set()) - set(data)):
         raise InvalidInput(where, f"no {missing[0]!r}", f"the keys {', '.join(sorted(need or set()))}")
+
+
+def check_table(value: Any, where: str) -> dict[str, Any]:
+    """Return the value if it is a table.
+
+    Parameters
+    ----------
+    value : Any
+        Value to check.
+    where : str
+        Place of the value, for errors.
+
+    Returns
+    -------
+    dict
+        The value.
+
+    Raises
+    ------
+    InvalidInput
+        Not a table.
+    """
+    if not isinstance(value, dict):
+        raise InvalidInput(where, type(value).__name__, "a table")
+    return value
 
 
 def check_list(value: Any, where: str) -> list[Any]:

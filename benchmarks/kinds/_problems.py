@@ -6,9 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from benchmarks.kinds.base import Block
-from benchmarks.problems.base import SETS, problem_set
-from benchmarks.settings import check_keys, check_known
+from benchmarks.problems.base import SETS, ProblemSet, problem_set
+from benchmarks.records import RunFolder, slug
+from benchmarks.settings import check_keys, check_known, check_table
+from optik.arm.robot import Robot
 from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.plugins.used import data_file_of
 
 TRIAL_PROBLEMS = 5
 """Problems that are drawn to check the options of a set: enough to meet every option, few enough to cost nothing."""
@@ -82,9 +86,12 @@ def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dic
     """
     check_keys(data, {"id", "title", "robot", "set", "options"} | known, where, need={"id", "robot", "set"} | need)
     robot, drawn = check_known(data["robot"], "optik.robots", "robot"), check_known(data["set"], SETS, "problem set")
+    options = dict(check_table(data.get("options", {}), f"{where}: options"))
+    if drawn == "file" and "path" in options:
+        options["path"] = data_file_of(options["path"], f"{where}: options: path")
     return {
         "id": str(data["id"]), "title": str(data.get("title", data["id"])), "robot": robot, "set": drawn,
-        "options": dict(data.get("options", {})),
+        "options": options,
     }  # fmt: skip
 
 
@@ -105,3 +112,41 @@ def check_set(block: ProblemBlock) -> None:
         check_count(block.options["count"], "count", TRIAL_PROBLEMS)
         block = replace(block, options=block.options | {"count": TRIAL_PROBLEMS})
     problem_set(block, 0)
+
+
+def store_problems(
+    folder: RunFolder, block: ProblemBlock, robot: Robot, problems: ProblemSet, *, poses: bool = True
+) -> None:
+    """Write the problems of a block and their hash, or check that those of a continued run are the same.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+    block : ProblemBlock
+        The block.
+    robot : Robot
+        The arm.
+    problems : ProblemSet
+        Its problems, as drawn now.
+    poses : bool
+        Whether the table has the columns ``target`` and ``start``.
+
+    Raises
+    ------
+    InvalidInput
+        The run was begun with other problems.
+    """
+    name, about = f"problems/{slug(block.id)}.parquet", f"problems/{slug(block.id)}.json"
+    before = folder.read_json(about)
+    if before is not None and before.get("sha256") != problems.sha256:
+        came = f"problems with SHA-256 {problems.sha256[:16]}…"
+        expected = f"{str(before.get('sha256'))[:16]}…, as when the run began; use another --out"
+        raise InvalidInput(f"block {block.id!r}", came, expected)
+    if not folder.has(name):
+        frame = problems.frame(robot)
+        folder.write(name, frame if poses else frame.drop("target", "start"))
+    if before is None:
+        folder.write_json(
+            about, {"sha256": problems.sha256, "problems": len(problems), "known": int(problems.known.sum())}
+        )

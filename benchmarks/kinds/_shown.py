@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import polars as pl
+
 from benchmarks.kinds._block import Block, Section
+from benchmarks.kinds._compared import Compared
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -109,9 +112,30 @@ class Shown:
     ----------
     title : str
         Heading of its section.
+    compared : tuple of Compared
+        What two runs are compared on; a kind that names nothing is left out of comparisons.
     """
 
     title: ClassVar[str]
+    compared: ClassVar[tuple[Compared, ...]] = ()
+
+    def compared_rows(self, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows of a block as two runs are compared on them.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        rows : DataFrame
+            All its rows.
+
+        Returns
+        -------
+        DataFrame
+            ``label`` (what is compared with itself), ``problem``, and the columns that `compared` names; rows of the same
+            label and problem are repeats, which are not paired.
+        """
+        return rows.rename({"method": "label"})
 
     def sections(self) -> Sequence[Section]:
         """Its sections of the report; where there are none, the page has a table of its rows' measures.

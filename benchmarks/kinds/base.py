@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import polars as pl
 
 from benchmarks.kinds._block import Block, BlockRows, Entry, Part, Section
+from benchmarks.kinds._compared import Compared
 from benchmarks.kinds._contest import timed, turns
 from benchmarks.kinds._shown import Column, Shown, Table, Winner
 from benchmarks.records import RunFolder, slug
@@ -18,8 +19,8 @@ from benchmarks.targets import Measure, Outcome, measure_named, read_target
 from optik.registry import load_method
 
 __all__ = [
-    "KINDS", "Block", "BlockRows", "Column", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Table", "Target",
-    "Tell", "Winner", "load_kind", "read_target", "timed", "turns",
+    "KINDS", "Block", "BlockRows", "Column", "Compared", "Entry", "Kind", "Measure", "Outcome", "Part", "Section", "Table",
+    "Target", "Tell", "Winner", "load_kind", "read_target", "timed", "turns",
 ]  # fmt: skip
 
 KINDS = "benchmarks.kinds"
@@ -34,7 +35,7 @@ class Kind(Shown, ABC):
 
     Needed are `settings`, and `measure` or, where that is too simple, `run` or `parts` with `solve`. All else has a
     default: rows are read from one file a block, each measure is computed on the rows whose column ``method`` is the
-    entry's label, and the report shows a table of all entries and measures with the targets above it.
+    entry's label, and the report shows a table of all entries and measures and its targets at the end.
 
     Attributes
     ----------

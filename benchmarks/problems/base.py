@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -40,6 +41,8 @@ class ProblemSet:
         Smallest singular value of the Jacobian at the known configuration [1], NaN where none is known.
     spread : (k,) array
         Standard deviation of start − solution [rad], NaN where the start is not drawn around a solution.
+    unreachable : (k,) array of bool, optional
+        Whether it is proved that no configuration reaches the target; by default none is.
     """
 
     targets: Array
@@ -48,9 +51,15 @@ class ProblemSet:
     known: NDArray[np.bool_]
     sigma: Array
     spread: Array
+    unreachable: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.targets)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 over the bytes of targets and starts: two runs with the same have solved the same problems."""
+        return _digest(self.targets, self.starts)
 
     def chosen(self, most: int | None) -> NDArray[np.int64]:
         """Choose at most `most` problems: first those with a known solution, otherwise at random.
@@ -84,7 +93,7 @@ class ProblemSet:
         -------
         DataFrame
             Columns ``problem``, ``group``, ``x``, ``y``, ``z`` [m], ``distance`` [m] and ``turn`` [rad] between start
-            and target, ``known``, ``sigma``, ``spread``, ``target`` (16 numbers) and ``start`` (n numbers).
+            and target, ``known``, ``unreachable``, ``sigma``, ``spread``, ``target`` (16 numbers) and ``start`` (n numbers).
         """
         first = robot.fk(self.starts)
         e = se3.error(first, self.targets)
@@ -98,12 +107,38 @@ class ProblemSet:
                 "distance": np.linalg.norm(e[:, :3], axis=1),
                 "turn": np.linalg.norm(e[:, 3:], axis=1),
                 "known": self.known,
+                "unreachable": np.zeros(len(self), dtype=bool) if self.unreachable is None else self.unreachable,
                 "sigma": self.sigma,
                 "spread": self.spread,
                 "target": self.targets.reshape(-1, 16).tolist(),
                 "start": self.starts.tolist(),
             }
         )
+
+
+def sha256_of(problems: pl.DataFrame) -> str:
+    """Return the hash of the problems in a table that `ProblemSet.frame` made, also after it was read from a file.
+
+    Parameters
+    ----------
+    problems : DataFrame
+        With the columns ``target`` and ``start``.
+
+    Returns
+    -------
+    str
+        As `ProblemSet.sha256`.
+    """
+    return _digest(*(np.array(problems[column].to_list(), dtype=float) for column in ("target", "start")))
+
+
+def _digest(targets: Array, starts: Array) -> str:
+    """SHA-256 of targets (k, 16 or 4, 4) and starts (k, n) as little-endian doubles, behind their numbers k and n."""
+    k, n = starts.shape
+    content = hashlib.sha256(f"{k} problems, {n} joints\n".encode())
+    for array in (targets, starts):
+        content.update(np.ascontiguousarray(array, dtype="<f8").reshape(-1).data)  # no copy: sets may be large
+    return content.hexdigest()
 
 
 class Draws(Protocol):

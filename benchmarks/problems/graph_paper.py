@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from benchmarks.problems._reference import REFERENCE_RESTARTS, searched
 from benchmarks.problems.base import ProblemSet, start_of
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.ik.dls import DLS
 from optik.types import Array
 
 BASE_AXES = {"X": 0, "Y": 1, "Z": 2}
@@ -29,11 +28,11 @@ def graph_paper(
     offsets_m: Sequence[float] = (0.0,),
     half_size_m: float = 0.5,
     spacing_m: float = 0.05,
-    reference_restarts: int = 15,
+    reference_restarts: int = REFERENCE_RESTARTS,
 ) -> ProblemSet:
     """Targets on planar grids through the workspace, as in the experiments of the paper.
 
-    A reference solve with restarts decides whether a target has a known solution, the same for every method compared.
+    `searched` decides which targets have a known solution: `lm` with restarts and all branches of `closed_form`.
 
     Parameters
     ----------
@@ -50,7 +49,7 @@ def graph_paper(
     half_size_m, spacing_m : float
         Half the side of a grid, and the distance between its points [m].
     reference_restarts : int
-        Restarts that the reference solve may use after its first attempt.
+        Restarts of `lm` in the search for a known solution.
 
     Returns
     -------
@@ -69,12 +68,8 @@ def graph_paper(
     check_number(spacing_m, "spacing_m", "metres above 0", above=0.0)
     q0 = start_of(robot, start_deg)
     targets, group = _grids(robot.fk(q0), normals, offsets_m, half_size_m, spacing_m)
-    reference: Any = DLS(robot, max_iterations=40, max_restarts=reference_restarts)
-    answers = [reference.solve(T, q0) for T in targets]
-    known = np.array([bool(a) for a in answers])
-    sigma = np.where(known, robot.singular_values([a.q for a in answers])[:, -1], np.nan)
-    k = len(targets)
-    return ProblemSet(np.array(targets), np.tile(q0, (k, 1)), np.array(group), known, sigma, np.full(k, np.nan))
+    starts = np.tile(q0, (len(targets), 1))
+    return searched(robot, np.array(targets), starts, np.array(group), restarts=reference_restarts)
 
 
 def _grids(

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.report.packing import pack
+
 Json = dict[str, Any]
 When = Mapping[str, Sequence[str]]
 """Values of controls at which something is shown; a control that is not named does not matter."""
+
+STROKES = {"solid": "", "dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3"}
+"""Strokes and gaps of the dashes of a legend, as SVG has them."""
+
+MARKER_CHARACTERS = {
+    "circle": "●", "square": "■", "diamond": "◆", "triangle-up": "▲", "cross": "✚", "star": "★", "x": "✖", "pentagon": "⬟",
+}  # fmt: skip
+"""Markers of a legend."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +61,38 @@ class Control:
 
 @dataclass(frozen=True)
 class Key:
-    """One entry of a legend: a line or a filled square."""
+    """One entry of a legend: a line, with its dash and marker where it has them, or a filled square.
+
+    Attributes
+    ----------
+    label : str
+        What the page calls it.
+    colour : str
+        A variable of the page's style.
+    style : str
+        ``solid``, ``dashed``, ``dot``, ``fill``, ``cross`` or ``ring``; without meaning where `dash` or `symbol` is given.
+    when : mapping
+        Values of controls at which it is shown.
+    dash, symbol : str
+        Those of Plotly that the line has.
+    """
 
     label: str
     colour: str
     style: str = "solid"
     when: When = field(default_factory=dict)
+    dash: str = ""
+    symbol: str = ""
+
+    @property
+    def strokes(self) -> str:
+        """Lengths of the strokes and gaps of the dash, for SVG."""
+        return STROKES.get(self.dash, "")
+
+    @property
+    def marker(self) -> str:
+        """The marker as a character."""
+        return MARKER_CHARACTERS.get(self.symbol, "")
 
 
 @dataclass
@@ -113,6 +150,19 @@ class Plot:
         """
         self.layouts.append({"when": when, "layout": layout})
 
+    def to_data(self) -> Json:
+        """What a browser needs to draw it; nothing is drawn below the least result of a logarithmic axis."""
+        layout, traces = dict(self.layout), self.traces
+        for key, values in (("xaxis", "x"), ("yaxis", "y")):
+            floor = layout.get(key, {}).get("meta")
+            if floor:
+                layout[key] = {k: v for k, v in layout[key].items() if k != "meta"}
+                traces = [entry | {"trace": _raised(entry["trace"], values, floor)} for entry in traces]
+                if any(floor in entry["trace"].get(values, ()) for entry in traces):
+                    layout["annotations"] = [*layout.get("annotations", ()), _floor_mark(values, floor)]
+        data = {"id": self.id, "layout": layout, "traces": traces, "layouts": self.layouts, "frames": self.frames}
+        return {key: value for key, value in data.items() if value}
+
 
 @dataclass(frozen=True)
 class Board:
@@ -134,15 +184,31 @@ class Board:
         """Whether a plot of it moves."""
         return any(p.frames for p in self.plots)
 
-    def to_json(self) -> str:
-        """Everything the page's script needs."""
-        keep = ("id", "layout", "traces", "layouts", "frames")
-        return strict(
-            {
-                "state": {c.key: c.value for c in self.controls},
-                "plots": [{k: getattr(p, k) for k in keep if getattr(p, k)} for p in self.plots],
-            }
-        )
+    @property
+    def state(self) -> dict[str, str]:
+        """The value of every control that is chosen at first."""
+        return {c.key: c.value for c in self.controls}
+
+    def packed(self) -> str:
+        """Everything the page's script needs to draw the plots, compressed."""
+        return pack([plot.to_data() for plot in self.plots])
+
+
+def _raised(trace: Json, values: str, floor: float) -> Json:
+    """A trace whose values are not below what is a result."""
+    found = trace.get(values)
+    if not isinstance(found, list | tuple):
+        return trace
+    return trace | {values: [max(v, floor) if isinstance(v, float | int) else v for v in found]}
+
+
+def _floor_mark(values: str, floor: float) -> Json:
+    """The mark at the end of an axis: what is drawn there is this or less."""
+    text = f"≤ 10<sup>−{-round(math.log10(floor))}</sup>"
+    here = {"xref": "paper", "x": 0, "yref": "y", "y": math.log10(floor), "xanchor": "left", "yanchor": "bottom"}
+    if values == "x":
+        here = {"yref": "paper", "y": 0, "xref": "x", "x": math.log10(floor), "xanchor": "left", "yanchor": "bottom"}
+    return here | {"text": text, "showarrow": False, "font": {"size": 10}, "bgcolor": "var(--paper)", "opacity": 0.85}
 
 
 def strict(data: Any) -> str:

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
 Json = dict[str, Any]
 
+METHOD_COLOURS = 20
+"""Number of colours that the page's style has for methods and laws, and for nothing else."""
+
 COLOURS = 8
-"""Number of colours that the page's style has for methods, laws and joints."""
+"""Number of muted colours that the page's style has for what is no method: joints, limits, ways in which a solve ends."""
+
+DASHES = ("solid", "dash", "dot", "dashdot")
+"""Dashes of lines, as Plotly calls them. Methods with the same dash have colours that colour-blind readers tell apart."""
 
 SHADES = 6
 """Number of ordered colours that the page's style has."""
 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star", "x", "pentagon")
-"""Markers, as many as there are colours."""
+"""Markers, as Plotly calls them."""
+
+NOISE = 1e-12
+"""Lengths [m] and angles [rad] below this are rounding of double precision, not results: they are shown as ≤ this."""
+
+PER_BASE_UNIT = {"m": 1.0, "mm": 1e3, "µm": 1e6, "nm": 1e9, "rad": 1.0, "mrad": 1e3, "µrad": 1e6, "°": 180.0 / math.pi}
+"""Units of lengths and angles, as multiples of which one metre or radian is given."""
 
 GRID_COLOUR = "var(--grid)"
 """Colour of the lines of a grid."""
@@ -33,8 +46,56 @@ HOVER = "<extra></extra>"
 """Ends the words of a tooltip: Plotly shows no second box beside it."""
 
 
+def method_colour(index: int) -> str:
+    """Colour of a method or law, as a variable that the page's theme defines.
+
+    Parameters
+    ----------
+    index : int
+        Number of the method in the run; colours repeat after `METHOD_COLOURS`.
+
+    Returns
+    -------
+    str
+        A variable of the page's style.
+    """
+    return f"var(--m{index % METHOD_COLOURS})"
+
+
+def method_dash(index: int) -> str:
+    """Dash of the lines of a method or law.
+
+    Parameters
+    ----------
+    index : int
+        Number of the method in the run; where colours repeat, the dash differs.
+
+    Returns
+    -------
+    str
+        A dash of Plotly.
+    """
+    return DASHES[(index + index // METHOD_COLOURS) % len(DASHES)]
+
+
+def method_symbol(index: int) -> str:
+    """Marker of a method or law.
+
+    Parameters
+    ----------
+    index : int
+        Number of the method in the run.
+
+    Returns
+    -------
+    str
+        A marker of Plotly.
+    """
+    return SYMBOLS[(index + index // METHOD_COLOURS) % len(SYMBOLS)]
+
+
 def colour(index: int) -> str:
-    """One of the colours of methods, laws and joints, as a variable that the page's theme defines.
+    """A muted colour for what is no method (a joint, a limit), as a variable that the page's theme defines.
 
     Parameters
     ----------
@@ -47,6 +108,24 @@ def colour(index: int) -> str:
         A variable of the page's style.
     """
     return f"var(--c{index % COLOURS})"
+
+
+def noise_floor(unit: str) -> float:
+    """Least value that is drawn and written as a result.
+
+    Parameters
+    ----------
+    unit : str
+        Of the values.
+
+    Returns
+    -------
+    float
+        `NOISE` in this unit as a power of ten, for a length or an angle; else 0.
+    """
+    if unit not in PER_BASE_UNIT:
+        return 0.0
+    return float(f"1e{math.ceil(round(math.log10(NOISE * PER_BASE_UNIT[unit]), 6))}")
 
 
 def shades(count: int) -> list[str]:
@@ -102,21 +181,27 @@ def iterations(count: int) -> str:
 
 
 def log_axis(title: str, **options: Any) -> Json:
-    """A logarithmic axis with powers of ten.
+    """A logarithmic axis with powers of ten; of lengths and angles it ends at what is a result, with a mark there.
 
     Parameters
     ----------
     title : str
-        With its unit.
+        With its unit in brackets at the end.
     **options
         Further options of Plotly.
 
     Returns
     -------
     dict
-        An axis of Plotly.
+        An axis of Plotly; a board draws nothing below its ``meta``.
     """
-    return axis(title, type="log", exponentformat="power", **({"dtick": 2} | options))
+    found = re.search(r"\[([^\[\]]+)\]$", title)
+    floor = noise_floor(found[1]) if found else 0.0
+    data = axis(title, type="log", exponentformat="power", **({"dtick": 2} | options))
+    if floor and "range" in data:
+        low, high = data["range"]
+        data["range"] = [max(low, math.log10(floor) - 0.3), high]
+    return data | ({"meta": floor} if floor else {})
 
 
 def line(**options: Any) -> Json:

@@ -1,4 +1,4 @@
-"""Sections: the claims with their verdicts, the misprints, what limits all this, and where it comes from."""
+"""Sections: the claims with their verdicts, the misprints, what limits all this, the targets, and where it comes from."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
 from benchmarks.report.run import Run
+from benchmarks.report.tables import target_row
 from optik.registry import short_name
 
 BADGES = {HOLDS: "good", FAILS: "bad", PARTLY: "partly"}
@@ -103,6 +104,28 @@ def limitations(run: Run) -> dict[str, Any]:
     for kind in run.suite.kinds:
         items += kind.limitations(run)
     return {"items": items}
+
+
+def asked(run: Run) -> dict[str, Any] | None:
+    """What this project asked of itself: the targets of the suite with their outcomes.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where the suite has no targets.
+    """
+    found = run.outcomes
+    if not found:
+        return None
+    held, unknown = sum(o.held is True for o in found), sum(o.held is None for o in found)
+    words = f"Of {len(found)} targets, {held} {'is' if held == 1 else 'are'} held"
+    words += f", {unknown} could not be measured." if unknown else "."
+    return {"words": words, "targets": [target_row(o) for o in found]}
 
 
 def provenance(run: Run) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from collections import Counter
 from typing import Any
 
 from benchmarks.experiments.base import PARTLY
-from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
+from benchmarks.report.winners import won
 from optik.errors import UnknownName
 from optik.registry import short_name
 
@@ -35,7 +35,8 @@ def overview(run: Run) -> dict[str, Any]:
         "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
         "subjects": _subjects(run),
         "missing": [block.title for _, block in run.suite.pairs() if block not in begun],
-        "findings": [words for words in (*own, _verdicts(run), _targets(run)) if words],
+        "findings": [words for words in (*own, _verdicts(run)) if words],
+        "won": won(run),
     }
 
 
@@ -66,20 +67,3 @@ def _verdicts(run: Run) -> str:
     }  # fmt: skip
     parts = [f"{verdicts[v]} {one if verdicts[v] == 1 else many}" for v, (one, many) in words.items() if v in verdicts]
     return f"Of the paper's {sum(verdicts.values())} claims, " + ", ".join(parts) + "."
-
-
-def _targets(run: Run) -> str:
-    """How many targets are held, and which are not."""
-    found = run.outcomes
-    if not found:
-        return ""
-    missed = [o for o in found if o.held is False]
-    words = "; ".join(
-        f"{o.what} {number(o.value)} {o.unit} ({o.where}, asked {o.asked})".replace("  ", " ") for o in missed
-    )
-    held, unknown = sum(o.held is True for o in found), sum(o.held is None for o in found)
-    return (
-        f"Of {len(found)} targets, {held} {'is' if held == 1 else 'are'} held"
-        + (f", {unknown} could not be measured" if unknown else "")
-        + (f". Not held: {words}." if missed else ".")
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,8 +14,11 @@ from benchmarks.records import RunFolder
 from benchmarks.report.board import strict
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.overview import overview
+from benchmarks.report.packing import squeeze
 from benchmarks.report.run import Run
 from benchmarks.report.sections import built
+from benchmarks.report.shown import shown_table
+from benchmarks.report.winners import tied_words
 
 PAGE = "report.html"
 """Name of the page in the run folder."""
@@ -64,8 +68,9 @@ def render(run: Run) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "strict": strict}
-    placed = {place: built(run, place) for place in ("terms", "summary", "section")}
+    environment.filters |= {"number": number, "percent": percent, "strict": strict, "tied": tied_words}
+    environment.filters["shown"] = lambda table: shown_table(table, run)
+    placed = {place: built(run, place) for place in ("top", "terms", "summary", "section")}
     return environment.get_template("page.html.j2").render(
         head=overview(run),
         **placed,
@@ -86,7 +91,9 @@ def _asset(name: str) -> Markup:
     return Markup(files("benchmarks.report").joinpath("templates", name).read_text(encoding="utf-8"))
 
 
+@cache
 def _plotly() -> Markup:
+    """The library that draws, compressed: the same for every page of this process."""
     from plotly.offline import get_plotlyjs
 
-    return Markup(get_plotlyjs())
+    return Markup(squeeze(get_plotlyjs().encode()))

@@ -1,15 +1,15 @@
-"""The section of a kind that has none of its own: its targets, and a table of entries by measures for every block."""
+"""The section of a kind that has none of its own: a table of entries by measures for every block."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kinds._stored import tables, why_stored
-from benchmarks.kinds.base import Kind, Measure, Section
+from benchmarks.kinds._stored import why_stored
+from benchmarks.kinds.base import Kind, Section
 from benchmarks.records import slug
 from benchmarks.report.run import Run
-from benchmarks.report.tables import cells, target_row
+from benchmarks.report.takeout import rows_tables
 
 TEMPLATE = Path(__file__).parent / "templates" / "rows.html.j2"
 """What shows the table."""
@@ -32,13 +32,9 @@ def section_of(kind: Kind) -> Section:
 
 
 def _build(kind: Kind, run: Run) -> dict[str, Any] | None:
-    found = tables(kind, run)
-    shown = [_table(block, table) for block, table in found if table is not None and table["rows"]]
-    why = _why(kind, run, len(found) - len(shown))
-    if not shown and not why:
-        return None
-    targets = [target_row(o) for o in run.outcomes if o.block in {block.id for block, _ in found}]
-    return {"id": slug(kind.name), "why": why, "tables": shown, "targets": targets}
+    shown = rows_tables(kind, run)
+    why = _why(kind, run, len(run.suite.of(kind.name)) - len(shown))
+    return {"why": why, "tables": shown} if shown or why else None
 
 
 def _why(kind: Kind, run: Run, lacking: int) -> str:
@@ -52,12 +48,3 @@ def _why(kind: Kind, run: Run, lacking: int) -> str:
     return (
         f"{words} Figures are computed at the end of a run; rows of the blocks without figures are in {kind.folder}/."
     )
-
-
-def _table(block: Any, table: dict[str, Any]) -> dict[str, Any]:
-    measures = [Measure(h["name"], h["unit"], len, h["words"], show=h["show"]) for h in table["heads"]]
-    rows = []
-    for row in table["rows"]:
-        shown = [cells(m, [float(v) for v in values]) for m, values in zip(measures, row["values"], strict=True)]
-        rows.append({"label": row["label"], "cells": shown})
-    return {"id": block.id, "title": table["title"], "first": "Method", "heads": table["heads"], "rows": rows}

@@ -10,7 +10,8 @@ from benchmarks.experiments.base import Finding
 from benchmarks.kinds._stored import kind_or_stored
 from benchmarks.kinds.base import BlockRows
 from benchmarks.records import ARMS, RunFolder
-from benchmarks.report.figures import colour
+from benchmarks.report.board import Key, When
+from benchmarks.report.figures import method_colour, method_dash, method_symbol
 from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import Outcome, outcomes
 from optik.arm.library import load
@@ -102,11 +103,12 @@ class Run:
 
     @cached_property
     def labels(self) -> list[str]:
-        """Everything that has a colour on the page, each once: what is ours first, then the peers."""
+        """Everything that has a colour on the page, each once: what is ours first, then the peers, then the sweeps."""
         pairs = list(self.suite.pairs())
         peers = {entry.label for _, block in pairs for entry in block.entries if entry.role == "peer"}
-        found = dict.fromkeys(label for kind, block in pairs for label in kind.labels(block))
-        return sorted(found, key=lambda label: label in peers)
+        compared = dict.fromkeys(label for kind, block in pairs if not block.sweep for label in kind.labels(block))
+        found = dict.fromkeys((*compared, *(label for kind, block in pairs for label in kind.labels(block))))
+        return sorted(found, key=lambda label: (label not in compared, label in peers))
 
     def colour(self, label: str) -> str:
         """Colour of a method or law, one on the whole page.
@@ -121,7 +123,57 @@ class Run:
         str
             A variable of the page's style.
         """
-        return colour(self.labels.index(label))
+        return method_colour(self.labels.index(label))
+
+    def dash(self, label: str) -> str:
+        """Dash of the lines of a method or law: it tells methods apart where their colours look alike.
+
+        Parameters
+        ----------
+        label : str
+            Of the method or law.
+
+        Returns
+        -------
+        str
+            A dash of Plotly.
+        """
+        return method_dash(self.labels.index(label))
+
+    def symbol(self, label: str) -> str:
+        """Marker of a method or law.
+
+        Parameters
+        ----------
+        label : str
+            Of the method or law.
+
+        Returns
+        -------
+        str
+            A marker of Plotly.
+        """
+        return method_symbol(self.labels.index(label))
+
+    def key(self, label: str, when: When | None = None, *, marked: bool = True) -> Key:
+        """Entry of a legend for a method or law, with its colour, dash and marker.
+
+        Parameters
+        ----------
+        label : str
+            Of the method or law.
+        when : mapping, optional
+            Values of controls at which it is shown; always where left out.
+        marked : bool
+            Whether its lines have markers.
+
+        Returns
+        -------
+        Key
+            The entry.
+        """
+        symbol = self.symbol(label) if marked else ""
+        return Key(label, self.colour(label), "solid", dict(when or {}), self.dash(label), symbol)
 
     @cached_property
     def outcomes(self) -> list[Outcome]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kinds.base import Section
-from benchmarks.report.findings import claims, limitations, misprints, provenance
+from benchmarks.report.findings import asked, claims, limitations, misprints, provenance
 from benchmarks.report.rows import section_of
 from benchmarks.report.run import Run
 
@@ -18,6 +18,7 @@ CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
     Section("The paper's misprints", "misprints", misprints, _TEMPLATES / "misprints.html.j2", 110),
     Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
+    Section("What this project asked of itself", "asked", asked, _TEMPLATES / "asked.html.j2", 125),
     Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),
 )
 """What closes every page, whatever kinds were run."""

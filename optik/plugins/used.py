@@ -42,7 +42,39 @@ class _Reading(NamedTuple):
 _reading: ContextVar[_Reading | None] = ContextVar("reading", default=None)
 
 
-def file_of(name: str | os.PathLike[str], kind: str) -> Path:
+DATA = "files"
+"""Group under which files of data that settings name are noted: poses and motions, which no method is found in."""
+
+
+def data_file_of(name: str, kind: str) -> str:
+    """Return the absolute path of a file of data, which exists, and note it: a run records its SHA-256.
+
+    Parameters
+    ----------
+    name : str
+        A path; relative ones start as in `file_of`.
+    kind : str
+        Which setting it is, for the message.
+
+    Returns
+    -------
+    str
+        Absolute, without links.
+
+    Raises
+    ------
+    InvalidInput
+        No text, no such file, or two files of the same name.
+    """
+    if not isinstance(name, str) or not name:
+        raise InvalidInput(kind, repr(name)[:60], "the path of a file")
+    file = file_of(name, kind, "a file; its path starts at the suite's folder")
+    if not in_finished_run():
+        note(Used(DATA, file.name, file))
+    return str(file)
+
+
+def file_of(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path:
     """Return the absolute path of a plug-in's file, which exists.
 
     Parameters
@@ -51,6 +83,8 @@ def file_of(name: str | os.PathLike[str], kind: str) -> Path:
         A path; relative ones start at the suite's folder while a suite is read, else at the working directory.
     kind : str
         What it should be, for the message.
+    expected : str
+        What the message expects where there is no such file; by default why the name is a path.
 
     Returns
     -------
@@ -73,7 +107,7 @@ def file_of(name: str | os.PathLike[str], kind: str) -> Path:
         file, there = Path(text), False
     if not there:
         beside = file_beside(text)
-        expected = f"a file, because a name with a separator or one of {', '.join(SUFFIXES)} is a path"
+        expected = expected or f"a file, because a name with a separator or one of {', '.join(SUFFIXES)} is a path"
         raise InvalidInput(kind, f"{text!r}, which is no file", f"{beside}, which is one" if beside else expected)
     return file
 
@@ -159,8 +193,24 @@ def in_finished_run() -> bool:
     return current is not None and current.folder is None
 
 
+def has_code(plugin: Used) -> bool:
+    """Return whether using a plug-in runs code out of a file: robots in TOML, URDF or JSON, and tables, are data.
+
+    Parameters
+    ----------
+    plugin : Used
+        A plug-in that settings name.
+
+    Returns
+    -------
+    bool
+        True for Python files.
+    """
+    return isinstance(plugin.source, Path) and plugin.source.suffix.lower() == ".py"
+
+
 def check_allowed(used: Iterable[Used], allowed: bool) -> None:
-    """Refuse files of plug-ins in a suite unless they are allowed: running them is running code.
+    """Refuse Python files in a suite unless they are allowed: running them is running code. Files of data are not.
 
     Parameters
     ----------
@@ -174,7 +224,7 @@ def check_allowed(used: Iterable[Used], allowed: bool) -> None:
     InvalidInput
         A file that is not allowed; all of them are named.
     """
-    files = sorted({str(u.source) for u in used if isinstance(u.source, Path)})
+    files = sorted({str(u.source) for u in used if has_code(u)})
     if files and not allowed:
         expected = "--allow-plugins (allow_plugins=True), since running the suite runs the code in these files"
         raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)
@@ -227,7 +277,8 @@ def compare(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, st
         if _content(before.get(key)) != _content(after.get(key)):
             advice = "restore it, or use another --out"
             expected = f"{_words(before.get(key))}, as when the run began; {advice}"
-            raise InvalidInput(f"plug-in {key[1]} ({key[0]})", _words(after.get(key)), expected)
+            what = f"file {key[1]}" if key[0] == DATA else f"plug-in {key[1]} ({key[0]})"
+            raise InvalidInput(what, _words(after.get(key)), expected)
 
 
 def _content(row: Mapping[str, str] | None) -> dict[str, str] | None:

@@ -73,7 +73,7 @@ def test_every_kind_keeps_the_contract(name: str) -> None:
     assert len({measure.name for measure in kind.measures}) == len(kind.measures)
     for section in kind.sections():
         assert isinstance(section, Section)
-        assert section.place in ("terms", "summary", "section")
+        assert section.place in ("top", "terms", "summary", "section")
         assert isinstance(section.template, Path)
         assert section.template.is_file()
     with pytest.raises(InvalidInput):
@@ -164,7 +164,7 @@ def test_a_report_names_the_package_of_a_kind_that_is_not_installed(run: RunFold
 def test_a_kind_without_a_stored_table_says_where_its_rows_are(
     outside: type[Kind], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("benchmarks.run.store_table", lambda *a: None)
+    monkeypatch.setattr("benchmarks.run.session.store_table", lambda *a: None)
     folder = run_suite(suite_with(outside), tmp_path / "run")
     assert "rows of the blocks without figures are in kinds/fk-time/" in page_of(folder).text
 

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+import polars as pl
 import pytest
+from scipy.optimize import least_squares
 
 import optik
-from benchmarks.problems.base import start_of
-from benchmarks.problems.hard import hard, put_at_zero, put_on_limits, singular
+from benchmarks.problems._reference import known_solutions
+from benchmarks.problems._singular import put_at_zero, put_on_limits, singular
+from benchmarks.problems._starts import START_KINDS, start_configurations, stream
+from benchmarks.problems.base import SETS, ProblemSet, sha256_of, start_of
+from benchmarks.problems.hard import hard
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
+from optik.ik._status import UNREACHABLE
+from optik.registry import build_method
 from tests import oracles
 
 SIX = ("paper6r", "puma560", "ur5e")
@@ -95,3 +109,191 @@ def test_a_start_is_given_in_degrees_and_of_sliding_joints_in_millimetres() -> N
     np.testing.assert_allclose(q, np.where(arm.prismatic, 0.05, np.pi / 6), atol=1e-15)
     with pytest.raises(InvalidInput, match="start_deg"):
         start_of(arm, given * 1e3)
+
+
+# ---------------------------------------------------------------- known solutions, content hashes, starts
+
+NEW_SETS = ("at_limits", "at_boundary", "beyond_reach", "singular_shells", "tracking", "random_reachable")
+
+
+def drawn(name: str, robot: Robot, seed: int = 4, **options: Any) -> ProblemSet:
+    return build_method(SETS, name, "problem set", robot, seed, **options)
+
+
+def test_a_target_that_one_attempt_misses_is_known_and_one_out_of_reach_is_proved() -> None:
+    robot = optik.load("paper6r")
+    q = robot.limits.draw(np.random.default_rng(9), 200)
+    targets = robot.fk(q)
+    targets[0, :3, 3] += [0.0, 0.0, 5.0]
+    starts = np.tile(robot.limits.middle, (200, 1))
+    assert not optik.ik.make_solver(robot, "lm", max_restarts=0).solve_batch(targets, starts).solved.all()
+    known = known_solutions(robot, targets, starts)
+    assert list(np.flatnonzero(~known.found)) == list(np.flatnonzero(known.unreachable)) == [0]
+    assert robot.limits.contains(known.q[1:]).all()
+    np.testing.assert_allclose(oracles.fk(oracles.table("paper6r"), known.q[1:]), targets[1:], atol=2e-6)
+
+
+def test_what_closed_forms_alone_find_counts_as_known() -> None:
+    robot = optik.load("paper6r")
+    q = robot.limits.draw(np.random.default_rng(9), 60)
+    starts = np.tile(robot.limits.middle, (60, 1))
+    few = optik.ik.make_solver(robot, "lm", max_restarts=0).solve_batch(robot.fk(q), starts).solved
+    assert not few.all()
+    assert known_solutions(robot, robot.fk(q), starts, restarts=0).found.all()
+
+
+def test_the_paper_grid_knows_more_than_the_iteration_that_it_is_solved_by() -> None:
+    options: dict[str, Any] = {"start_deg": [20, -35, 40, 25, 50, -30], "normals": ["Y"], "spacing_m": 0.1}
+    grid = drawn("graph_paper", optik.load("paper6r"), **options)
+    assert (grid.known & grid.unreachable).sum() == 0
+    dls = optik.ik.make_solver(optik.load("paper6r"), "dls", max_restarts=15).solve_batch(grid.targets, grid.starts)
+    assert not (dls.solved & ~grid.known).any()
+    assert (np.isfinite(grid.sigma) == grid.known).all()
+
+
+@pytest.mark.parametrize("name", NEW_SETS)
+def test_the_first_problems_of_a_group_are_the_same_for_any_count(name: str) -> None:
+    robot = optik.load("ur5e")
+    few, many = drawn(name, robot, count=3), drawn(name, robot, count=7)
+    assert few.sha256 != many.sha256
+    for group in dict.fromkeys(few.group):
+        for values in ("targets", "starts"):
+            less = getattr(few, values)[few.group == group]
+            np.testing.assert_array_equal(less, getattr(many, values)[many.group == group][: len(less)])
+    assert drawn(name, robot, count=3).sha256 == few.sha256
+    assert drawn(name, robot, seed=5, count=3).sha256 != few.sha256
+
+
+def test_a_hash_is_the_same_in_another_process_and_out_of_the_table_of_a_run(tmp_path: Path) -> None:
+    robot = optik.load("paper6r")
+    problems = drawn("at_limits", robot, count=5)
+    line = (
+        "import optik; from benchmarks.problems.at_limits import at_limits as a; "
+        "print(a(optik.load('paper6r'), 4, count=5).sha256)"
+    )
+    found = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=True).stdout.strip()
+    problems.frame(robot).write_parquet(tmp_path / "problems.parquet")
+    assert found == problems.sha256 == sha256_of(pl.read_parquet(tmp_path / "problems.parquet"))
+    moved = replace(problems, starts=np.nextafter(problems.starts, 9.0))
+    assert moved.sha256 != problems.sha256
+
+
+def test_starts_are_where_their_kind_says() -> None:
+    robot = optik.load("paper6r")
+    q = robot.limits.draw(stream(4, "q"), 300)
+    at = {kind: start_configurations(robot.limits, stream(4, kind), q, kind, 0.1) for kind in START_KINDS}
+    for starts in at.values():
+        assert robot.limits.contains(starts).all()
+    half = robot.limits.half
+    np.testing.assert_allclose(np.abs(at["far"] - q), np.tile(half, (300, 1)), rtol=1e-12)
+    assert 0.08 < np.std((at["near"] - q)[:, 0]) < 0.11
+    np.testing.assert_array_equal(at["zero"], np.tile(np.clip(0.0, robot.limits.lower, robot.limits.upper), (300, 1)))
+    several = drawn("at_limits", robot, count=4, joints=[1], starts=["near", "zero"])
+    assert list(dict.fromkeys(several.group)) == ["1 joint at limits, near start", "1 joint at limits, zero start"]
+    np.testing.assert_array_equal(several.targets[:4], several.targets[4:])
+    for wrong in ({"starts": "middle"}, {"starts": []}, {"starts": "far", "start_deg": [0.0] * 6}):
+        with pytest.raises(InvalidInput, match="starts"):
+            drawn("at_limits", robot, **wrong)
+
+
+# ---------------------------------------------------------------- each set is what it says, by the oracles
+
+
+@pytest.mark.parametrize("name", SIX)
+def test_shells_have_their_singular_values_beside_the_singularity_that_they_name(name: str) -> None:
+    robot, arm = optik.load(name), oracles.table(name)
+    edges = (1e-6, 1e-4, 1e-2)
+    problems = drawn("singular_shells", robot, count=6, edges=edges, spread=1e-9)
+    q = problems.starts  # the solution, but for 1e-9 rad
+    sigma = oracles.smallest(arm, q)
+    for kind in ("wrist", "elbow", "shoulder"):
+        for low, high in pairwise(edges):
+            mine = problems.group == f"{kind}, {low:g} ≤ σ < {high:g}"
+            assert mine.sum() == 6
+            assert (sigma[mine] >= low - 1e-8).all()
+            assert (sigma[mine] < high + 1e-8).all()
+    wrist = np.char.startswith(problems.group, "wrist")
+    axes = oracles.jacobian(arm, q)[:, 3:]
+    parallel = np.linalg.norm(np.cross(axes[..., 3], axes[..., 5]), axis=-1)
+    assert parallel[wrist].max() < 0.5 < parallel[~wrist].max()
+    turned = q.copy()
+    turned[:, 1] += 0.4  # joint 2 changes neither wrist nor elbow, but the shoulder
+    shoulder = np.char.startswith(problems.group, "shoulder")
+    thin = sigma < 1e-4
+    assert oracles.smallest(arm, turned)[thin & ~shoulder].max() < 1e-3
+    assert oracles.smallest(arm, turned)[thin & shoulder].max() > 1e-3
+
+
+def test_shells_of_other_arms_are_of_any_kind() -> None:
+    robot = seven_joints()
+    q = drawn("singular_shells", robot, count=4, edges=[1e-4, 1e-3], spread=1e-9).starts
+    sigma = np.linalg.svd(oracles.jacobian(robot, q), compute_uv=False)[:, -1]
+    assert ((sigma > 0.99e-4) & (sigma < 1.01e-3)).all()
+    with pytest.raises(InvalidInput, match="which"):
+        drawn("singular_shells", robot, which=["wrist"])
+    with pytest.raises(InvalidInput, match="any"):
+        drawn("singular_shells", optik.load("gen3lite"), count=20, which=["wrist"])
+
+
+def test_so_many_joints_are_exactly_at_their_limits() -> None:
+    robot, arm = optik.load("paper6r"), oracles.table("paper6r")
+    problems = drawn("at_limits", robot, count=30, joints=[1, 4], spread=1e-12)
+    near = problems.starts
+    at = (np.abs(near - robot.limits.lower) < 1e-10) | (np.abs(near - robot.limits.upper) < 1e-10)
+    assert (at[:30].sum(axis=1) == 1).all()
+    assert (at[30:].sum(axis=1) == 4).all()
+    np.testing.assert_allclose(oracles.fk(arm, near), problems.targets, atol=1e-10)
+    with pytest.raises(InvalidInput, match="joints"):
+        drawn("at_limits", robot, joints=[7])
+
+
+@pytest.mark.parametrize("name", ["paper6r", "irb910sc"])
+def test_nothing_lies_beyond_the_boundary_and_no_free_joint_leads_there(name: str) -> None:
+    robot, arm = optik.load(name), oracles.table(name)
+    problems = drawn("at_boundary", robot, count=8, spread=1e-12)
+    q, p = problems.starts, problems.targets[:, :3, 3]
+    d = stream(4, "at_boundary", "directions").normal(size=(8, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    others = oracles.fk(
+        arm, np.random.default_rng(1).uniform(robot.limits.lower, robot.limits.upper, (20_000, robot.n))
+    )
+    assert ((others[:, :3, 3] @ d.T).max(axis=0) < np.einsum("ki,ki->k", p, d)).all()
+    rise = np.einsum("ki,kij->kj", d, oracles.jacobian(arm, q)[:, :3])
+    at_lower, at_upper = q < robot.limits.lower + 1e-9, q > robot.limits.upper - 1e-9
+    assert np.abs(rise[~at_lower & ~at_upper]).max() < 1e-6
+    assert (rise[at_lower] < 1e-6).all()
+    assert (rise[at_upper] > -1e-6).all()
+
+
+def test_no_search_comes_nearer_to_a_target_beyond_reach_than_its_excess() -> None:
+    robot, arm = optik.load("ur5e"), oracles.table("ur5e")
+    problems = drawn("beyond_reach", robot, count=2, excesses_m=[0.01, 0.1])
+    assert problems.unreachable is not None
+    assert problems.unreachable.all()
+    assert not problems.known.any()
+    for target, excess in zip(problems.targets, [0.01, 0.01, 0.1, 0.1], strict=True):
+
+        def error(q: Any, target: Any = target) -> Any:
+            T = oracles.fk(arm, q)
+            return np.concatenate([T[:3, 3] - target[:3, 3], (T[:3, :3] - target[:3, :3]).ravel()])
+
+        starts = np.random.default_rng(1).uniform(-2.0, 2.0, (4, 6))
+        assert min(np.linalg.norm(least_squares(error, q).fun) for q in starts) > 0.3 * excess
+    status = optik.ik.make_solver(robot, "lm").solve_batch(problems.targets, problems.starts).status
+    assert (status == UNREACHABLE).all()
+    with pytest.raises(InvalidInput, match="a proof"):
+        drawn("beyond_reach", robot, excesses_m=[1e-7])
+
+
+def test_a_sequence_takes_equal_steps_and_starts_where_the_last_one_ended() -> None:
+    robot, arm = optik.load("puma560"), oracles.table("puma560")
+    problems = drawn("tracking", robot, count=40, steps_m=[0.002, 0.02])
+    for group, step in (("step 2 mm", 0.002), ("step 20 mm", 0.02)):
+        mine = problems.group == group
+        before = oracles.fk(arm, problems.starts[mine])
+        np.testing.assert_allclose(before[1:], problems.targets[mine][:-1], atol=1e-12)
+        moved = np.linalg.norm(problems.targets[mine][:, :3, 3] - before[:, :3, 3], axis=1)
+        assert (moved < step * 1.001).all()
+        assert moved.min() > 0.5 * step  # a chord, where the way bends
+    with pytest.raises(InvalidInput, match="range_share"):
+        drawn("tracking", robot, range_share=1.5)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import polars as pl
@@ -10,7 +12,18 @@ import pytest
 from scipy.stats import binomtest
 
 from benchmarks.kinds.budgets.measures import MEASURES, paired, succeeded, success
-from benchmarks.statistics import binned, quantiles, wilson
+from benchmarks.statistics import (
+    binned,
+    holm,
+    mcnemar,
+    median_interval,
+    performance_profile,
+    quantiles,
+    ratio_interval,
+    shifted_geometric_mean,
+    signed_rank,
+    wilson,
+)
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (0, 250), (219, 250), (250, 250), (3, 7)])
@@ -45,6 +58,115 @@ def test_bins_with_few_rows_are_left_out() -> None:
     assert binned(rows, "x", "y", width=10.0, least=10)["middle"].to_list() == [5.0]
 
 
+def test_a_shifted_geometric_mean_is_the_root_of_a_product() -> None:
+    assert shifted_geometric_mean([1.0, 9.0, 99.0], 1.0) == pytest.approx((2 * 10 * 100) ** (1 / 3) - 1)
+    assert shifted_geometric_mean([5.0], 10.0) == pytest.approx(5.0)
+    assert math.isnan(shifted_geometric_mean([], 1.0))
+
+
+@pytest.mark.parametrize(("only_a", "only_b"), [(0, 0), (1, 0), (6, 1), (3, 12), (8, 8), (0, 30)])
+def test_mcnemar_is_the_sum_of_binomial_terms_no_more_likely(only_a: int, only_b: int) -> None:
+    a = [True] * 5 + [True] * only_a + [False] * only_b + [False] * 4
+    b = [True] * 5 + [False] * only_a + [True] * only_b + [False] * 4
+    found = mcnemar(a, b)
+    assert (found.both, found.first, found.second, found.neither) == (5, only_a, only_b, 4)
+    n = only_a + only_b
+    terms = [math.comb(n, k) for k in range(n + 1)]
+    assert found.p == pytest.approx(sum(t for t in terms if t <= terms[only_a]) / 2**n)
+
+
+def test_mcnemar_of_a_published_example() -> None:
+    # Agresti, Categorical Data Analysis (1990), table 10.1: approval ratings 794, 150, 86, 570
+    a = np.repeat([True, True, False, False], [794, 150, 86, 570])
+    b = np.repeat([True, False, True, False], [794, 150, 86, 570])
+    assert mcnemar(a, b).p == pytest.approx(3.7e-5, rel=0.1)
+
+
+def signs_counted(differences: Sequence[float]) -> float:
+    """p-value of the signed-rank test by all 2^n choices of signs."""
+    size = np.abs(differences)
+    ranks = np.array([(size < d).sum() + ((size == d).sum() + 1) / 2 for d in size])
+    seen = abs(float(np.sign(differences) @ ranks))
+    sums = [abs(float(np.array(signs) @ ranks)) for signs in itertools.product((-1, 1), repeat=len(ranks))]
+    return float(np.mean(np.array(sums) >= seen - 1e-9))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_signed_rank_test_is_that_of_all_signs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = rng.lognormal(size=(2, 11))
+    assert signed_rank(x, y) == pytest.approx(signs_counted(np.log(x / y)))
+    assert signed_rank(1e3 * x, 1e3 * y) == pytest.approx(signed_rank(x, y))
+
+
+def test_a_signed_rank_test_without_differences_or_pairs() -> None:
+    assert signed_rank([1.0, 2.0], [1.0, 2.0]) == 1.0
+    assert math.isnan(signed_rank([], []))
+
+
+def test_holm_is_the_closed_test_of_bonferroni() -> None:
+    rng = np.random.default_rng(4)
+    p = rng.uniform(0.0, 0.3, 5)
+    sets = [c for k in range(1, 6) for c in itertools.combinations(range(5), k)]
+    closed = [max(min(1.0, len(c) * min(p[j] for j in c)) for c in sets if i in c) for i in range(5)]
+    assert holm(list(p)) == pytest.approx(closed)
+    with_nan = holm([p[0], float("nan"), p[1]])
+    assert with_nan[::2] == pytest.approx(holm([p[0], p[1]]))
+    assert math.isnan(with_nan[1])
+
+
+def resampled(x: np.ndarray, y: np.ndarray, count: int) -> np.ndarray:
+    """Ratios of medians of pairs that were drawn again, one after another."""
+    rng = np.random.default_rng(99)
+    picked = [rng.integers(len(x), size=len(x)) for _ in range(count)]
+    return np.array([sorted(x[i])[len(x) // 2] / sorted(y[i])[len(x) // 2] for i in picked])
+
+
+def test_a_bootstrap_interval_is_that_of_a_plain_loop() -> None:
+    rng = np.random.default_rng(6)
+    x = rng.lognormal(size=301)
+    y = x * rng.lognormal(0.5, 0.3, size=301)
+    plain = np.quantile(resampled(x, y, 3000), [0.025, 0.975])
+    value, low, high = ratio_interval(x, y)
+    assert value == pytest.approx(np.median(x) / np.median(y))
+    assert (low, high) == pytest.approx(tuple(plain), rel=0.03)
+    assert low < value < high
+    assert ratio_interval(x, y) == ratio_interval(x.copy(), y.copy())
+    single = median_interval(x)
+    alone = np.quantile(resampled(x, np.ones_like(x), 3000), [0.025, 0.975])
+    assert single[1:] == pytest.approx(tuple(alone), rel=0.05)
+
+
+def test_a_bootstrap_interval_covers_the_median_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(8)
+    held = [low <= 1.0 <= high for _, low, high in (median_interval(rng.lognormal(size=40)) for _ in range(60))]
+    assert 0.85 <= np.mean(held) <= 1.0
+
+
+def test_intervals_of_failures_of_few_and_of_many_values() -> None:
+    assert median_interval([1.0, 2.0, np.inf]) == (2.0, 1.0, np.inf)
+    assert median_interval([3.0])[0] == 3.0
+    assert math.isnan(median_interval([3.0])[1])
+    assert all(math.isnan(v) for v in (*median_interval([]), *ratio_interval([], [])))
+    many = np.random.default_rng(1).lognormal(size=20_000)
+    value, low, high = median_interval(many)
+    assert value == np.median(many)
+    assert low < value < high
+    assert high - low == pytest.approx(2 * 1.96 * 1.2533 / math.sqrt(2000), rel=0.2)  # of the part that was drawn
+
+
+def test_a_performance_profile_is_counted_problem_by_problem() -> None:
+    rng = np.random.default_rng(9)
+    costs = rng.lognormal(size=(50, 3))
+    costs[rng.random((50, 3)) < 0.2] = np.inf
+    costs[7] = np.inf
+    ratios = [1.0, 1.5, 3.0, 1e9]
+    for i, ratio in enumerate(ratios):
+        for j in range(3):
+            held = sum(np.isfinite(c[j]) and c[j] / min(c) <= ratio for c in costs)
+            assert performance_profile(costs, ratios)[i, j] == pytest.approx(held / 50)
+
+
 def test_success_needs_both_errors_and_the_limits() -> None:
     rows = pl.DataFrame(
         {
@@ -64,7 +186,7 @@ def test_pairs_are_the_problems_that_every_method_was_run_on() -> None:
 
 
 def test_metrics_of_no_rows_are_undefined() -> None:
-    schema = {"position_error": float, "rotation_error": float, "status": str, "iterations": int, "seconds": float}
+    schema = {"position_error": float, "rotation_error": float, "status": str, "iterations": int}
     for metric in MEASURES:
         values = metric.compute(pl.DataFrame(schema=schema))
         assert len(values) == len(metric.parts)

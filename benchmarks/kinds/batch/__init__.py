@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from benchmarks.kinds._fresh import fresh
 from benchmarks.kinds._problems import check_set
-from benchmarks.kinds.base import Kind, Section, Target, Tell
+from benchmarks.kinds.base import Compared, Kind, Section, Table, Target, Tell, Winner
 from benchmarks.kinds.batch.measures import MEASURES, judge
 from benchmarks.kinds.batch.settings import BatchBlock, read_block
 from benchmarks.records import slug
 from optik.arm.library import load
 from optik.ik import make_solver
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
 
 
 class _Batch(Kind):
@@ -25,6 +28,11 @@ class _Batch(Kind):
     title = "Batches"
     measures = MEASURES
     order = 30
+    compared = (Compared("time of a batch", "s", "less", "seconds"),)
+
+    def compared_rows(self, block: BatchBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Repeats by number of threads."""
+        return rows.with_columns(label=pl.format("{} threads", "threads"), problem=pl.lit("the batch"))
 
     def settings(self, data: Any) -> BatchBlock:
         return read_block(data)
@@ -50,6 +58,16 @@ class _Batch(Kind):
         from benchmarks.kinds.batch.report import SECTIONS
 
         return SECTIONS
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.batch.report import winners
+
+        return winners(run)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.batch.report import tables
+
+        return tables(run)
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ("inverse kinematics, call by call",)

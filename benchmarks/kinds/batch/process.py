@@ -42,6 +42,7 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
     robot = load(settings["robot"])
     problems = build_method(SETS, settings["set"], "problem set", robot, settings["seed"], **settings["options"])
     targets, starts = np.ascontiguousarray(problems.targets), np.ascontiguousarray(problems.starts)
+    sha256 = problems.sha256
     del problems
     solver = make_solver(robot, settings["solver"], **settings["solver_options"])
     rows = []
@@ -65,6 +66,7 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
                     "claimed": int(np.asarray(answer.solved).sum()),
                     "iterations": float(np.mean(answer.iterations)),
                     "extra_memory_mb": extra,
+                    "problems_sha256": sha256,
                 }
             )
             del answer

@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.kinds._speed import SPEED
-from benchmarks.kinds.base import Section
+from benchmarks.kinds.base import BlockRows, Column, Section, Table, Winner
 from benchmarks.kinds.batch.measures import extra_memory, solved_rate
-from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.tables import share
+from benchmarks.statistics import wilson
 from optik.registry import short_name
+
+if TYPE_CHECKING:
+    from benchmarks.kinds._shown import Cell
+
+BATCH_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("batch", "Batch", show="text"),
+    Column("threads", "threads", show="count"),
+    Column("rate", "solved a second", "million", "more"),
+    Column("solved", "solved", "%", "more", "share"),
+    Column("seconds", "median time", "s", "less"),
+    Column("count", "problems", show="count"),
+    Column("extra", "extra memory, largest", "MB", "less"),
+    Column("false_claims", "claimed, not solved", "", "less", "count", aside=True),
+    Column("robot", "arm", show="text", aside=True),
+    Column("repeats", "repeats", show="count", aside=True),
+    Column("iterations", "mean iterations", aside=True),
+)
+"""Columns of the table."""
 
 
 def batches(run: Run) -> dict[str, Any] | None:
-    """One row for each batch and number of threads.
+    """The table of all batches.
 
     Parameters
     ----------
@@ -29,20 +48,94 @@ def batches(run: Run) -> dict[str, Any] | None:
     dict or None
         What the template shows; None where no batch has rows.
     """
-    rows = []
+    found = tables(run)
+    return {"tables": found} if found else None
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """One row for each batch and number of threads.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    sequence of Table
+        One table; none where no batch has rows.
+    """
+    rows = [row for b in run.of("batch") for row in _rows(b)]
+    note = (
+        "One call for all targets, in a process of its own; medians and ranges are of the repeats. Solved is the least of the "
+        "repeats, with Wilson's 95 % interval; it is judged by our forward kinematics inside the limits. Extra memory is the "
+        "peak of the process during the call, less what it held before and less the answers themselves."
+    )
+    return [Table("speed-batches", "Batches", BATCH_COLUMNS, tuple(rows), note)] if rows else []
+
+
+def _rows(b: BlockRows) -> list[Mapping[str, Cell]]:
+    found: list[Mapping[str, Cell]] = []
+    for (threads,), part in b.rows.group_by("threads", maintain_order=True):
+        count, least = int(part["count"][0]), int(part["solved"].to_numpy().min())
+        low, high = wilson(least, count)
+        rates = 1e-6 * part["solved"].to_numpy() / part["seconds"].to_numpy()
+        seconds = part["seconds"].to_numpy()
+        extra = extra_memory(part)
+        found.append(
+            {
+                "label": short_name(b.block.solver), "batch": b.block.title, "robot": short_name(b.block.robot),
+                "threads": int(str(threads)), "count": count, "repeats": len(part),
+                "solved": (100.0 * least / count, 100.0 * low, 100.0 * high),
+                "seconds": (float(np.median(seconds)), float(seconds.min()), float(seconds.max())),
+                "rate": (solved_rate(part), float(rates.min()), float(rates.max())),
+                "iterations": float(part["iterations"].to_numpy().mean()),
+                "extra": None if np.isnan(extra) else extra,
+                "false_claims": int((part["claimed"] - part["solved"]).clip(lower_bound=0).to_numpy().max()),
+            }
+        )  # fmt: skip
+    return found
+
+
+def winners(run: Run) -> Sequence[Winner]:
+    """Which method solves most a second, where batches of the same problems by several methods are in the suite.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    sequence of Winner
+        One for each problem set that several methods were given.
+    """
+    groups: dict[str, list[BlockRows]] = {}
     for b in run.of("batch"):
-        for (threads,), part in b.rows.group_by("threads", maintain_order=True):
-            rows.append(
-                {
-                    "title": b.block.title, "robot": short_name(b.block.robot), "solver": short_name(b.block.solver),
-                    "threads": threads,
-                    "count": part["count"][0], "solved": share(int(part["solved"].to_numpy().min()), part["count"][0]),
-                    "seconds": number(float(np.median(part["seconds"].to_numpy()))), "repeats": len(part),
-                    "rate": number(solved_rate(part)), "iterations": number(float(part["iterations"].to_numpy().mean())),
-                    "extra": number(extra_memory(part)),
-                }
-            )  # fmt: skip
-    return {"rows": rows} if rows else None
+        groups.setdefault(repr((b.block.robot, b.block.set, sorted(b.block.options.items()))), []).append(b)
+    found = []
+    for blocks in groups.values():
+        if len({b.block.solver for b in blocks}) < 2:
+            continue
+        best: dict[str, tuple[float, float, float]] = {}
+        for b in blocks:
+            for row in _rows(b):
+                label, rate = str(row["label"]), row["rate"]
+                assert isinstance(rate, tuple)
+                best[label] = max(rate, best.get(label, rate))
+        entries = tuple(sorted(((label, *rate) for label, rate in best.items()), key=lambda entry: -entry[1]))
+        note = "at each method's best number of threads; median and range of the repeats"
+        found.append(
+            Winner(
+                f"Solves the most a second in a batch: {blocks[0].block.title}",
+                "million/s",
+                "more",
+                entries,
+                "speed",
+                note,
+            )
+        )
+    return found
 
 
 SECTIONS = (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import BlockRows, Kind, Part, Section
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Part, Section, Table, Winner
 from benchmarks.kinds.budgets.measures import MEASURES
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.kinds.budgets.run import Work, parts, prepare, solve_problems
@@ -29,6 +29,15 @@ class _Budgets(Kind):
     order = 10
     alone = False
     on_paper = True
+    compared = (
+        Compared("solved", "%", "more", "solved"),
+        Compared("iterations (both solved)", "", "less", "iterations", only="solved"),
+    )
+
+    def compared_rows(self, block: BudgetBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows at the largest budget."""
+        last = rows.filter(pl.col("budget") == block.budgets[-1])
+        return last.with_columns(label="method", solved=pl.col("status") == "solved")
 
     def settings(self, data: Any) -> BudgetBlock:
         return read_block(data)
@@ -56,6 +65,16 @@ class _Budgets(Kind):
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ("inverse kinematics",)
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.budgets.report.best import winners
+
+        return winners(run)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.budgets.report.best import tables
+
+        return tables(run)
 
     def findings(self, run: Run) -> Sequence[str]:
         from benchmarks.kinds.budgets.report.head import findings

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from benchmarks.kinds._contest import read_facts
 from benchmarks.kinds._problems import check_set
-from benchmarks.kinds.base import BlockRows, Kind, Section, Target, Tell
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Table, Target, Tell, Winner
 from benchmarks.kinds.calls.callers import build_ours
 from benchmarks.kinds.calls.measures import MEASURES, judge
+from benchmarks.kinds.calls.rounds import without_memory
+from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.kinds.calls.run import facts_file, read_rows, run_calls
 from benchmarks.kinds.calls.settings import CallBlock, read_block
 from benchmarks.records import RunFolder
 from optik.arm.library import load
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
 
 
 class _Calls(Kind):
@@ -25,6 +30,11 @@ class _Calls(Kind):
     title = "Speed of one call"
     measures = MEASURES
     order = 20
+    compared = (
+        Compared("solved", "%", "more", "solved"),
+        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("ns_min", "ns_max")),
+        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("ns_min", "ns_max")),
+    )
 
     def settings(self, data: Any) -> CallBlock:
         return read_block(data)
@@ -38,11 +48,12 @@ class _Calls(Kind):
         run_calls(block, seed, folder, tell)
 
     def rows(self, folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-        return read_rows(folder, block)
+        rows = read_rows(folder, block)
+        return None if rows is None else without_memory(rows)
 
     def read(self, folder: RunFolder, block: CallBlock) -> BlockRows | None:
         rows = self.rows(folder, block)
-        return None if rows is None else BlockRows(block, rows, folder, read_facts(folder, facts_file(block), block.id))
+        return None if rows is None else CallRows(block, rows, folder, read_facts(folder, facts_file(block), block.id))
 
     def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
         return judge(rows, target)
@@ -52,13 +63,25 @@ class _Calls(Kind):
 
         return SECTIONS
 
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.calls.report.winners import winners
+
+        return winners(run)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.calls.report.section import all_tables
+
+        return all_tables(run)
+
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ("inverse kinematics, call by call",)
 
-    def limitations(self, run: Any) -> Sequence[str]:
+    def limitations(self, run: Run) -> Sequence[str]:
         return (
             "Calls are timed in a loop over different targets, with code and tables in the processor's caches: a call that "
             "comes alone after other work takes longer. Timing runs with the garbage collector off.",
+            "Every round has the same problems: a method whose first round is far slower than the others, which may remember "
+            "answers, is timed by its first round and named below its table.",
             "Closed-form peers look for every branch, ours for one answer near the start; a peer that races threads of its own "
             "is timed with them. Peers have the settings that served them best on the paper's arm, as their rows say.",
         )

@@ -8,8 +8,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds.calls.judgement import JUDGED_AT, level_name, solved_at
 from benchmarks.settings import Target
+from benchmarks.statistics import shifted_geometric_mean
 from benchmarks.targets import Measure, measure_named
+
+SHIFT_US = 10.0
+"""Shift of the shifted geometric mean of times [µs]: differences far below it do not decide the mean."""
 
 
 def shared(rows: pl.DataFrame, labels: tuple[str, ...]) -> pl.DataFrame:
@@ -55,6 +60,11 @@ def _solved(rows: pl.DataFrame) -> float:
     return 100.0 * int(rows["solved"].sum()) / len(rows)
 
 
+def _solved_at(tolerance: float) -> Callable[[pl.DataFrame], float]:
+    """Share solved at a tolerance [%]; failures and missing answers count among the problems."""
+    return lambda rows: 100.0 * int(rows.select(solved_at(tolerance).sum()).item()) / len(rows)
+
+
 def _us(statistic: Callable[[Any], Any]) -> Callable[[pl.DataFrame], float]:
     """A statistic of the times of calls [µs]."""
     return lambda rows: float(statistic(rows["ns"].to_numpy() / 1e3))
@@ -62,10 +72,19 @@ def _us(statistic: Callable[[Any], Any]) -> Callable[[pl.DataFrame], float]:
 
 MEASURES = (
     Measure("success", "%", _solved, "solved", show="exact"),
+    *(
+        Measure(
+            f"success_{level_name(at)}", "%", _solved_at(at), f"solved within {level_name(at)} m and rad", show="exact"
+        )
+        for at in JUDGED_AT
+    ),
     Measure("median_us", "µs", _us(np.median), "median time of a call"),
     Measure("mean_us", "µs", _us(np.mean), "mean time of a call"),
     Measure("p90_us", "µs", _us(lambda us: np.quantile(us, 0.90)), "90th percentile of a call"),
     Measure("p99_us", "µs", _us(lambda us: np.quantile(us, 0.99)), "99th percentile of a call"),
+    Measure(
+        "sgm_us", "µs", _us(lambda us: shifted_geometric_mean(us, SHIFT_US)), "shifted geometric mean time of a call"
+    ),
     Measure("max_us", "µs", _us(np.max), "longest call"),
     Measure("median_ratio", "", median_ratio, "median time over that of", relative=True),
 )

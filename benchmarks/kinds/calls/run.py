@@ -10,16 +10,19 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.kinds._contest import clock_cost, timed, turns
+from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Tell
 from benchmarks.kinds.calls.callers import Caller, callers_of
+from benchmarks.kinds.calls.evaluations import evaluations_file, run_evaluations
 from benchmarks.kinds.calls.judgement import judged
+from benchmarks.kinds.calls.rounds import changed_inputs, round_times
 from benchmarks.kinds.calls.settings import CallBlock
 from benchmarks.peers.ik.base import Failed
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from optik.arm.robot import Robot
 from optik.errors import Unsupported
-from optik.types import Array
+from optik.types import Array, Flags
 
 CALL_PART = 2000
 """Problems in one part: each method takes them in a row, so a disturbance that lasts longer affects all methods alike."""
@@ -82,14 +85,13 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
     tell : callable
         Called with what is next.
     """
-    facts, name = facts_file(block), f"problems/{slug(block.id)}.parquet"
+    facts = facts_file(block)
     count = folder.read_json(facts)["count"] if folder.has(facts) else None
-    if count is not None and all(folder.has(part) for part in part_files(block, count)):
+    if count is not None and all(folder.has(part) for part in _all_files(block, count)):
         return
     tell(f"{block.id}: problems")
     robot, problems = problem_set(block, seed)
-    if not folder.has(name):
-        folder.write(name, problems.frame(robot).drop("target", "start"))
+    store_problems(folder, block, robot, problems, poses=False)
     tell(f"{block.id}: building")
     callers, absent = callers_of(block, robot)
     entries = {c.label: c.about for c in callers} | absent
@@ -99,6 +101,12 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
             tell(f"{block.id}: {part * CALL_PART:,} of {len(problems):,}")
             here = np.arange(part * CALL_PART, min((part + 1) * CALL_PART, len(problems)))
             folder.write(file, timed_part(robot, problems, here, callers, block.rounds))
+    run_evaluations(block, robot, problems, folder, tell)
+
+
+def _all_files(block: CallBlock, count: int) -> list[str]:
+    """All files of rows: a block that has them is done."""
+    return part_files(block, count) + ([evaluations_file(block)] if block.evaluation_budgets else [])
 
 
 # ---------------------------------------------------------------- timing
@@ -122,7 +130,7 @@ class Round(NamedTuple):
     ns: NDArray[np.int64]
     cpu_ns: Array
     raws: list[Any]
-    changed: NDArray[np.bool_]
+    changed: Flags
 
 
 def timed_part(
@@ -195,11 +203,7 @@ def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> 
         ns, raws = timed(caller.call, arguments, keep_errors=True)
         cpu = np.full(len(mine), (time.process_time_ns() - begin) / max(len(mine), 1))
         raws = [_failed(raw) if isinstance(raw, Exception) else raw for raw in raws]
-    fresh = _arguments(caller, problems, mine)
-    changed = [
-        any(not np.array_equal(a, b) for a, b in zip(*pair, strict=True)) for pair in zip(arguments, fresh, strict=True)
-    ]
-    return Round(ns, cpu, raws, np.array(changed, dtype=bool))
+    return Round(ns, cpu, raws, changed_inputs(arguments, problems, mine))
 
 
 def _failed(error: Exception) -> Failed:
@@ -275,9 +279,8 @@ def _rows(
         claimed=pl.Series([r.claimed for r in read], dtype=pl.Boolean),
         iterations=pl.Series([r.iterations for r in read], dtype=pl.Int64),
         restarts=pl.Series([r.restarts for r in read], dtype=pl.Int64),
-        changed_input=pl.Series(np.any([r.changed for r in rounds], axis=0)),
-        ns=pl.Series(np.median([r.ns for r in rounds], axis=0)),
-        first_ns=pl.Series(rounds[0].ns),
+        mutated=pl.Series(np.any([r.changed for r in rounds], axis=0)),
+        **round_times([r.ns for r in rounds]),
         cpu_ns=pl.Series(np.median([r.cpu_ns for r in rounds], axis=0)),
         answers_ns=pl.Series([r.answers_ns for r in read], dtype=pl.Int64),
     )
@@ -309,4 +312,6 @@ def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
     rows = folder.parts("speed", block.id)
     if problems is None or rows is None:
         return None
-    return rows.join(problems.select("problem", "group"), on="problem").sort("method_index", "problem")
+    return rows.join(problems.select("problem", "group", "sigma", "known"), on="problem").sort(
+        "method_index", "problem"
+    )

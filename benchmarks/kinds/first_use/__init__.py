@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import Block, Kind, Section, Target, Tell, read_target
+from benchmarks.kinds.base import Block, Kind, Section, Table, Target, Tell, read_target
 from benchmarks.kinds.first_use.measures import MEASURES, median
 from benchmarks.kinds.first_use.run import FILE, run_first_use
 from benchmarks.records import RunFolder
 from benchmarks.settings import all_of, check_keys, check_known
 from optik.check import check_count
 from optik.registry import short_name
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +90,11 @@ class _FirstUse(Kind):
         from benchmarks.kinds.first_use.report import SECTIONS
 
         return SECTIONS
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.first_use.report import tables
+
+        return tables(run)
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ()

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.kinds._speed import SPEED
-from benchmarks.kinds.base import Section
+from benchmarks.kinds.base import Column, Section, Table
 from benchmarks.kinds.first_use.measures import MEASURES
-from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.targets import measure_named
 
+if TYPE_CHECKING:
+    from benchmarks.kinds._shown import Cell
+
+FIRST_USE_COLUMNS = (
+    Column("label", "What", show="text"),
+    Column("seconds", "median and range", "s", "less"),
+    Column("count", "processes", show="count"),
+)
+"""Columns of the table."""
+
 
 def first_use(run: Run) -> dict[str, Any] | None:
-    """Seconds of every process by measure.
+    """The table of first use.
 
     Parameters
     ----------
@@ -28,14 +38,34 @@ def first_use(run: Run) -> dict[str, Any] | None:
     dict or None
         What the template shows; None where it was not run.
     """
-    rows = []
+    found = tables(run)
+    return {"tables": found} if found else None
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """Seconds by measure: the median of all processes with their range.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    sequence of Table
+        One table; none where it was not run.
+    """
+    rows: list[Mapping[str, Cell]] = []
     for b in run.of("first_use"):
         for (measure,), part in b.rows.group_by("measure", maintain_order=True):
-            seconds = part["seconds"].to_list()
+            seconds = part["seconds"].to_numpy()
+            spread = (float(np.median(seconds)), float(seconds.min()), float(seconds.max()))
             what = measure_named(MEASURES, str(measure), "measure").title
-            each = ", ".join(number(s) for s in seconds)
-            rows.append({"what": what, "median": number(float(np.median(seconds))), "all": each})
-    return {"rows": rows} if rows else None
+            rows.append({"label": what, "seconds": spread, "count": len(part)})
+    note = "Every value is of a process of its own; the range is of all processes."
+    return (
+        [Table("speed-first-use", "First use in fresh processes", FIRST_USE_COLUMNS, tuple(rows), note)] if rows else []
+    )
 
 
 SECTIONS = (

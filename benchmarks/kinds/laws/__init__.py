@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from benchmarks.kinds._contest import read_facts
-from benchmarks.kinds.base import BlockRows, Kind, Section, Target, Tell
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Table, Target, Tell, Winner
+from benchmarks.kinds.laws.lines import LINE_KINDS
 from benchmarks.kinds.laws.measures import MEASURES, judge
 from benchmarks.kinds.laws.rows import LawRows, read_rows
 from benchmarks.kinds.laws.run import check_laws, facts_file, run_laws
@@ -26,6 +27,17 @@ class _Laws(Kind):
     title = "Time laws on many lines"
     measures = MEASURES
     order = 60
+    compared = (
+        Compared("motions found", "%", "more", "solved"),
+        Compared("keep every limit", "%", "more", "keeps_all", only="solved"),
+        Compared("duration", "s", "less", "duration", only="solved"),
+        Compared("time of the law", "ms", "less", "ms_law", only="solved"),
+    )
+
+    def compared_rows(self, block: LawBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """One problem is one line within one set of limits."""
+        problem = pl.concat_str("robot", "kind", "index", "limits", separator=" ").alias("problem")
+        return rows.filter(pl.col("entry") != "reference").with_columns(problem, label="law")
 
     def settings(self, data: Any) -> LawBlock:
         return read_block(data)
@@ -52,7 +64,19 @@ class _Laws(Kind):
         return SECTIONS
 
     def subjects(self, blocks: Sequence[LawBlock]) -> Sequence[str]:
-        return (f"time laws along {sum(part.count for b in blocks for part in b.lines)} straight lines",)
+        parts = [part for block in blocks for part in block.lines]
+        words = "straight lines" if all(part.kind in LINE_KINDS for part in parts) else "paths"
+        return (f"time laws along {sum(part.count for part in parts)} {words}",)
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.laws.report.winners import winners
+
+        return winners(run)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.laws.report.tables import all_tables
+
+        return all_tables(run)
 
     def findings(self, run: Run) -> Sequence[str]:
         from benchmarks.kinds.laws.report.section import findings
@@ -65,8 +89,8 @@ class _Laws(Kind):
             "Lines are drawn so that the whole line can be followed inside the joint limits; none passes nearer to a "
             "singularity than a smallest singular value of 0.02. The limits are the suite's, the same on every joint, not the "
             "robots' own.",
-            "Peers time the joint path that our follower made, with its exact derivatives where they take them; what they "
-            "answer is judged as it is, never slowed until it keeps the limits, while ours are.",
+            "Peers time the joint path that our follower made, with its exact derivatives where they take them. Their motions "
+            "are shown as they are, and compared after the same uniform slow-down to the limits that ours get.",
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,14 +23,14 @@ CHECK_INSTANTS = 4999
 COLUMNS = (
     "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
     "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "sampled_jerk", "tool_speed",
-    "rotation_speed", "holds", "broken", "breaks", "slowed", "least_duration", "distance", "angle", "true_distance",
-    "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
+    "rotation_speed", "worst", "holds", "broken", "breaks", "follows", "slowed", "least_duration", "distance", "angle",
+    "true_distance", "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
 )  # fmt: skip
 """Columns of a row, beside those of its line. Ratios are worst values over limits, exact."""
 
 COLUMN_TYPES = {
     pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in DERIVATIVES)),
-    pl.Boolean: ("holds",),
+    pl.Boolean: ("holds", "follows"),
     pl.Int64: ("continuous",),
 }
 """Types of the columns that are no real numbers."""
@@ -91,6 +92,9 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
     for field in DERIVATIVES:
         ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
         facts[field] = round(ratio, RATIO_DECIMALS)
+    facts["worst"] = round(float(np.nanmax([proof.worst(field)[0] for field in ALL_LIMITS])), RATIO_DECIMALS)
+    # all of the path, forwards, from rest to rest, in range, no jumps: without promises, so the same for laws and peers
+    facts["follows"] = replace(proof, keeps=(), tolerance=None).holds
     facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
     return facts
 

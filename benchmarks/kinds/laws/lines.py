@@ -14,6 +14,7 @@ from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.registry import short_name
 from optik.types import Array
+from planners.paths.base import Path
 from planners.paths.line import Line
 
 LINE_KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}
@@ -56,13 +57,13 @@ class DrawnLine:
     robot : Robot
         The arm.
     kind : str
-        ``regular`` or ``near_singular``.
+        ``regular`` or ``near_singular``; other motions as `benchmarks.kinds.laws.motions` calls them.
     index : int
         Which one of its kind.
     q_start : (n,) array
         Configuration at the start, inside the limits [rad, m].
-    path : Line
-        Straight, turning about a fixed axis or not at all.
+    path : Path
+        Of a line: straight, turning about a fixed axis or not at all.
     singular_value : float
         Smallest singular value of the Jacobian along the track by which the line was chosen.
     draws : int
@@ -75,7 +76,7 @@ class DrawnLine:
     kind: str
     index: int
     q_start: Array
-    path: Line
+    path: Path
     singular_value: float
     draws: int
     arm: str
@@ -121,7 +122,9 @@ def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
     for draws in range(0, MOST_DRAWS, CANDIDATES):
         starts, goals = _candidates(arm, rng, turns=index % 2 == 1)
         low, high = LINE_KINDS[kind]
-        singular_values = _tracked(arm, starts, goals, low)
+        between = np.linspace(0.0, 1.0, TRACK_STEPS + 1)
+        poses = np.stack([se3.interpolate(a, b, between) for a, b in zip(arm.fk(starts), goals, strict=True)])
+        singular_values = tracked(arm, starts, poses, low)
         good = np.flatnonzero((singular_values >= low) & (singular_values <= high))
         if good.size:
             i = int(good[0])
@@ -145,13 +148,27 @@ def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple
     return starts, goals
 
 
-def _tracked(robot: Robot, q: Array, goals: Array, low: float) -> Array:
-    """Smallest singular value (k,) along the tracks from q (k, n) to the goals; NaN where a track leaves the limits."""
+def tracked(robot: Robot, q: Array, poses: Array, low: float) -> Array:
+    """Smallest singular value along tracks of the tool; NaN where a track leaves the limits.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (k, n) array
+        Where the tracks start [rad, m].
+    poses : (k, TRACK_STEPS + 1, 4, 4) array
+        Poses of the tool along each track [1, m].
+    low : float
+        Singular value below which a track is followed no further [1].
+
+    Returns
+    -------
+    (k,) array
+        Smallest singular values [1].
+    """
     q = q.copy()
     lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
-    poses = np.stack(
-        [se3.interpolate(a, b, np.linspace(0.0, 1.0, TRACK_STEPS + 1)) for a, b in zip(robot.fk(q), goals, strict=True)]
-    )
     least = robot.singular_values(q)[:, -1]
     for step in range(1, TRACK_STEPS + 1):
         alive = np.flatnonzero(least >= low)  # a track below `low` is followed no further, and keeps its value

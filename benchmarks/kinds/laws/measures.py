@@ -37,6 +37,7 @@ def _worst(rows: pl.DataFrame) -> float:
 MEASURES = (
     Measure("solved", "%", _column("solved", np.mean, 100.0), "lines with a motion"),
     Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions with every exact ratio at most 1"),
+    Measure("nearly", "%", _column("nearly", np.mean, 100.0), "motions that exceed no limit by more than 0.1 %"),
     Measure("holds", "%", _column("holds", np.mean, 100.0), "motions whose certificate holds"),
     Measure("worst_ratio", "", _worst, "worst value over limit, exact", show="exact"),
     Measure("worst_velocity", "", _column("velocity", np.max), "worst velocity over limit, exact", show="exact"),
@@ -44,6 +45,8 @@ MEASURES = (
     Measure("worst_jerk", "", _column("jerk", np.max), "worst jerk over limit, exact", show="exact"),
     Measure("median_optimum", "", _column("over_optimum", np.median), "median of T / T*", show="exact"),
     Measure("worst_optimum", "", _column("over_optimum", np.max), "worst T / T*", show="exact"),
+    Measure("median_kept", "", _column("kept_over_optimum", np.median), "median of T / T*, slowed to the limits", show="exact"),
+    Measure("worst_kept", "", _column("kept_over_optimum", np.max), "worst T / T*, slowed to the limits", show="exact"),
     Measure("median_ms", "ms", _column("ms_law", np.median), "median time of the law"),
     Measure("p95_ms", "ms", _column("ms_law", lambda ms: np.quantile(ms, 0.95)), "95th percentile of the law's time"),
     Measure("plan_ms", "ms", _column("ms_plan", np.median), "median time of a whole plan"),

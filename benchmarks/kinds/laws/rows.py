@@ -10,9 +10,13 @@ from benchmarks.kinds.base import BlockRows
 from benchmarks.kinds.laws.run import example_file
 from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.records import RunFolder
+from planners.limits import DERIVATIVES
 
-ON_THE_LINE = 1e-5
-"""Deviation [m, rad] up to which a motion is one along the line: laws stay within 1e-6, joint moves leave it by 1e-2."""
+NEARLY = 1.001
+"""Values over limits up to this are within 0.1 %: what a discretised method exceeds between its grid points is not a jump."""
+
+ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
+"""Certified distance [m] and angle [rad] from the path up to which a motion counts: far more than any law leaves (3e-6)."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +42,11 @@ class LawRows(BlockRows):
 def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
     """All rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*.
 
-    T* is the least duration on that line within those limits of the reference and of every motion that keeps all
-    limits exactly and stays on the line within `ON_THE_LINE`. ``kept_over_optimum`` is the same ratio after the motion was
-    slowed, uniformly, until it keeps them.
+    A motion that exceeds a limit is compared after the uniform slow-down that ours get, too: as much slower as it must be
+    to keep all limits. T* is the least duration on that line within those limits of any motion after that, the reference's
+    included. ``kept_over_optimum`` is the ratio after the slow-down, infinite where none suffices. ``keeps_all`` says
+    whether a motion keeps all limits as it is, ``nearly`` whether it exceeds none by more than 0.1 %. A motion that is not
+    on its path, or does not run through it, counts as none (``follows``).
 
     Parameters
     ----------
@@ -57,16 +63,33 @@ def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
     rows = folder.parts("timing", block.id)
     if rows is None:
         return None
-    solved = (pl.col("status") == "solved").alias("solved")
-    keeps = (pl.col("status") == "solved") & (pl.col("breaks") == "")
-    stays = (pl.col("distance") <= ON_THE_LINE) & (pl.col("angle") <= ON_THE_LINE)
-    counts = (keeps & stays) | ((pl.col("entry") == "reference") & (pl.col("status") == "solved"))
-    optimum = pl.when(counts).then(pl.col("duration")).min().over("line", "limits")
+    solved = pl.col("status") == "solved"
+    rows = _with_judgement(rows.with_columns(solved=solved))
+    follows = pl.col("solved") & pl.col("follows")
+    slowed = pl.when(follows).then(pl.max_horizontal("duration", "least_duration"))
     return (
-        rows.with_columns(solved, keeps_all=keeps, optimum=optimum)
+        rows.with_columns(
+            keeps_all=pl.col("solved") & (pl.col("breaks") == ""),
+            nearly=follows & (pl.col("worst") <= NEARLY),
+            slowed_duration=slowed,
+        )
+        .with_columns(
+            optimum=pl.when(pl.col("slowed_duration").is_finite()).then("slowed_duration").min().over("line", "limits")
+        )
         .with_columns(
             over_optimum=pl.col("duration") / pl.col("optimum"),
-            kept_over_optimum=pl.max_horizontal("duration", "least_duration") / pl.col("optimum"),
+            kept_over_optimum=pl.col("slowed_duration") / pl.col("optimum"),
         )
         .sort("line", "limits", maintain_order=True)
+    )
+
+
+def _with_judgement(rows: pl.DataFrame) -> pl.DataFrame:
+    """Rows with the worst ratio of all limits, and with ``follows`` false for motions that are not on their path."""
+    if "worst" not in rows.columns:  # a run of an older version
+        rows = rows.with_columns(worst=pl.max_horizontal(DERIVATIVES), follows=pl.lit(None, dtype=pl.Boolean))
+    on_path = (pl.col("distance") <= ON_PATH_M) & (pl.col("angle") <= ON_PATH_RAD)
+    inside = ~pl.col("breaks").str.contains("position")
+    return rows.with_columns(
+        follows=pl.col("follows").fill_null(value=True) & on_path.fill_null(value=True) & inside.fill_null(value=True)
     )

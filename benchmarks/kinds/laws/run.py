@@ -14,8 +14,9 @@ from benchmarks.kinds._contest import clock_cost, facts_on, timed, turns
 from benchmarks.kinds.base import Entry, Tell
 from benchmarks.kinds.laws.example import write_example
 from benchmarks.kinds.laws.facts import SCHEMA, blank, facts_of
-from benchmarks.kinds.laws.lines import DrawnLine, draw_line
-from benchmarks.kinds.laws.settings import LawBlock
+from benchmarks.kinds.laws.lines import DrawnLine
+from benchmarks.kinds.laws.motions import draw_motion, motion_in_file
+from benchmarks.kinds.laws.settings import LawBlock, LineSet
 from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import build_timing_peer
@@ -67,8 +68,8 @@ class Timer:
 # ---------------------------------------------------------------- parts
 
 
-def all_lines(block: LawBlock) -> list[tuple[str, str, int]]:
-    """Robot, kind and index of every line.
+def all_lines(block: LawBlock) -> list[tuple[LineSet, int]]:
+    """The set and the index of every motion.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def all_lines(block: LawBlock) -> list[tuple[str, str, int]]:
     list of tuple
         In their order.
     """
-    return [(part.robot, part.kind, index) for part in block.lines for index in range(part.count)]
+    return [(part, index) for part in block.lines for index in range(part.count)]
 
 
 def part_files(block: LawBlock) -> list[str]:
@@ -145,7 +146,8 @@ def check_laws(block: LawBlock) -> None:
     Raises
     ------
     InvalidInput
-        An option that a law does not have, limits of another length, or a missing one.
+        An option that a law does not have, limits of another length, or a missing one; a file without a path that the
+        arm can follow.
     """
     entries = [*block.laws, *([block.reference] if block.reference else [])]
     for name in block.robots:
@@ -155,6 +157,9 @@ def check_laws(block: LawBlock) -> None:
                 law.need(limits.limits, load(name))
     for peer in block.peers:
         load_method(TIMING_PEERS, peer.name, "peer of timing")
+    for part in block.lines:
+        if part.path:
+            motion_in_file(part.robot, part.path)
 
 
 def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
@@ -179,15 +184,15 @@ def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
             continue
         rows: list[dict[str, Any]] = []
         for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, len(lines))):
-            robot, kind, index = lines[number]
+            drawn, index = lines[number]
             tell(f"{block.id}: line {number + 1:,} of {len(lines):,}")
-            line = draw_line(robot, kind, index, seed=seed)
+            line = draw_motion(drawn.robot, drawn.kind, index, seed=seed, path=drawn.path)
             rows += [row | {"line": number} for row in line_rows(block, line)]
         folder.write(file, pl.DataFrame(rows, schema_overrides=SCHEMA, infer_schema_length=None))
     if not folder.has(example_file(block, "curve")):
         tell(f"{block.id}: the example")
         chosen = block.example
-        line = draw_line(chosen.robot, chosen.kind, chosen.index, seed=seed)
+        line = draw_motion(chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path)
         write_example(block, line, folder, lambda name: example_file(block, name))
 
 
@@ -229,9 +234,10 @@ def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
         return follow(solver, line.path, line.q_start, samples=block.samples)
 
     ms, followed = _median_ms(follow_it, block.rounds)
+    ends = line.path(np.array([0.0, line.path.end]))
     about = {
         "robot": line.arm, "kind": line.kind, "index": line.index, "length": line.path.end,
-        "turn": float(np.linalg.norm(se3.error(line.path.start, line.path.goal)[3:])), "draws": line.draws,
+        "turn": float(np.linalg.norm(se3.error(ends[0], ends[1])[3:])), "draws": line.draws,
         "start": line.q_start.tolist(), "ms_follow": ms,
     }  # fmt: skip
     rows = []

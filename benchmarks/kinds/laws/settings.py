@@ -3,37 +3,47 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import Any
 
 from benchmarks.kinds._entries import check_labels, read_law, read_peers
 from benchmarks.kinds._problems import named
 from benchmarks.kinds.base import Block, Entry
-from benchmarks.kinds.laws.lines import LINE_KINDS
 from benchmarks.kinds.laws.measures import MEASURES
+from benchmarks.kinds.laws.motions import MOTION_KINDS
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.settings import all_of, check_different, check_keys, check_known
+from benchmarks.settings import all_of, check_different, check_keys, check_known, check_table
 from benchmarks.targets import read_target
 from optik.check import check_count
 from optik.errors import InvalidInput
+from optik.plugins.used import data_file_of
 from optik.registry import short_name
 from planners.limits import ALL_LIMITS, MotionLimits
 
 
 @dataclass(frozen=True)
 class LineSet:
-    """Lines of a kind on a robot.
+    """Motions of a kind on a robot: straight lines, arcs, seams, joint moves, or the one in a file.
 
     Attributes
     ----------
     robot, kind : str
-        Names of the arm and of the kind of lines.
+        Names of the arm and of the kind of motions.
     count : int
         How many.
+    path : str
+        The file, for the kind ``file``.
     """
 
     robot: str
     kind: str
     count: int
+    path: str = ""
+
+    @property
+    def label(self) -> str:
+        """What reports and targets call the kind: that of a file by the file's name."""
+        return FilePath(self.path).name if self.path else self.kind
 
 
 @dataclass(frozen=True)
@@ -54,22 +64,25 @@ class LimitSet:
 
 @dataclass(frozen=True)
 class Example:
-    """The line of which the report has a detailed view.
+    """The motion of which the report has a detailed view.
 
     Attributes
     ----------
     robot, kind : str
-        Names of the arm and of the kind of lines.
+        Names of the arm and of the kind of motions.
     index : int
         Which one of its kind.
     limits : str
         Label of the limits.
+    path : str
+        The file, for the kind ``file``.
     """
 
     robot: str
     kind: str
     index: int
     limits: str
+    path: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +134,8 @@ class LawBlock(Block):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of lines, in their order."""
-        return tuple(dict.fromkeys(part.kind for part in self.lines))
+        """Kinds of motions as reports call them, in their order."""
+        return tuple(dict.fromkeys(part.label for part in self.lines))
 
 
 def read_block(data: Any) -> LawBlock:
@@ -152,7 +165,7 @@ def read_block(data: Any) -> LawBlock:
     }  # fmt: skip
     check_keys(data, keys, where, need={"id", "lines", "limits", "laws"})
     lines = all_of(data["lines"], f"{where}: lines", lambda part: _lines(part, where))
-    check_different([f"{part.kind} of {short_name(part.robot)}" for part in lines], f"{where}: lines", "set")
+    check_different([f"{part.label} of {short_name(part.robot)}" for part in lines], f"{where}: lines", "set")
     limits = all_of(data["limits"], f"{where}: limits", lambda part: _limits(part, where))
     check_different([part.label for part in limits], f"{where}: limits", "label")
     laws = all_of(data["laws"], f"{where}: laws", lambda law: read_law(law, f"{where}: laws"))
@@ -164,7 +177,7 @@ def read_block(data: Any) -> LawBlock:
     method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
     check_count(data.get("samples", 151), f"{where}: samples", 2)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    groups = [*dict.fromkeys([part.kind for part in lines] + [short_name(part.robot) for part in lines])]
+    groups = [*dict.fromkeys([part.label for part in lines] + [short_name(part.robot) for part in lines])]
 
     def target(one: Any) -> Any:
         return read_target(one, where, MEASURES, labels=labels, groups=groups, key="law", required=True)
@@ -187,12 +200,17 @@ def read_block(data: Any) -> LawBlock:
 
 
 def _lines(data: Any, where: str) -> LineSet:
-    check_keys(data, {"robot", "kind", "count"}, f"{where}: lines", need={"robot", "kind", "count"})
+    at = f"{where}: lines"
+    kind = check_table(data, at).get("kind")
+    given = {"path"} if kind == "file" else {"count"}
+    check_keys(data, {"robot", "kind"} | given, at, need={"robot", "kind"} | given)
     robot = check_known(data["robot"], "optik.robots", "robot")
-    if data["kind"] not in LINE_KINDS:
-        raise InvalidInput(f"{where}: lines", f"kind {data['kind']!r}", f"one of {', '.join(LINE_KINDS)}")
-    check_count(data["count"], f"{where}: lines: count", 1)
-    return LineSet(robot, data["kind"], data["count"])
+    if kind not in MOTION_KINDS:
+        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(MOTION_KINDS)}")
+    if kind == "file":
+        return LineSet(robot, kind, 1, data_file_of(data["path"], f"{at}: path"))
+    check_count(data["count"], f"{at}: count", 1)
+    return LineSet(robot, str(kind), data["count"])
 
 
 def _limits(data: Any, where: str) -> LimitSet:
@@ -208,11 +226,12 @@ def _example(data: Any, where: str, lines: tuple[LineSet, ...], limits: tuple[Li
     check_keys(data, {"robot", "kind", "index", "limits"}, at)
     chosen = next((part for part in lines if part.kind == "near_singular"), lines[0])
     robot = check_known(data.get("robot", chosen.robot), "optik.robots", "robot")
-    kind = data.get("kind", chosen.kind)
-    if kind not in LINE_KINDS:
-        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(LINE_KINDS)}")
+    kind = data.get("kind", chosen.label)
+    if kind not in MOTION_KINDS and kind not in [part.label for part in lines]:
+        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(dict.fromkeys(part.label for part in lines))}")
+    path = next((part.path for part in lines if part.label == kind), "")
     check_count(data.get("index", 0), f"{at}: index", 0)
     label = data.get("limits", limits[0].label)
     if label not in [part.label for part in limits]:
         raise InvalidInput(at, f"limits {label!r}", f"a label of its limits: {', '.join(x.label for x in limits)}")
-    return Example(robot, kind, data.get("index", 0), label)
+    return Example(robot, "file" if path else kind, data.get("index", 0), label, path)

@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.types import Array
 
 TRACIK_SECONDS = 0.1
-"""Time limit of a call [s], long enough for its restarts also on a busy machine: with 0.02 it ended without an answer in 4 %."""
+"""Time limit of a call [s], long enough for its restarts also on a busy machine, where 0.02 ended 4 % of the calls."""
 TRACIK_TOLERANCE = 1e-7
 """Tolerance of TRAC-IK: its default of 1e-5 is above the 1e-6 m and rad that every method must reach."""
 

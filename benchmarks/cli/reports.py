@@ -1,0 +1,154 @@
+"""`optik bench report` and `optik bench compare`: what came of runs, as a page, as text and tables, and against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from benchmarks.cli.shared import AsJson, command, err_console, out_console, print_json
+
+if TYPE_CHECKING:
+    from benchmarks.records import RunFolder
+    from benchmarks.report.compare import Comparison
+
+
+class Format(StrEnum):
+    """What a report can be written as."""
+
+    HTML = "html"
+    MD = "md"
+    CSV = "csv"
+    TEX = "tex"
+
+
+def add_reports(app: typer.Typer) -> None:
+    """Add the commands of this module.
+
+    Parameters
+    ----------
+    app : typer.Typer
+        `optik bench`.
+    """
+    command(app, "report")(bench_report)
+    command(app, "compare")(bench_compare)
+
+
+def bench_report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    format: Annotated[
+        Format, typer.Option(help="html: one page. md: report.md with figures. csv, tex: a file for each table.")
+    ] = Format.HTML,
+    as_json: AsJson = False,
+) -> None:
+    """Write the report of a run into its folder: one HTML file that opens offline, or Markdown, CSV or LaTeX.
+
+    Parameters
+    ----------
+    run, format, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    OutputError
+        No folder of a run, or one that cannot be written.
+    MissingDependency
+        Markdown without matplotlib.
+    """
+    from benchmarks.records import RunFolder
+
+    with err_console.status("writing the report"):
+        written = _writer(format)(RunFolder(run))
+    if as_json:
+        print_json({"report": str(written[0]) if written else None, "files": [str(path) for path in written]})
+    elif not written:
+        out_console.print("no tables: nothing in this run has any yet", highlight=False)
+    elif format in (Format.HTML, Format.MD):
+        out_console.print(f"report: {written[0]}", highlight=False, markup=False, soft_wrap=True)
+    else:
+        words = f"{len(written)} tables in {written[0].parent}"
+        out_console.print(words, highlight=False, markup=False, soft_wrap=True)
+
+
+def _writer(format: Format) -> Callable[[RunFolder], list[Path]]:
+    """What writes a format."""
+    if format is Format.MD:
+        from benchmarks.report.formats.markdown import write_markdown
+
+        return write_markdown
+    if format is Format.CSV:
+        from benchmarks.report.formats.tables_csv import write_csv
+
+        return write_csv
+    if format is Format.TEX:
+        from benchmarks.report.formats.tex import write_tex
+
+        return write_tex
+    from benchmarks.report import write_report
+
+    return lambda folder: [write_report(folder)]
+
+
+def bench_compare(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run: what it was.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of a run with the same blocks: what it is now.")],
+    threshold: Annotated[
+        float, typer.Option(min=0.0, help="Exit status 1 where something is worse by more: percent, points of a share.")
+    ] = 5.0,
+    show_all: Annotated[bool, typer.Option("--all", help="Show also what is within noise.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compare two runs of the same blocks: better, worse or within noise. Exit status 1 past the threshold.
+
+    Problems that are the same are compared in pairs (McNemar's and Wilcoxon's tests, corrected by Holm for all that is
+    compared); a time must also differ by more than the rounds of the same calls do.
+
+    Parameters
+    ----------
+    first, second, threshold, show_all, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    InvalidInput
+        A folder that is no run, or runs with nothing in common.
+    """
+    from benchmarks.records import RunFolder
+    from benchmarks.report.compare import as_data, compare_runs
+    from benchmarks.report.run import Run
+
+    found = compare_runs(Run(RunFolder(first)), Run(RunFolder(second)))
+    worse = found.worse_than(threshold)
+    if as_json:
+        data = {"a": str(first), "b": str(second), "threshold": threshold, "worse_past_threshold": len(worse)}
+        print_json(data | {"differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out)})
+    else:
+        _print_differences(found, len(worse), threshold, show_all)
+    if worse:
+        raise typer.Exit(1)
+
+
+def _print_differences(found: Comparison, worse: int, threshold: float, show_all: bool) -> None:
+    """Print a comparison for people: what differs, and how much does not."""
+    from benchmarks.report.numbers import number
+
+    table = Table("block", "method", "measure", "A", "B", "change", "")
+    looks = {"better": "green", "worse": "red"}
+    for d in found.differences:
+        if show_all or d.verdict in looks:
+            change = f"{d.change:+.2f} {'points' if d.unit == '%' else '%'}"
+            unit = f" [{d.unit}]" if d.unit else ""
+            cells = (d.block, d.label, f"{d.measure}{unit}", number(d.a, 4), number(d.b, 4), change, d.verdict)
+            table.add_row(*map(escape, cells), style=looks.get(d.verdict))
+    if table.row_count:
+        out_console.print(table)
+    for words in found.left_out:
+        out_console.print(f"left out: {words}", highlight=False, markup=False, soft_wrap=True)
+    counts = [f"{sum(d.verdict == v for d in found.differences)} {v}" for v in ("better", "worse", "within noise")]
+    words = f"{', '.join(counts)}; worse by more than {threshold:g}: {worse}"
+    out_console.print(words, highlight=False, markup=False, soft_wrap=True)

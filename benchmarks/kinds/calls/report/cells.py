@@ -1,0 +1,61 @@
+"""Cells and rows that the tables of single calls share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from benchmarks.kinds.base import Column
+from benchmarks.statistics import wilson
+
+if TYPE_CHECKING:
+    from benchmarks.kinds._shown import Cell
+    from benchmarks.kinds.calls.rows import CallRows
+
+LABEL = Column("label", "Method", show="text")
+"""First column of every table."""
+
+
+def share_cell(count: int, trials: int) -> tuple[float, float, float]:
+    """A share with Wilson's 95 % interval.
+
+    Parameters
+    ----------
+    count, trials : int
+        How many of how many, at least one.
+
+    Returns
+    -------
+    tuple of float
+        Share, lower and upper end [%].
+    """
+    low, high = wilson(count, trials)
+    return 100.0 * count / trials, 100.0 * low, 100.0 * high
+
+
+def entry_rows(
+    b: CallRows, first: str, cells: Callable[[str, pl.DataFrame], dict[str, Cell]]
+) -> tuple[Mapping[str, Cell], ...]:
+    """One row for each entry; of one that was not run, the word for why in place of a rate.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+    first : str
+        Key of the first rate.
+    cells : callable
+        From the label and the rows of a method to its cells.
+
+    Returns
+    -------
+    tuple of mapping
+        Rows of a table.
+    """
+    rows: list[Mapping[str, Cell]] = []
+    for label in b.entries:
+        part = b.by_method.get(label)
+        rows.append({"label": label} | ({first: b.why_not(label)[0]} if part is None else cells(label, part)))
+    return tuple(rows)

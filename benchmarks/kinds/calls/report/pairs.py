@@ -1,0 +1,73 @@
+"""Pairs of methods on the same problems: each against the first of a block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from benchmarks.kinds.base import Column, Table
+from benchmarks.records import slug
+from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from benchmarks.kinds._shown import Cell
+    from benchmarks.kinds.calls.rows import CallRows
+
+
+def paired(b: CallRows) -> Table | None:
+    """Each method against the first, on the problems that both were given.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    Table or None
+        None where fewer than two methods have rows.
+    """
+    reference = b.block.reference
+    others = [label for label in b.by_method if label != reference]
+    if reference not in b.by_method or not others:
+        return None
+    found = [_pair(b.by_method[label], b.by_method[reference]) for label in others]
+    for key in ("p_solved", "p_time"):
+        for cells, p in zip(found, holm([cells[key] for cells in found]), strict=True):
+            cells[key] = p
+    rows: list[Mapping[str, Cell]] = [{"label": label} | cells for label, cells in zip(others, found, strict=True)]
+    columns = (
+        Column("label", "Method", show="text"),
+        Column("both", "both solve", show="count"),
+        Column("only", "only it", "", "more", "count"),
+        Column("only_reference", f"only {reference}", "", "less", "count"),
+        Column("neither", "neither", show="count"),
+        Column("p_solved", "p, McNemar"),
+        Column("ratio", f"median time over that of {reference}", "", "less"),
+        Column("p_time", "p, Wilcoxon"),
+    )
+    note = (
+        f"Each method against {reference} on the problems that both were given. McNemar's test is exact, on the problems that "
+        "only one solved. Times are of the problems that both solved: the ratio of medians with its 95 % bootstrap interval "
+        "(pairs resampled), and Wilcoxon's signed-rank test on the logarithms. p-values are two-sided and corrected by Holm's "
+        f"procedure for the {len(others)} method{'s' if len(others) != 1 else ''} of this table."
+    )
+    return Table(f"speed-{slug(b.block.id)}-pairs", f"{b.block.title}: in pairs", columns, tuple(rows), note)
+
+
+def _pair(part: pl.DataFrame, reference: pl.DataFrame) -> dict[str, Any]:
+    pairs = part.select("problem", "solved", "ns").join(
+        reference.select("problem", other="solved", other_ns="ns"), on="problem"
+    )
+    test = mcnemar(pairs["solved"].to_numpy(), pairs["other"].to_numpy())
+    both = pairs.filter(pl.col("solved") & pl.col("other")).sort("problem")
+    mine, other = both["ns"].to_numpy(), both["other_ns"].to_numpy()
+    return {
+        "both": test.both, "only": test.first, "only_reference": test.second, "neither": test.neither,
+        "p_solved": test.p if len(pairs) else float("nan"), "ratio": ratio_interval(mine, other),
+        "p_time": signed_rank(mine, other),
+    }  # fmt: skip

@@ -1,0 +1,91 @@
+"""Section: how fast and how sure one call is, of our methods and of peers; plots first, tables after."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.calls.report.plots import against_singularity, errors, profiles, success_in_time
+from benchmarks.report.run import Run
+
+
+def success_plot(run: Run) -> dict[str, Any] | None:
+    """Success against time budget, for the first screen.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where no block has rows.
+    """
+    blocks = run.of("calls")
+    return {"boards": [success_in_time(blocks, run)], "tables": []} if blocks else None
+
+
+def calls(run: Run) -> dict[str, Any] | None:
+    """Performance profiles, tables of every block, errors and singular values, and what was compared.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where no block has rows.
+    """
+    blocks = run.of("calls")
+    if not blocks:
+        return None
+    boards = [profiles(blocks, run), errors(blocks, run), against_singularity(blocks, run)]
+    return {"boards": [board for board in boards if board is not None], "tables": all_tables(run)}
+
+
+def all_tables(run: Run) -> list[Table]:
+    """Tables of all blocks, and one of what was compared.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Table
+        In the order of the page.
+    """
+    blocks = run.of("calls")
+    return [table for b in blocks for table in b.tables] + ([compared(run)] if blocks else [])
+
+
+def compared(run: Run) -> Table:
+    """Every method and peer once, and again where its settings differ between blocks.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Table
+        Version and settings of each.
+    """
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for b in run.of("calls"):
+        for label, about in b.entries.items():
+            version = about["version"] or ("–" if about["kind"] == "peer" else "this one")
+            row = {"label": label, "version": version, "settings": about["settings"]}
+            found.setdefault((label, about["settings"]), row)
+    columns = (
+        Column("label", "Method", show="text"),
+        Column("version", "version", show="text"),
+        Column("settings", "settings", show="text"),
+    )
+    title = "What was compared, and how each was set up and called"
+    return Table("speed-compared", title, columns, tuple(found.values()))

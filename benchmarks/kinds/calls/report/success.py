@@ -1,0 +1,165 @@
+"""The table of success and time, and what a reader must know of each method to read it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.calls.judgement import JUDGED_AT, level_name, solved_at
+from benchmarks.kinds.calls.measures import SHIFT_US, median_ratio
+from benchmarks.kinds.calls.report.cells import LABEL, entry_rows, share_cell
+from benchmarks.kinds.calls.rounds import REMEMBERS_FROM
+from benchmarks.records import slug
+from benchmarks.statistics import quantiles, shifted_geometric_mean
+from optik.registry import short_name
+
+if TYPE_CHECKING:
+    from benchmarks.kinds._shown import Cell
+    from benchmarks.kinds.calls.rows import CallRows
+
+TAIL = (0.5, 0.95, 0.99, 1.0)
+"""Shares of calls whose times are shown: median, p95, p99 and the longest."""
+
+
+def success_and_time(b: CallRows) -> Table:
+    """Share solved, and times of the calls that solved and of those that did not, apart.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    Table
+        One row for each entry.
+    """
+    us = "µs"
+    columns = (
+        LABEL,
+        Column("solved", "solved", "%", "more", "share"),
+        Column("median", "median time, solved", us, "less"),
+        Column("p95", "p95, solved", us, "less"),
+        Column("p99", "p99, solved", us, "less"),
+        Column("failed_median", "median time, not solved", us, "less"),
+        Column("ratio", f"median over that of {b.block.reference}"),
+        Column("false_claims", "claimed, not solved", "", "less", "count"),
+        Column("count", "problems", show="count"),
+        Column("max", "longest, solved", us, "less", aside=True),
+        Column("failed", "not solved", show="count", aside=True),
+        Column("failed_p95", "p95, not solved", us, "less", aside=True),
+        Column("failed_p99", "p99, not solved", us, "less", aside=True),
+        Column("failed_max", "longest, not solved", us, "less", aside=True),
+        Column("mean", "mean time, all", us, "less", aside=True),
+        Column("shifted", f"shifted geometric mean, all (shift {SHIFT_US:g} µs)", us, "less", aside=True),
+        Column("cpu", "processor time over wall time, all", "", "less", aside=True),
+        Column("none", "no answer", show="count", aside=True),
+        Column("raised", "raised", show="count", aside=True),
+        Column("crashed", "crashed", show="count", aside=True),
+        Column("iterations", "mean iterations", aside=True),
+        Column("restarts", "mean restarts", aside=True),
+        Column("noise", "spread between rounds, median", "%", aside=True),
+        Column("first_round", "first round over median", aside=True),
+        Column("mutated", "changed its input", "", "less", "count", aside=True),
+        Column("varies", "differs between runs by", show="text", aside=True),
+        Column("build", "building", "ms", "less", aside=True),
+    )
+    rows = entry_rows(b, "solved", lambda label, part: _success_cells(b, label, part))
+    title = f"{b.block.title}: solved, and time of a call"
+    return Table(f"speed-{slug(b.block.id)}", title, columns, rows, _note(b))
+
+
+def _success_cells(b: CallRows, label: str, part: pl.DataFrame) -> dict[str, Cell]:
+    us = part["ns"].to_numpy() / 1e3
+    solved = part["solved"].to_numpy()
+    good = dict(zip(("median", "p95", "p99", "max"), quantiles(us[solved], TAIL), strict=True))
+    names = ("failed_median", "failed_p95", "failed_p99", "failed_max")
+    failed = dict(zip(names, quantiles(us[~solved], TAIL), strict=True))
+    about = b.entries[label]
+    cells: dict[str, Cell] = {
+        "solved": share_cell(int(solved.sum()), len(part)), "count": len(part), "failed": int((~solved).sum()),
+        "ratio": median_ratio(b.rows, label, b.block.reference), "mean": float(us.mean()),
+        "shifted": shifted_geometric_mean(us, SHIFT_US), "iterations": _mean(part, "iterations"),
+        "restarts": _mean(part, "restarts"), "varies": varies(about),
+        "build": 1e3 * about["build_seconds"] if "build_seconds" in about else None,
+    }  # fmt: skip
+    return cells | good | failed | _conduct(part)
+
+
+def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
+    """What calls claimed, how they ended and what they did to their inputs, as far as a run has kept it."""
+    cells: dict[str, Cell] = {}
+    if "claimed" in part.columns and not part["claimed"].is_null().all():
+        cells["false_claims"] = int((part["claimed"].fill_null(value=False) & ~part["solved"]).sum())
+    if "outcome" in part.columns:
+        cells |= {word: int((part["outcome"] == word).sum()) for word in ("none", "raised", "crashed")}
+    if "cpu_ns" in part.columns and not part["cpu_ns"].is_null().all():
+        cells["cpu"] = float(part["cpu_ns"].sum()) / float(part["ns"].sum())
+    if "mutated" in part.columns:
+        cells["mutated"] = int(part["mutated"].sum())
+    if "ns_first" in part.columns and (part["ns_max"] != part["ns_min"]).any():
+        spread = (part["ns_max"] - part["ns_min"]) / part["ns"]
+        cells["noise"] = 100.0 * float(np.median(spread.to_numpy()))
+    if "first_round" in part.columns:
+        cells["first_round"] = float(part["first_round"][0])
+    return cells
+
+
+def varies(about: Mapping[str, Any]) -> str:
+    """By what a method's answers differ between runs, beside its inputs.
+
+    Parameters
+    ----------
+    about : dict
+        Facts on the entry.
+
+    Returns
+    -------
+    str
+        ``the clock``, ``random numbers``, both, or nothing.
+    """
+    return ", ".join(words for key, words in (("clocked", "the clock"), ("random", "random numbers")) if about.get(key))
+
+
+def _mean(part: pl.DataFrame, column: str) -> float | None:
+    values = part[column].drop_nulls()
+    return float(values.to_numpy().mean()) if len(values) else None
+
+
+def _note(b: CallRows) -> str:
+    """What a reader must know: problems, intervals, and what methods did that a reader would not expect."""
+    block, sentences = b.block, []
+    sentences.append(
+        f"{b.facts['count']:,} problems of {short_name(block.set).replace('_', ' ')} on {short_name(block.robot)}; slow "
+        "methods are given fewer, the same ones for all. A failure counts as one wherever a share is shown; intervals are "
+        "Wilson's, 95 %. A call's time is the median of its "
+        f"{block.rounds} round{'s' if block.rounds != 1 else ''}; timing itself adds {b.facts['clock_ns']:.0f} ns to all."
+    )
+    for label in b.entries:
+        word, reason = b.why_not(label)
+        if word:
+            sentences.append(f"{label}: {word}{f' ({reason})' if reason else ''}.")
+    for label, part in b.by_method.items():
+        sentences += [f"{label} {words}." for words in _conspicuous(part, varies(b.entries[label]))]
+    return " ".join(sentences)
+
+
+def _conspicuous(part: pl.DataFrame, by: str) -> Iterable[str]:
+    """What a method did that its times or rates alone do not show."""
+    cells = _conduct(part)
+    claimed = cells.get("false_claims")
+    if claimed:
+        far = int((part["claimed"].fill_null(value=False) & ~part.select(solved_at(JUDGED_AT[0])).to_series()).sum())
+        beyond = f"outside the limits or more than {level_name(JUDGED_AT[0])} m or rad off"
+        yield f"claimed {claimed:,} answers that do not solve, {far:,} of them {beyond}"
+    if cells.get("mutated"):
+        yield f"changed its input in {cells['mutated']:,} calls; every call has copies of its own"
+    first = cells.get("first_round")
+    if isinstance(first, float) and first > REMEMBERS_FROM:
+        yield f"took {first:.1f} times as long in its first round: it may remember answers, and is timed by that round"
+    if by:
+        yield f"differs between runs by {by}"

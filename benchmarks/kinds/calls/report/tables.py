@@ -1,0 +1,185 @@
+"""Tables of a block of single calls: equal time, tolerances, equal iterations, and failures by group."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.calls.judgement import JUDGED_AT, level_name, solved_at
+from benchmarks.kinds.calls.report.cells import LABEL, entry_rows, share_cell
+from benchmarks.kinds.calls.report.pairs import paired
+from benchmarks.kinds.calls.report.success import success_and_time
+from benchmarks.records import slug
+from benchmarks.statistics import quantiles
+from optik.ik import Tolerance
+
+if TYPE_CHECKING:
+    from benchmarks.kinds._shown import Cell
+    from benchmarks.kinds.calls.rows import CallRows
+
+TIME_BUDGETS_US = (10.0, 30.0, 100.0, 1e3, 1e4, 1e5)
+"""Times within which a call must have its answer in the table of equal time [µs]: a control cycle has 1,000."""
+
+
+def block_tables(b: CallRows) -> tuple[Table, ...]:
+    """All tables of a block.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    tuple of Table
+        In the order of the page.
+    """
+    found = (success_and_time(b), within_time(b), at_tolerances(b), at_iterations(b), paired(b), by_group(b))
+    return tuple(table for table in found if table is not None)
+
+
+def within_time(b: CallRows) -> Table:
+    """Share of problems solved by a call that took at most a time.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    Table
+        One column for each time.
+    """
+    columns = [
+        Column(f"us{budget:g}", f"within {_time_words(budget)}", "%", "more", "share") for budget in TIME_BUDGETS_US
+    ]
+
+    def cells(label: str, part: pl.DataFrame) -> dict[str, Cell]:
+        us, solved = part["ns"].to_numpy() / 1e3, part["solved"].to_numpy()
+        return {f"us{t:g}": share_cell(int((solved & (us <= t)).sum()), len(part)) for t in TIME_BUDGETS_US}
+
+    rows = entry_rows(b, columns[0].key, cells)
+    note = "All methods as they come, none told of the time: an answer that came later does not count. Share of all problems."
+    return Table(f"speed-{slug(b.block.id)}-time", f"{b.block.title}: equal time", (LABEL, *columns), rows, note)
+
+
+def _time_words(us: float) -> str:
+    return f"{us:g} µs" if us < 1e3 else f"{us / 1e3:g} ms"
+
+
+def at_tolerances(b: CallRows) -> Table:
+    """Share solved at several tolerances, with what each method is set to.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    Table
+        One column for each tolerance.
+    """
+    columns = [
+        LABEL,
+        *(
+            Column(f"at{level_name(level)}", f"within {level_name(level)} m and rad", "%", "more", "share")
+            for level in JUDGED_AT
+        ),
+        Column("position", "median position error, solved", "m", "less"),
+        Column("rotation", "median rotation error, solved", "rad", "less"),
+        Column("settings", "set to", show="text"),
+    ]
+
+    def cells(label: str, part: pl.DataFrame) -> dict[str, Cell]:
+        solved = part.filter("solved")
+        words = b.entries[label]["settings"]
+        ours = b.entries[label]["kind"] != "peer"
+        return {
+            **{
+                f"at{level_name(level)}": share_cell(int(part.select(solved_at(level).sum()).item()), len(part))
+                for level in JUDGED_AT
+            },
+            "position": quantiles(solved["position_error"].to_numpy(), (0.5,))[0],
+            "rotation": quantiles(solved["rotation_error"].to_numpy(), (0.5,))[0],
+            "settings": f"{words}; stops within {level_name(Tolerance().position)} m and rad" if ours else words,
+        }
+
+    note = (
+        "Judged by our forward kinematics inside the limits, whatever a method claims. A method that stops at its own "
+        "tolerance is not asked for more: the finest column says what each reaches as it is set."
+    )
+    rows = entry_rows(b, f"at{level_name(JUDGED_AT[0])}", cells)
+    return Table(f"speed-{slug(b.block.id)}-tolerance", f"{b.block.title}: tolerances", tuple(columns), rows, note)
+
+
+def at_iterations(b: CallRows) -> Table | None:
+    """Share solved by one attempt that ends after a number of iterations.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    Table or None
+        None where no numbers were asked for.
+    """
+    answers = b.evaluations
+    if answers is None:
+        return None
+    budgets = b.block.evaluation_budgets
+    columns = [Column(f"n{n}", f"{n} iterations", "%", "more", "share") for n in budgets]
+    rows: list[Mapping[str, Cell]] = []
+    for label in b.entries:
+        row: dict[str, Cell] = {"label": label}
+        mine = answers.filter(pl.col("method") == label)
+        if mine.is_empty():
+            row[columns[0].key] = b.why_not(label)[0] or "cannot be told"
+        for (n,), part in mine.group_by("budget"):
+            row[f"n{n}"] = share_cell(int(part["solved"].sum()), len(part))
+        rows.append(row)
+    note = (
+        "One attempt from the given start, without restarts, stopped after so many iterations. What an iteration is differs: "
+        "one evaluation of the Jacobian and one step for most, a whole quadratic programme or factorisation for some; a "
+        "closed form has none. Compare times in the table of equal time."
+    )
+    title = f"{b.block.title}: equal numbers of iterations"
+    return Table(f"speed-{slug(b.block.id)}-iterations", title, (LABEL, *columns), tuple(rows), note)
+
+
+# ---------------------------------------------------------------- failures by group
+
+
+def by_group(b: CallRows) -> Table | None:
+    """Problems that each method did not solve, by the groups of the problem set.
+
+    Parameters
+    ----------
+    b : CallRows
+        The block.
+
+    Returns
+    -------
+    Table or None
+        None where there is one group, or nothing failed.
+    """
+    groups = [str(group) for group in b.rows["group"].unique().sort()]
+    if len(groups) < 2 or b.rows["solved"].all():
+        return None
+    columns = [Column(f"g{i}", group, "%", "more", "share") for i, group in enumerate(groups)]
+
+    def cells(label: str, part: pl.DataFrame) -> dict[str, Cell]:
+        counts = {
+            str(g): (s, n) for g, s, n in part.group_by("group").agg(pl.col("solved").sum(), pl.len()).iter_rows()
+        }
+        return {f"g{i}": share_cell(*counts[group]) if group in counts else None for i, group in enumerate(groups)}
+
+    rows = entry_rows(b, columns[0].key, cells)
+    title = f"{b.block.title}: solved, by kind of problem"
+    return Table(f"speed-{slug(b.block.id)}-groups", title, (LABEL, *columns), rows, "Intervals are Wilson's, 95 %.")

@@ -1,0 +1,55 @@
+"""A block of single calls as the report reads it: rows by method, and its tables, each computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import polars as pl
+
+from benchmarks.kinds.base import BlockRows, Table
+from benchmarks.kinds.calls.evaluations import read_evaluations
+
+NOT_RUN = ("refused", "absent", "differs")
+"""Words under which the facts on an entry say why it has no rows: the arm is refused, no package, another model."""
+
+
+@dataclass(frozen=True)
+class CallRows(BlockRows):
+    """A block of single calls with its rows; the methods that have none are among its entries."""
+
+    @cached_property
+    def by_method(self) -> dict[str, pl.DataFrame]:
+        """Rows of every method that has some, in the order of the suite."""
+        parts = {str(key[0]): part for key, part in self.rows.partition_by("method", as_dict=True).items()}
+        return {label: parts[label] for label in self.entries if label in parts}
+
+    @cached_property
+    def evaluations(self) -> pl.DataFrame | None:
+        """Answers at equal numbers of iterations; None where none were asked for, or they were not run yet."""
+        return read_evaluations(self.folder, self.block)
+
+    @cached_property
+    def tables(self) -> tuple[Table, ...]:
+        """Tables of the block, in the order of the page."""
+        from benchmarks.kinds.calls.report.tables import block_tables
+
+        return block_tables(self)
+
+    def why_not(self, label: str) -> tuple[str, str]:
+        """Why an entry has no rows.
+
+        Parameters
+        ----------
+        label : str
+            Of the entry.
+
+        Returns
+        -------
+        tuple of str
+            One word, such as refused, and the reason; both empty for an entry that has rows.
+        """
+        if label in self.by_method:
+            return "", ""
+        about = self.entries[label]
+        return next(((word, str(about[word])) for word in NOT_RUN if word in about), ("not run yet", ""))

@@ -1,0 +1,217 @@
+"""Other motions to time than straight lines: arcs, seams and joint moves, drawn, and paths from a user's own file."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+from zlib import crc32
+
+import numpy as np
+
+from benchmarks.kinds.laws.lines import (
+    LIMIT_MARGIN,
+    LINE_KINDS,
+    MOST_DRAWS,
+    TRACK_STEPS,
+    DrawnLine,
+    draw_line,
+    tracked,
+)
+from benchmarks.problems._tables import read_poses
+from optik import se3
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.files import content_of, suffix_of, text_of
+from optik.ik import make_solver
+from optik.registry import short_name
+from optik.types import Array
+from planners import load_motion
+from planners.following.follow import follow
+from planners.paths.arc import Arc
+from planners.paths.base import Path
+from planners.paths.joint_line import JointLine
+from planners.paths.polyline import Polyline
+
+ARC_RADII, ARC_ANGLES = (0.03, 0.15), (0.5, 3.0)
+"""Ranges of the radius [m] and of the angle [rad] of an arc."""
+
+SEAM_CORNERS, SEAM_SEGMENTS, SEAM_BENDS = (2, 5), (0.04, 0.12), (0.2, 1.4)
+"""Least and one more than the largest number of inner waypoints of a seam, ranges of its segments' length [m] and of the
+angle between neighbours [rad]: never back the way it came, which no blend can pass."""
+
+SEAM_TURN = 0.2
+"""Angle [rad] that the tool turns through on each segment of every other seam."""
+
+SEAM_BLEND, SEAM_BLEND_ROTATION = 2e-3, 2e-2
+"""Largest distance [m] and rotation [rad] between the blended path and a seam's waypoints."""
+
+TRACKED_AT_ONCE = 8
+"""Candidates tracked side by side, as of lines."""
+
+MOTION_KINDS = (*LINE_KINDS, "arc", "seam", "joints", "file")
+"""All kinds of motions: straight lines of two kinds, other drawn ones, and those of a file."""
+
+
+def draw_motion(robot: str, kind: str, index: int, *, seed: int = 0, path: str = "") -> DrawnLine:
+    """Draw one motion, the same for the same robot, kind, index and seed, or read it from a file.
+
+    Arcs and seams are drawn as lines are (`draw_line`): again until an independent tracker follows the whole path with a
+    margin to the joint limits and a smallest singular value of at least 0.05. Joint moves are straight in joint space between
+    two random configurations.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the arm.
+    kind : str
+        One of `MOTION_KINDS`.
+    index : int
+        Which one, from 0. On odd ones the tool turns, too.
+    seed : int
+        Seed of the whole set.
+    path : str
+        The file, for the kind ``file``.
+
+    Returns
+    -------
+    DrawnLine
+        The path, and where the arm starts on it.
+
+    Raises
+    ------
+    UnknownName
+        No such robot.
+    InvalidInput
+        Another kind, an arm that cannot follow such paths, or a file that is none.
+    """
+    if kind in LINE_KINDS:
+        return draw_line(robot, kind, index, seed=seed)
+    if kind == "file":
+        return motion_in_file(robot, path)
+    if kind not in MOTION_KINDS:
+        raise InvalidInput("kind", repr(kind), f"one of {', '.join(MOTION_KINDS)}")
+    check_count(index, "index", 0)
+    check_count(seed, "seed", 0)
+    arm = load(robot)
+    rng = np.random.default_rng((seed, crc32(short_name(robot).encode()), crc32(kind.encode()), index))
+    if kind == "joints":
+        q = arm.limits.draw(rng, 2, margin=LIMIT_MARGIN)
+        move = JointLine(arm, q[0], q[1])
+        along = arm.singular_values(q[0] + np.linspace(0.0, 1.0, TRACK_STEPS + 1)[:, None] * (q[1] - q[0]))
+        return DrawnLine(arm, kind, index, q[0], move, float(along[:, -1].min()), 1, short_name(robot))
+    return _tracked(arm, robot, kind, index, rng)
+
+
+def _tracked(arm: Robot, robot: str, kind: str, index: int, rng: np.random.Generator) -> DrawnLine:
+    """An arc or a seam that an independent tracker follows whole."""
+    build = _arc if kind == "arc" else _seam
+    for draws in range(0, MOST_DRAWS, TRACKED_AT_ONCE):
+        starts = arm.limits.draw(rng, TRACKED_AT_ONCE, margin=LIMIT_MARGIN)
+        paths = [build(T, rng, index % 2 == 1) for T in arm.fk(starts)]
+        poses = np.stack([one(np.linspace(0.0, one.end, TRACK_STEPS + 1)) for one in paths])
+        low, _ = LINE_KINDS["regular"]
+        singular_values = tracked(arm, starts, poses, low)
+        good = np.flatnonzero(singular_values >= low)
+        if good.size:
+            i = int(good[0])
+            sigma = float(singular_values[i])
+            return DrawnLine(arm, kind, index, starts[i], paths[i], sigma, draws + i + 1, short_name(robot))
+    raise InvalidInput(
+        "kind", f"{kind} on {robot}: no path in {MOST_DRAWS:,} draws", "an arm that can follow such paths"
+    )
+
+
+def _arc(T: Array, rng: np.random.Generator, turns: bool) -> Path:
+    """An arc from the pose T (4, 4) about a random axis."""
+    axis, across = rng.normal(size=(2, 3))
+    radius, angle = rng.uniform(*ARC_RADII), rng.uniform(*ARC_ANGLES)
+    outward = np.cross(axis, across)
+    centre = T[:3, 3] - radius * outward / np.linalg.norm(outward)
+    return Arc.about(T, centre, axis, angle, orientation="arc" if turns else "fixed")
+
+
+def _seam(T: Array, rng: np.random.Generator, turns: bool) -> Path:
+    """A polyline from the pose T (4, 4) through some waypoints, each segment bent against the one before."""
+    way, waypoints = rng.normal(size=3), [T]
+    way /= np.linalg.norm(way)
+    for _ in range(int(rng.integers(*SEAM_CORNERS)) + 1):
+        last = waypoints[-1].copy()
+        last[:3, 3] += rng.uniform(*SEAM_SEGMENTS) * way
+        axis, other = rng.normal(size=(2, 3))
+        if turns:
+            last[:3, :3] = se3.exp_so3(SEAM_TURN * axis / np.linalg.norm(axis)) @ last[:3, :3]
+        waypoints.append(last)
+        bend = np.cross(way, other)
+        way = se3.exp_so3(rng.uniform(*SEAM_BENDS) * bend / np.linalg.norm(bend)) @ way
+    return Polyline(np.array(waypoints), blend=SEAM_BLEND, blend_rotation=SEAM_BLEND_ROTATION)
+
+
+# ---------------------------------------------------------------- files
+
+
+def motion_in_file(robot: str, path: str) -> DrawnLine:
+    """Read the path of a motion from a file: waypoints of a seam, or a motion that `planners.save` wrote.
+
+    Waypoints are a table as of problem sets (`benchmarks.problems.file`): CSV or NPZ. A start in its first row is where the
+    arm starts; without one it is the best branch that follows the whole path. Of a motion, path and start are taken.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the arm.
+    path : str
+        The file: ``.csv``, ``.npz`` or ``.json``.
+
+    Returns
+    -------
+    DrawnLine
+        The path, and where the arm starts on it.
+
+    Raises
+    ------
+    InvalidInput
+        A file that is neither, one of another arm, or a path that the arm cannot follow.
+    """
+    arm, file = load(robot), FilePath(path)
+    read = _waypoints if _holds_waypoints(file) else _saved
+    tool_path, q = read(arm, file)
+    followed = follow(make_solver(arm, "lm"), tool_path, q)
+    joints = followed.joint_path
+    if followed.stop is not None or joints is None:
+        reason = followed.stop.reason if followed.stop is not None else "no joint path"
+        raise InvalidInput(path, f"a path that {arm.name} cannot follow: {reason}", "a path inside its workspace")
+    start = joints(np.zeros(1))[0] if q is None else q
+    sigma = float(joints.singular_values.min())
+    return DrawnLine(arm, file.name, 0, start, tool_path, sigma, 1, short_name(robot))
+
+
+def _holds_waypoints(file: FilePath) -> bool:
+    """Whether a file is a table of poses, and not a motion that was saved."""
+    suffix = suffix_of(file, (".csv", ".npz", ".json"))
+    if suffix == ".csv":
+        lines = text_of(content_of(file)).splitlines()
+        header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+        return "x_m" in header.replace(",", " ").split()
+    if suffix == ".npz":
+        try:
+            with np.load(file, allow_pickle=False) as arrays:
+                return "targets" in arrays.files
+        except (OSError, ValueError) as error:
+            raise InvalidInput(str(file), str(error)[:120], "a file of waypoints or a motion") from None
+    return False
+
+
+def _waypoints(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
+    """Path through the waypoints of a table, and the start in its first row."""
+    poses = read_poses(file, arm)
+    path = Polyline(poses.targets, blend=SEAM_BLEND, blend_rotation=SEAM_BLEND_ROTATION)
+    return path, None if poses.starts is None else poses.starts[0]
+
+
+def _saved(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
+    """Path and start of a motion that `planners.save` wrote."""
+    motion = load_motion(file)
+    if motion.robot != arm:
+        raise InvalidInput(str(file), f"a motion of {motion.robot.name}", f"one of this {arm.name}")
+    return motion.path, motion.trajectory(np.zeros(1))[0]

@@ -1,0 +1,153 @@
+"""Plots of time laws on many lines: durations over T*, and against the smallest singular value."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.laws.measures import in_group
+from benchmarks.kinds.laws.rows import LawRows
+from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.run import Run
+from optik.registry import short_name
+
+EVERY = "every line"
+"""The group of all lines, in a control of the page."""
+
+LINE_SHARES = np.linspace(0.0, 1.0, 201)
+"""Shares of lines at which a distribution is drawn."""
+
+RATIO_TICKS = (0.3, 0.5, 0.7, 1.0, 1.5, 2, 3, 5, 10, 20, 50)
+"""Numbers on the axes of T / T*."""
+
+LEAST_EXCESS = 0.01
+"""Excess over T* [%] that is drawn for all that come nearer: a logarithmic axis has no 0."""
+
+
+def durations(b: LawRows, run: Run) -> Board:
+    """Durations over T*: of all motions as they are, and after slowing until every limit is kept.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Board
+        Two plots, with a choice of the lines.
+    """
+    plain = Plot(
+        "timing-distribution", "Share of lines with a duration of at most this multiple of T*",
+        {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
+    )  # fmt: skip
+    kept = Plot(
+        "timing-profile", "The same, slowed until every limit is kept: excess over T*",
+        {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
+    )  # fmt: skip
+    groups = [EVERY, *b.block.kinds] + (list(map(short_name, b.block.robots)) if len(b.block.robots) > 1 else [])
+    for group in groups:
+        part = in_group(b.rows, "" if group == EVERY else group)
+        for label, about in b.entries.items():
+            rows = part.filter(pl.col("law") == label)
+            if "absent" in about or rows.is_empty():
+                continue
+            look = _look(label, about, run)
+            _steps(
+                plain,
+                label,
+                look,
+                rows.filter("solved")["over_optimum"].drop_nulls().to_numpy(),
+                len(rows),
+                group,
+                "× T*",
+            )
+            slowed = rows["kept_over_optimum"].drop_nulls().to_numpy()
+            excess = 100.0 * (slowed[np.isfinite(slowed)] - 1.0)
+            _steps(kept, label, look, np.maximum(excess, LEAST_EXCESS), len(rows), group, "% longer")
+    names = [(g, g.replace("_", "-") + (" lines" if g in b.block.kinds else "")) for g in groups]
+    return Board(
+        f"{b.block.id}-durations", (plain, kept), (Control("group", "Lines", tuple(names)),), _legend(b, run),
+        "First: all motions as they are; one that breaks a limit may be shorter than T*. Then: the duration to which a motion "
+        "must be slowed, uniformly, until its exact velocity, acceleration and jerk keep the limits. A law whose acceleration "
+        f"jumps has none. What comes nearer than {LEAST_EXCESS:g} % is drawn there. Solid: ours; dotted: peers.",
+    )  # fmt: skip
+
+
+def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
+    """A logarithmic axis with these numbers on it."""
+    return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks])
+
+
+def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: str, unit: str) -> None:
+    """Share of lines [%] at or below each value."""
+    if not len(values):
+        return
+    x = np.quantile(values, LINE_SHARES, method="inverted_cdf")
+    trace = line(
+        x=lean(x, 6), y=lean(100.0 * LINE_SHARES * len(values) / count, 6), name=label, line=look | {"shape": "hv"},
+        hovertemplate=f"{label}<br>%{{y:.3~g}} % of the lines within %{{x:.4g}} {unit}{HOVER}",
+    )  # fmt: skip
+    plot.add(trace, {"group": [group]})
+
+
+def _look(label: str, about: dict[str, Any], run: Run) -> Json:
+    return {"color": run.colour(label), "width": 2, "dash": "dot" if about["kind"] == "peer" else "solid"}
+
+
+def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
+    here = set(b.rows["law"])
+    return tuple(
+        Key(label, run.colour(label), "dashed" if about["kind"] == "peer" else "solid")
+        for label, about in b.entries.items()
+        if label in here
+    )
+
+
+def against_singularity(b: LawRows, run: Run) -> Board:
+    """Durations and their ratio to T* over the smallest singular value on the way.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Board
+        Two plots, with a choice of the limits.
+    """
+    across = _ticked("smallest singular value on the line", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
+    seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
+    plots = (
+        Plot("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
+        Plot("timing-sigma-ratio", "Duration over T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
+    )
+    for (label, limits), rows in b.rows.filter("solved").group_by("law", "limits", maintain_order=True):
+        about = b.entries.get(str(label))
+        if about is None:
+            continue
+        for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
+            colour = run.colour(str(label))
+            marker = {"color": colour, "size": 5, "opacity": 0.75, "symbol": "circle"}
+            if about["kind"] == "peer":
+                marker |= {"symbol": "x-thin", "size": 6, "line": {"width": 1.5, "color": colour}}
+            trace = line(
+                mode="markers", x=lean(rows["singular_value"], 4), y=lean(rows[column], 5), name=str(label), marker=marker,
+                text=[f"{r} {k.replace('_', '-')} {i}" for r, k, i in rows.select("robot", "kind", "index").iter_rows()],
+                hovertemplate=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, {"limits": [str(limits)]})
+    controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
+    return Board(
+        f"{b.block.id}-singularity", plots, controls, _legend(b, run),
+        "One point a line and law. A law with one bound for the whole line is paced by its worst place: it falls behind to the "
+        "left, where a singularity is near. Dots: ours; crosses: peers.",
+    )  # fmt: skip

@@ -1,0 +1,318 @@
+"""Tables of a block of timed lines: laws and peers alike, limit violations, whole plans, and what was compared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.laws.measures import in_group
+from benchmarks.kinds.laws.rows import NEARLY, ON_PATH_M
+from benchmarks.records import slug
+from benchmarks.statistics import median_interval, quantiles, wilson
+from optik.types import Array
+from planners.limits import DERIVATIVES
+
+if TYPE_CHECKING:
+    from benchmarks.kinds._shown import Cell
+    from benchmarks.kinds.laws.rows import LawRows
+    from benchmarks.report.run import Run
+
+LAW_COLUMN = Column("label", "Law", show="text")
+"""First column of every table."""
+
+
+def law_tables(b: LawRows) -> list[Table]:
+    """A table for each kind of line on all arms, then for each arm.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+
+    Returns
+    -------
+    list of Table
+        Those of all arms first.
+    """
+    whole, parts = [], []
+    for kind in b.block.kinds:
+        rows = in_group(b.rows, kind)
+        robots = rows["robot"].unique(maintain_order=True).to_list()
+        if not robots:
+            continue
+        words = kind.replace("_", "-")
+        whole.append(laws_table(b, rows, f"{b.block.title}, {words}: {', '.join(robots)}", slug(kind)))
+        if len(robots) > 1:
+            parts += [
+                laws_table(
+                    b, rows.filter(pl.col("robot") == robot), f"{b.block.title}, {words}: {robot} alone",
+                    f"{slug(kind)}-{slug(robot)}",
+                )
+                for robot in robots
+            ]  # fmt: skip
+    return whole + parts
+
+
+def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
+    """Every law and peer on some lines: as it is, within 0.1 %, and after a uniform slow-down.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+    rows : DataFrame
+        Of these lines.
+    title, name : str
+        Of the table; the name is that of its files.
+
+    Returns
+    -------
+    Table
+        One row for each entry.
+    """
+    ms = "ms"
+    columns = (
+        LAW_COLUMN,
+        Column("kept", "keeps every limit", "%", "more", "share"),
+        Column("nearly", "within 0.1 %", "%", "more", "share"),
+        Column("worst", "worst value over limit", show="exact"),
+        Column("as_is", "T / T*, as it is"),
+        Column("slowed_down", "T / T*, slowed to the limits", "", "less"),
+        Column("ms", "median time of a call", ms, "less"),
+        Column("count", "motions asked", show="count"),
+        Column("found", "motions found", "%", "more", "share", aside=True),
+        Column("worst_slowed_down", "worst T / T*, slowed to the limits", "", "less", aside=True),
+        *(Column(field, f"worst {field} over limit", show="exact", aside=True) for field in DERIVATIVES),
+        Column("holds", "certificate holds", show="text", aside=True),
+        Column("stretched", "most stretched by plan", show="exact", aside=True),
+        Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True),
+        Column("jerk_worst", "worst jerk at 1 kHz", "rad/s³", aside=True),
+        Column("distance", "farthest off the line", "µm", "less", aside=True),
+        Column("angle", "largest angle off the line", "µrad", "less", aside=True),
+        Column("ms_p95", "p95 time of a call", ms, "less", aside=True),
+    )
+    found: list[Mapping[str, Cell]] = []
+    for label, about in b.entries.items():
+        own = rows.filter(pl.col("law") == label)
+        if own.is_empty():
+            found.append({"label": label, "kept": "absent" if "absent" in about else "not asked"})
+        else:
+            found.append({"label": label} | _law_cells(own, about))
+    return Table(f"timing-{slug(b.block.id)}-{name}", title, columns, tuple(found), _note(b, rows))
+
+
+def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
+    good = own.filter("solved")
+    slowed = or_infinite(own["kept_over_optimum"])
+    cells: dict[str, Cell] = {
+        "kept": share_of(own["keeps_all"]), "nearly": share_of(own["nearly"]), "found": share_of(own["solved"]),
+        "as_is": median_interval(or_infinite(own["over_optimum"])), "slowed_down": median_interval(slowed),
+        "worst_slowed_down": float(slowed.max()), "count": len(own),
+    }  # fmt: skip
+    times = quantiles(own["ms_law"].drop_nulls().to_numpy(), (0.5, 0.95))
+    cells |= dict(zip(("ms", "ms_p95"), times, strict=True))
+    if good.is_empty():
+        return cells
+    stretched = good["slowed"].drop_nulls().to_numpy()
+    share = 100.0 * float(good["holds"].to_numpy().mean())
+    return (
+        cells
+        | {field: _largest(good[field]) for field in DERIVATIVES}
+        | {
+            "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["keeps"] else "no promise",
+            "stretched": float(stretched.max()) if len(stretched) else None,
+            "jerk_median": float(np.median(good["sampled_jerk"].to_numpy())), "jerk_worst": _largest(good["sampled_jerk"]),
+            "distance": _largest(good["distance"], 1e6), "angle": _largest(good["angle"], 1e6),
+        }
+    )  # fmt: skip
+
+
+def or_infinite(column: pl.Series) -> Array:
+    """Values of a column, infinity where there is none: a line without a motion is not left out.
+
+    Parameters
+    ----------
+    column : Series
+        Of ratios.
+
+    Returns
+    -------
+    (k,) array
+        The values [as the column].
+    """
+    return column.cast(pl.Float64).fill_null(float("inf")).to_numpy()
+
+
+def share_of(column: pl.Series) -> tuple[float, float, float]:
+    """Share of rows at which a column is true, with Wilson's interval.
+
+    Parameters
+    ----------
+    column : Series
+        Of truth values; nothing counts as false.
+
+    Returns
+    -------
+    tuple of float
+        Share, lower and upper end [%].
+    """
+    count = int(column.fill_null(value=False).sum())
+    low, high = wilson(count, len(column))
+    return 100.0 * count / len(column), 100.0 * low, 100.0 * high
+
+
+def _largest(column: pl.Series, scale: float = 1.0) -> float | None:
+    values = column.drop_nulls().to_numpy()
+    return scale * float(values.max()) if len(values) else None
+
+
+def _note(b: LawRows, rows: pl.DataFrame) -> str:
+    sentences = [
+        "Each line counts once for every set of limits, also where there is no motion: T / T* is then infinite. Ratios are "
+        f"exact, the worst over all motions. Within 0.1 %: no value above {NEARLY:g} times its limit. Slowed to the limits: "
+        "the same motion, uniformly slower until it keeps all of them; T* is the shortest duration of any motion after that. "
+        f"A motion farther than {1e6 * ON_PATH_M:g} µm from its line, or that does not run through it, does not count. "
+        "Medians have 95 % bootstrap intervals, shares Wilson's."
+    ]
+    for label, about in b.entries.items():
+        own = rows.filter((pl.col("law") == label) & pl.col("solved"))
+        if "absent" in about:
+            sentences.append(f"{label}: {about['absent']}.")
+        elif len(own) and not own["follows"].all():
+            sentences.append(
+                f"{label}: {int((~own['follows']).sum()):,} motions leave the line or do not run through it."
+            )
+        if len(own) and (unbounded := int(own["least_duration"].is_infinite().fill_null(value=False).sum())):
+            sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no slower motion keeps a jerk limit.")
+        failed = rows.filter((pl.col("law") == label) & ~pl.col("solved"))
+        if len(failed):
+            sentences.append(f"{label}: no motion on {len(failed):,} ({failed['reason'][0]}).")
+    return " ".join(sentences)
+
+
+# ---------------------------------------------------------------- violations, plans, settings
+
+
+def violations(b: LawRows) -> Table | None:
+    """Limit violations of every law: how often, by how much, and the duration at which there would be none.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+
+    Returns
+    -------
+    Table or None
+        None where no motion exceeds a limit.
+    """
+    found: list[tuple[int, str, dict[str, Cell]]] = []
+    good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
+    order = {label: i for i, label in enumerate(b.block.labels)}
+    for (label, limits), rows in good.group_by("law", "limits", maintain_order=True):
+        broken = rows.filter(pl.col("breaks") != "")
+        if broken.is_empty():
+            continue
+        row: dict[str, Cell] = {"label": str(label), "limits": str(limits), "count": len(rows)}
+        for field in DERIVATIVES:
+            row[field] = share_of(rows[field] > 1.0)
+            row[f"{field}_worst"] = _largest(rows[field])
+        row["now"] = float(np.median(rows["duration"].to_numpy()))
+        row["least"] = float(np.median(broken["least_duration"].to_numpy()))
+        found.append((order[str(label)], str(limits), row))
+    if not found:
+        return None
+    columns = [LAW_COLUMN, Column("limits", "Limits", show="text"), Column("count", "motions", show="count")]
+    for field in DERIVATIVES:
+        columns += [
+            Column(field, f"{field} exceeded in", "%", "less", "share"),
+            Column(f"{field}_worst", f"worst {field} over limit", show="exact"),
+        ]
+    columns += [Column("now", "median T", "s"), Column("least", "median T of these, slowed to the limits", "s")]
+    rows_ = tuple(row for _, _, row in sorted(found, key=lambda item: item[:2]))
+    title = f"{b.block.title}: limit violations, promised or not"
+    return Table(f"timing-{slug(b.block.id)}-violations", title, tuple(columns), rows_)
+
+
+def plan_times(b: LawRows) -> Table | None:
+    """Where the time of a whole plan goes, by arm and kind of line.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+
+    Returns
+    -------
+    Table or None
+        None where no whole plans were timed.
+    """
+    steps = {"ms_follow": "follow", "ms_law": "law", "ms_certificate": "certificate", "ms_plan": "whole plan"}
+    timed = b.rows.filter(pl.col("ms_plan").is_not_null())
+    found: list[Mapping[str, Cell]] = []
+    for (robot, kind), rows in timed.group_by("robot", "kind", maintain_order=True):
+        row: dict[str, Cell] = {"label": f"{robot}, {str(kind).replace('_', '-')}", "count": len(rows)}
+        for column in steps:
+            times = quantiles(rows[column].drop_nulls().to_numpy(), (0.5, 0.95))
+            row |= dict(zip((column, f"{column}_p95"), times, strict=True))
+        found.append(row)
+    if not found:
+        return None
+    columns = [Column("label", "Lines", show="text"), Column("count", "plans", show="count")]
+    columns += [Column(key, f"{words}, median", "ms", "") for key, words in steps.items()]
+    columns += [Column(f"{key}_p95", f"{words}, p95", "ms", "", aside=True) for key, words in steps.items()]
+    title = f"{b.block.title}: where the time of a whole plan with {timed['law'][0]} goes"
+    return Table(f"timing-{slug(b.block.id)}-plans", title, tuple(columns), tuple(found))
+
+
+def compared(b: LawRows) -> Table:
+    """What each law and peer promises, its version and its settings.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+
+    Returns
+    -------
+    Table
+        One row for each entry.
+    """
+    columns = (
+        LAW_COLUMN,
+        Column("promises", "promises", show="text"),
+        Column("version", "version", show="text"),
+        Column("settings", "settings", show="text"),
+    )
+    rows = [
+        {
+            "label": label, "promises": ", ".join(k.replace("_", " ") for k in about["keeps"]) or "nothing",
+            "version": about["version"] or ("–" if about["kind"] == "peer" else "this one"), "settings": about["settings"],
+        }
+        for label, about in b.entries.items()
+    ]  # fmt: skip
+    title = f"{b.block.title}: what was compared, and how each was set up and called"
+    return Table(f"timing-{slug(b.block.id)}-compared", title, columns, tuple(rows))
+
+
+def all_tables(run: Run) -> list[Table]:
+    """Tables of all blocks.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Table
+        In the order of the page.
+    """
+    found = []
+    for b in run.of("laws"):
+        found += [*law_tables(b), violations(b), plan_times(b), compared(b)]
+    return [table for table in found if table is not None]

@@ -1,0 +1,112 @@
+"""Known solutions: what counts as reachable, decided before and apart from the methods that a block compares."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.problems.base import ProblemSet
+from optik.arm.robot import Robot
+from optik.ik import make_solver
+from optik.ik._status import UNREACHABLE
+from optik.types import Array, Flags
+
+REFERENCE_RESTARTS = 100
+"""Restarts of `lm` for one target. On the paper's workspace 20, 50, 100 and 500 solve the same 2,733 targets of 4,305."""
+
+MOST_BRANCHED = 6
+"""Joints that move of an arm whose targets have finitely many solutions; with more, closed forms only sample them."""
+
+
+class Known(NamedTuple):
+    """What is known about some targets.
+
+    Attributes
+    ----------
+    q : (k, n) array
+        A configuration inside the limits that reaches the target [rad, m]; NaN where none was found.
+    unreachable : (k,) array of bool
+        Whether the bound on the arm's reach proves that there is none.
+    """
+
+    q: Array
+    unreachable: Flags
+
+    @property
+    def found(self) -> Flags:
+        """Which targets (k,) have a known solution."""
+        return np.asarray(np.isfinite(self.q).all(axis=1))
+
+
+def known_solutions(robot: Robot, targets: Array, starts: Array, *, restarts: int = REFERENCE_RESTARTS) -> Known:
+    """Find a configuration for each target: by `lm` with restarts, or else by `closed_form` among all branches.
+
+    `lm` solves all targets as one batch, and proves those beyond the bound on the arm's reach unreachable. `closed_form`
+    takes those that are left; arms with more than six moving joints, which have infinitely many branches, do without.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    targets : (k, 4, 4) array
+        Target poses [1, m].
+    starts : (k, n) array
+        Initial guesses of the first attempts, inside the limits [rad, m].
+    restarts : int
+        Restarts of `lm` for one target.
+
+    Returns
+    -------
+    Known
+        The configurations, each checked by forward kinematics and the limits.
+
+    Raises
+    ------
+    InvalidInput
+        A target that is no pose, a start outside the limits, or restarts out of range.
+    """
+    batch = make_solver(robot, "lm", max_restarts=restarts).solve_batch(targets, starts)
+    q = np.where(batch.solved[:, None], batch.q, np.nan)
+    unreachable: Flags = batch.status == UNREACHABLE
+    left = np.flatnonzero(~batch.solved & ~unreachable)
+    if len(left) and np.count_nonzero(robot.limits.lower < robot.limits.upper) <= MOST_BRANCHED:
+        branches = make_solver(robot, "closed_form").solve_batch(targets[left], starts[left])
+        q[left[branches.solved]] = branches.q[branches.solved]
+    return Known(q, unreachable)
+
+
+def searched(
+    robot: Robot, targets: Array, starts: Array, group: NDArray[np.str_], *, restarts: int = REFERENCE_RESTARTS
+) -> ProblemSet:
+    """Problem set out of targets of which it is not known by construction whether the arm reaches them.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    targets : (k, 4, 4) array
+        Target poses [1, m].
+    starts : (k, n) array
+        Initial guesses inside the limits [rad, m].
+    group : (k,) array of str
+        Group of each problem.
+    restarts : int
+        As `known_solutions` takes them.
+
+    Returns
+    -------
+    ProblemSet
+        With the smallest singular value at the known solution.
+
+    Raises
+    ------
+    InvalidInput
+        As `known_solutions`.
+    """
+    known = known_solutions(robot, targets, starts, restarts=restarts)
+    sigma, found = np.full(len(targets), np.nan), known.found
+    if found.any():
+        sigma[found] = robot.singular_values(known.q[found])[:, -1]
+    return ProblemSet(targets, starts, group, found, sigma, np.full(len(targets), np.nan), known.unreachable)

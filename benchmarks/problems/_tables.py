@@ -1,0 +1,278 @@
+"""Files of poses, CSV and NPZ: read and checked, with messages that name file, row and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optik import se3
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.files import content_of, text_of
+from optik.types import Array
+
+POSITION = ("x_m", "y_m", "z_m")
+"""Columns of a position [m]."""
+
+QUATERNION = ("qw", "qx", "qy", "qz")
+"""Columns of a unit quaternion [1], its scalar part first."""
+
+ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+"""Columns of a rotation matrix [1], row by row."""
+
+UNIT_ERROR = 1e-3
+"""Largest |‖quaternion‖ − 1|, and largest error of R Rᵀ, of numbers that were rounded when they were written [1]."""
+
+
+class Poses(NamedTuple):
+    """What a file of poses holds.
+
+    Attributes
+    ----------
+    targets : (k, 4, 4) array
+        Poses [1, m].
+    starts : (k, n) array, or None
+        Configurations inside the limits [rad, m].
+    group : (k,) array of str
+        Group of each pose: the file's name where it has none.
+    """
+
+    targets: Array
+    starts: Array | None
+    group: NDArray[np.str_]
+
+
+def read_poses(path: Path, robot: Robot | None = None) -> Poses:
+    """Read poses, and perhaps starts, from a CSV or NPZ file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    robot : Robot, optional
+        The arm, whose joints the starts must have; without it, starts are refused.
+
+    Returns
+    -------
+    Poses
+        Checked.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, another suffix, a column that is missing or unknown, or a wrong value.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        poses = _from_csv(path, robot)
+    elif suffix == ".npz":
+        poses = _from_npz(path, robot)
+    else:
+        raise InvalidInput("path", repr(str(path)), "a file of poses: .csv or .npz")
+    return poses
+
+
+# ---------------------------------------------------------------- CSV
+
+
+def read_table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
+    """Read a CSV file with a header.
+
+    Parameters
+    ----------
+    path : Path
+        The file, in UTF-8. Lines that are empty or begin with ``#`` are left out.
+
+    Returns
+    -------
+    columns : list of str
+        The header.
+    rows : list of list of str
+        One for each further line, as long as the header.
+    lines : list of int
+        The line of the file that each row stands in, from 1.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, no rows, or a row of another length.
+    """
+    columns: list[str] = []
+    rows, lines = [], []
+    for line, row in _records(path):
+        cells = [cell.strip() for cell in row]
+        if not any(cells) or cells[0].startswith("#"):
+            continue
+        if not columns:
+            columns = cells
+        elif len(cells) != len(columns):
+            raise InvalidInput(f"{path}, line {line}", f"{len(cells)} values", f"{len(columns)}, as the header")
+        else:
+            rows.append(cells)
+            lines.append(line)
+    if not rows:
+        raise InvalidInput(str(path), "no rows", f"a header such as {','.join((*POSITION, *QUATERNION))} and rows")
+    return columns, rows, lines
+
+
+def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Lines of a CSV file with their numbers."""
+    try:
+        reader = csv.reader(io.StringIO(text_of(content_of(path)).lstrip("\ufeff")))
+        for row in reader:
+            yield reader.line_num, row
+    except csv.Error as error:
+        raise InvalidInput(str(path), str(error), "a CSV file") from None
+    except InvalidInput as error:
+        raise InvalidInput(str(path), error.got, error.expected) from None
+
+
+def numbers_of(path: Path, table: tuple[list[str], list[list[str]], list[int]], names: Sequence[str]) -> Array:
+    """Numbers of some columns of a table.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    table : tuple
+        What `read_table` returned.
+    names : sequence of str
+        Columns that the table has.
+
+    Returns
+    -------
+    (k, m) array
+        The values [as the columns' names say].
+
+    Raises
+    ------
+    InvalidInput
+        A cell that is no finite number.
+    """
+    columns, rows, lines = table
+    values = np.empty((len(rows), len(names)))
+    for j, name in enumerate(names):
+        at = columns.index(name)
+        for i, row in enumerate(rows):
+            try:
+                values[i, j] = float(row[at])
+            except ValueError:
+                values[i, j] = np.nan
+            if not np.isfinite(values[i, j]):
+                raise InvalidInput(f"{path}, line {lines[i]}, column {name}", repr(row[at])[:60], "a finite number")
+    return values
+
+
+def _from_csv(path: Path, robot: Robot | None) -> Poses:
+    """Poses of a CSV file."""
+    table = read_table(path)
+    columns, rows, lines = table
+    joints = _joint_columns(robot) if robot is not None else []
+    turned = QUATERNION if "qw" in columns else ROTATION
+    known = [*POSITION, *turned, *joints, "group"]
+    _check_columns(path, columns, known, [*POSITION, *turned])
+    where = [f"{path}, line {line}" for line in lines]
+    targets = np.tile(np.eye(4), (len(rows), 1, 1))
+    targets[:, :3, 3] = numbers_of(path, table, POSITION)
+    values = numbers_of(path, table, turned)
+    targets[:, :3, :3] = _of_quaternions(values, where) if turned is QUATERNION else values.reshape(-1, 3, 3)
+    starts = None
+    if present := [name for name in joints if name in columns]:
+        _check_columns(path, columns, known, joints)
+        starts = numbers_of(path, table, present)
+    group = [row[columns.index("group")] for row in rows] if "group" in columns else [path.stem] * len(rows)
+    return _checked(where, targets, starts, np.array(group), robot)
+
+
+def _joint_columns(robot: Robot) -> list[str]:
+    """Columns of a start, with their units."""
+    return [f"q{i}_{'m' if slides else 'rad'}" for i, slides in enumerate(robot.prismatic, start=1)]
+
+
+def _check_columns(path: Path, columns: list[str], known: Sequence[str], need: Sequence[str]) -> None:
+    """Refuse a header with a column that is unknown, missing or there twice."""
+    for name in columns:
+        if name not in known or columns.count(name) > 1:
+            came = f"the column {name!r}" + (" twice" if columns.count(name) > 1 else "")
+            raise InvalidInput(f"{path}, header", came, f"columns out of {', '.join(known)}")
+    for name in need:
+        if name not in columns:
+            other = " (or qw, qx, qy, qz in place of r11 to r33)" if name in ROTATION else ""
+            raise InvalidInput(f"{path}, header", f"no column {name!r}", f"the columns {', '.join(need)}{other}")
+
+
+def _of_quaternions(values: Array, where: Sequence[str]) -> Array:
+    """Rotation matrices (k, 3, 3) of quaternions (k, 4), scalar part first."""
+    from scipy.spatial.transform import Rotation
+
+    size = np.linalg.norm(values, axis=1)
+    if (wrong := np.abs(size - 1.0) > UNIT_ERROR).any():
+        i = int(wrong.argmax())
+        raise InvalidInput(f"{where[i]}, columns qw to qz", f"a quaternion of length {size[i]:.6g}", "length 1")
+    return np.asarray(Rotation.from_quat(values, scalar_first=True).as_matrix())
+
+
+# ---------------------------------------------------------------- NPZ, and both
+
+
+def _from_npz(path: Path, robot: Robot | None) -> Poses:
+    """Poses of an NPZ file."""
+    content = content_of(path, argument="path")
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except (ValueError, OSError, zipfile.BadZipFile, EOFError) as error:
+        raise InvalidInput(str(path), str(error)[:120], "an NPZ file of numbers and text") from None
+    unknown = sorted(set(found) - {"targets", "starts", "group"})
+    if unknown or "targets" not in found:
+        came = f"the array {unknown[0]!r}" if unknown else "no array 'targets'"
+        raise InvalidInput(str(path), came, "targets (k, 4, 4), and perhaps starts (k, n) and group (k,)")
+    targets = _numbers(path, "targets", found["targets"], (-1, 4, 4))
+    k = len(targets)
+    n = robot.n if robot is not None else 0
+    starts = _numbers(path, "starts", found["starts"], (k, n)) if "starts" in found else None
+    group = found.get("group", np.full(k, path.stem))
+    if group.shape != (k,) or group.dtype.kind != "U":
+        raise InvalidInput(f"{path}, group", f"{group.dtype} of shape {group.shape}", f"text of shape ({k},)")
+    return _checked([f"{path}, targets[{i}]" for i in range(k)], targets, starts, group, robot)
+
+
+def _numbers(path: Path, name: str, array: Array, shape: tuple[int, ...]) -> Array:
+    """Check the shape (−1 for any length above 0) and the values of an array."""
+    fits = array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape, strict=True))
+    if not fits or not array.size or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        came = (
+            f"{array.dtype} of shape {array.shape}"
+            if not fits or not array.size
+            else "a value that is no finite number"
+        )
+        raise InvalidInput(f"{path}, {name}", came, f"finite numbers of shape {str(shape).replace('-1', 'k')}")
+    return np.array(array, dtype=float)
+
+
+def _checked(
+    where: Sequence[str], targets: Array, starts: Array | None, group: NDArray[np.str_], robot: Robot | None
+) -> Poses:
+    """Refuse what is no pose, and starts outside the limits; rounded rotations become exact ones."""
+    R = targets[:, :3, :3]
+    error = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    wrong = (error > UNIT_ERROR) | (np.linalg.det(R) < 0.0) | (targets[:, 3] != [0.0, 0.0, 0.0, 1.0]).any(axis=1)
+    if wrong.any():
+        i = int(wrong.argmax())
+        raise InvalidInput(where[i], "a matrix that is no pose", "an orthonormal rotation with determinant 1")
+    exact = np.stack([se3.nearest_pose(T) for T in targets])
+    if starts is not None and robot is not None:
+        outside = ~robot.limits.contains(starts)
+        if outside.any():
+            i = int(outside.argmax())
+            raise InvalidInput(
+                where[i], "a start outside the joint limits", f"joints of {robot.name} [rad, m] inside them"
+            )
+    return Poses(exact, starts, group)

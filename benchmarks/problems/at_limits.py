@@ -1,0 +1,85 @@
+"""Targets whose known solution has a chosen number of joints exactly at their limits, and the others inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from benchmarks.problems._starts import from_solutions, stream
+from benchmarks.problems.base import ProblemSet
+from optik.arm.robot import Robot
+from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.types import Array
+
+
+def at_limits(
+    robot: Robot,
+    seed: int,
+    *,
+    count: int = 200,
+    joints: Sequence[int] = (1, 2, 3),
+    starts: str | Sequence[str] | None = None,
+    spread: float = 0.1,
+    start_deg: ArrayLike | None = None,
+) -> ProblemSet:
+    """Targets whose solution has several joints at their limits at once, where clamping and step rejection decide.
+
+    Which joints and which of their two limits is random; the other joints are uniform inside their limits. There may be
+    further solutions with fewer joints at limits. The first problems of a group are the same for any larger count.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    seed : int
+        Seed of the random draw.
+    count : int
+        Number of targets for each number of joints.
+    joints : sequence of int
+        How many joints are at a limit; one group for each.
+    starts : str or sequence of str, optional
+        Kinds of starts: near (the default), far, random, zero; one or several.
+    spread : float
+        Standard deviation of start − solution on every joint, for near starts [rad].
+    start_deg : (n,) array, optional
+        One start for all problems instead; prismatic joints in millimetres [deg, mm].
+
+    Returns
+    -------
+    ProblemSet
+        The problems, grouped by the number of joints at their limits.
+
+    Raises
+    ------
+    InvalidInput
+        More joints than the arm has with two finite limits, a count below 1, or wrong starts.
+    """
+    check_count(count, "count", 1)
+    groups: dict[str, Array] = {}
+    movable = np.flatnonzero(robot.limits.ranged)
+    for number in joints:
+        check_count(number, "joints", 1)
+        if number > len(movable):
+            raise InvalidInput(
+                "joints", number, f"at most the {len(movable)} joints of {robot.name} between two limits"
+            )
+        groups[f"{number} joint{'s' if number > 1 else ''} at limits"] = _drawn(robot, seed, count, number)
+    return from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)
+
+
+def _drawn(robot: Robot, seed: int, count: int, number: int) -> Array:
+    """Configurations (count, n) with a number of joints at their limits."""
+    which, side, inside = (stream(seed, "at_limits", str(number), word) for word in ("which", "side", "inside"))
+    q = robot.limits.draw(inside, count)
+    movable = np.flatnonzero(robot.limits.ranged)
+    order = np.argsort(which.random((count, len(movable))), axis=1)[:, :number]
+    chosen = np.zeros(q.shape, dtype=bool)
+    np.put_along_axis(chosen, movable[order], True, axis=1)
+    ends = np.where(side.random(q.shape) < 0.5, robot.limits.lower, robot.limits.upper)
+    return np.where(chosen, ends, q)
+
+
+METHOD = at_limits

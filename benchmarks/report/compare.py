@@ -1,0 +1,277 @@
+"""Two runs compared: each method with itself, better, worse or within noise, with tests that fit what was measured."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.base import Block, Compared, Kind
+from benchmarks.records import slug
+from benchmarks.report.run import Run
+from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
+from optik.errors import InvalidInput
+from optik.types import Array
+
+BETTER, WORSE, NOISE_VERDICT = "better", "worse", "within noise"
+"""Verdicts."""
+
+FALSE_ALARMS = 0.05
+"""Probability that a comparison of two runs without any difference calls anything better or worse."""
+
+SAME_PROBLEMS = ("robot", "set", "options", "lines", "limits")
+"""Keys of a block that decide its problems, with the suite's seed, where a run has stored no hash of them."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One measure of one method in both runs.
+
+    Attributes
+    ----------
+    block, label, measure, unit : str
+        What was measured.
+    a, b : float
+        Its values: shares in percent, medians of all else.
+    change : float
+        From the first run to the second: percentage points of a share, percent of all else.
+    low, high : float
+        Ends of the 95 % interval of the change; NaN where there is none.
+    pairs : int
+        Problems that both runs have; 0 where the runs have different problems.
+    p : float
+        p-value of the paired test, corrected for all that are compared; NaN where there is none.
+    noise : float
+        Change [%] that rounds of the same calls show.
+    verdict : str
+        ``better``, ``worse`` or ``within noise``.
+    loss : float
+        By how much it is worse, in the units of `change`; negative where it is better.
+    """
+
+    block: str
+    label: str
+    measure: str
+    unit: str
+    a: float
+    b: float
+    change: float
+    low: float = math.nan
+    high: float = math.nan
+    pairs: int = 0
+    p: float = math.nan
+    noise: float = 0.0
+    verdict: str = NOISE_VERDICT
+    loss: float = 0.0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs compared: differences, and what could not be compared and why."""
+
+    differences: tuple[Difference, ...]
+    left_out: tuple[str, ...]
+
+    def worse_than(self, threshold: float) -> list[Difference]:
+        """What is worse beyond noise by more than a threshold.
+
+        Parameters
+        ----------
+        threshold : float
+            In percent of the first run's value; of a share in percentage points.
+
+        Returns
+        -------
+        list of Difference
+            Empty where nothing is.
+        """
+        return [d for d in self.differences if d.verdict == WORSE and d.loss > threshold]
+
+
+def compare_runs(a: Run, b: Run) -> Comparison:
+    """Compare the blocks that two runs have in common.
+
+    Parameters
+    ----------
+    a, b : Run
+        The runs; changes are from the first to the second.
+
+    Returns
+    -------
+    Comparison
+        Of every method that both have rows of.
+
+    Raises
+    ------
+    InvalidInput
+        The runs have nothing in common that can be compared.
+    """
+    left_out: list[str] = []
+    found = list(_differences(a, b, left_out))
+    if not found:
+        why = "; ".join(left_out) or "no block of one is a block of the other"
+        raise InvalidInput("runs", f"{a.folder.path} and {b.folder.path} ({why})", "two runs with a block in common")
+    corrected = holm([d.p for d, _, _ in found])
+    return Comparison(
+        tuple(_judged(d, m, p, far) for (d, m, far), p in zip(found, corrected, strict=True)), tuple(left_out)
+    )
+
+
+def _differences(a: Run, b: Run, left_out: list[str]) -> Iterator[tuple[Difference, Compared, bool]]:
+    """Every difference, with whether unpaired values lie beyond their noise."""
+    others = {(kind.name, block.id): block for kind, block in b.suite.pairs()}
+    for kind, block in a.suite.pairs():
+        other = others.pop((kind.name, block.id), None)
+        if other is None:
+            left_out.append(f"{block.id}: only in the first run")
+        elif not kind.compared:
+            left_out.append(f"{block.id}: its kind of block, {kind.name}, does not say what to compare")
+        else:
+            yield from _of_block(kind, (a, block), (b, other), left_out)
+    left_out += [f"{id}: only in the second run" for _, id in others]
+
+
+def _of_block(
+    kind: Kind, first: tuple[Run, Block], second: tuple[Run, Block], left_out: list[str]
+) -> Iterator[tuple[Difference, Compared, bool]]:
+    (a, block), (b, other) = first, second
+    rows = [kind.rows(run.folder, one) for run, one in (first, second)]
+    if rows[0] is None or rows[1] is None:
+        left_out.append(f"{block.id}: not run in both")
+        return
+    x, y = (kind.compared_rows(one, part) for one, part in zip((block, other), rows, strict=True) if part is not None)
+    paired = same_problems(a, block, b, other)
+    if not paired:
+        left_out.append(f"{block.id}: the problems differ, so nothing is paired and only large differences show")
+    labels = x["label"].unique(maintain_order=True).to_list()
+    theirs = set(y["label"])
+    missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
+    left_out += [f"{block.id}: {label} is in one run only" for label in missing]
+    for label in (label for label in labels if label in theirs):
+        for measure in kind.compared:
+            mine, other_rows = (frame.filter(pl.col("label") == label) for frame in (x, y))
+            if measure.column in mine.columns and measure.column in other_rows.columns:
+                found = _difference(measure, mine, other_rows, paired)
+                if found is not None:
+                    yield replace(found[0], block=block.id, label=str(label)), measure, found[1]
+
+
+def same_problems(a: Run, block: Block, b: Run, other: Block) -> bool:
+    """Whether two blocks have the same problems: by their hash, else by the settings that decide them.
+
+    Parameters
+    ----------
+    a : Run
+        The first run.
+    block : Block
+        Its block.
+    b : Run
+        The second run.
+    other : Block
+        The block there.
+
+    Returns
+    -------
+    bool
+        Whether problems of the same number are the same.
+    """
+    stored = [run.folder.read_json(f"problems/{slug(one.id)}.json") for run, one in ((a, block), (b, other))]
+    if all(isinstance(about, dict) and "sha256" in about for about in stored):
+        return bool(stored[0]["sha256"] == stored[1]["sha256"])
+    settings = [
+        json.dumps([run.suite.seed, *(getattr(one, key, None) for key in SAME_PROBLEMS)], default=str, sort_keys=True)
+        for run, one in ((a, block), (b, other))
+    ]
+    return settings[0] == settings[1]
+
+
+def _difference(measure: Compared, a: pl.DataFrame, b: pl.DataFrame, paired: bool) -> tuple[Difference, bool] | None:
+    """One measure of one label; None where there is nothing to compare."""
+    column, repeated = measure.column, any(frame["problem"].is_duplicated().any() for frame in (a, b))
+    a, b = (frame.filter(pl.col(column).is_not_null()) for frame in (a, b))
+    if paired and not repeated:
+        a, b = _in_pairs(a, b, measure.only)
+    elif measure.only:
+        a, b = (frame.filter(measure.only) for frame in (a, b))
+    if a.is_empty() or b.is_empty():
+        return None
+    x, y = (frame[column].to_numpy() for frame in (a, b))
+    pairs = len(a) if paired and not repeated else 0
+    if measure.is_share:
+        return _shares(measure, x, y, pairs)
+    x, y = measure.scale * x.astype(float), measure.scale * y.astype(float)
+    noise = max(_spread(measure, frame) for frame in (a, b))
+    if repeated:
+        noise = max(noise, *((float(v.max() - v.min()) / float(np.median(v))) for v in (x, y)))
+    return _values(measure, x, y, pairs, noise)
+
+
+def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Rows of the problems that both have, in the same order; where `only` is true in both."""
+    if only:
+        a, b = a.filter(only), b.filter(only)
+    return a.join(b, on="problem", how="semi").sort("problem"), b.join(a, on="problem", how="semi").sort("problem")
+
+
+def _spread(measure: Compared, rows: pl.DataFrame) -> float:
+    """Half the relative spread of the rounds of a call, the median of all calls."""
+    if not measure.rounds or not set(measure.rounds) <= set(rows.columns):
+        return 0.0
+    least, most = (rows[name].to_numpy().astype(float) for name in measure.rounds)
+    found = float(np.nanmedian((most - least) / (2.0 * rows[measure.column].to_numpy())))
+    return 0.0 if math.isnan(found) else found
+
+
+def _shares(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
+    before, after = (100.0 * float(v.mean()) for v in (x, y))
+    base = Difference("", "", measure.words, measure.unit, before, after, after - before, pairs=pairs)
+    if pairs:
+        return replace(base, p=mcnemar(y, x).p), False
+    (low_a, high_a), (low_b, high_b) = (wilson(int(v.sum()), len(v)) for v in (x, y))
+    return base, low_a > high_b or low_b > high_a
+
+
+def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float) -> tuple[Difference, bool]:
+    a, b = float(np.median(x)), float(np.median(y))
+    base = Difference("", "", measure.words, measure.unit, a, b, 0.0, pairs=pairs, noise=100.0 * noise)
+    if pairs and (x > 0).all() and (y > 0).all():
+        ratio, low, high = ratio_interval(y, x)
+        p = 1.0 if np.array_equal(x, y) else signed_rank(y, x)
+        return replace(base, change=_percent(ratio), low=_percent(low), high=_percent(high), p=p), False
+    ratio = b / a if a else math.nan
+    apart = float(y.min()) > float(x.max()) or float(y.max()) < float(x.min())
+    return replace(base, change=_percent(ratio)), apart and len(x) > 1 and len(y) > 1
+
+
+def _percent(ratio: float) -> float:
+    return 100.0 * (ratio - 1.0)
+
+
+def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Difference:
+    """The verdict: a difference that its test shows, larger than the rounds of the same calls differ."""
+    loss = d.change if measure.better == "less" else -d.change
+    shown = apart if math.isnan(p) else p < FALSE_ALARMS
+    beyond = abs(d.change) > d.noise and d.change != 0.0
+    verdict = NOISE_VERDICT if not (shown and beyond) else (WORSE if loss > 0 else BETTER)
+    return replace(d, p=p, loss=loss, verdict=verdict)
+
+
+def as_data(d: Difference) -> dict[str, Any]:
+    """A difference as plain data for JSON.
+
+    Parameters
+    ----------
+    d : Difference
+        The difference.
+
+    Returns
+    -------
+    dict
+        Its attributes; None for what is not there.
+    """
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in vars(d).items()}

@@ -1,0 +1,109 @@
+"""Every table of a run as CSV: exact values, the ends of an interval in columns of their own."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+from benchmarks.kinds._shown import Cell, Column, Table
+from benchmarks.records import RunFolder, slug
+from benchmarks.report.run import Run
+from benchmarks.report.takeout import all_tables
+
+TABLES_FOLDER = "tables"
+"""Folder of the run that has tables in other formats."""
+
+
+def write_csv(folder: RunFolder) -> list[Path]:
+    """Write ``tables/ID.csv`` for every table of a run.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Returns
+    -------
+    list of Path
+        Of the files.
+
+    Raises
+    ------
+    InvalidInput
+        The folder is no run.
+    OutputError
+        A file cannot be written.
+    """
+    return [write_table(folder, table.id, "csv", csv_of(table)) for table in all_tables(Run(folder))]
+
+
+def write_table(folder: RunFolder, name: str, ending: str, text: str) -> Path:
+    """Write one table into the run folder.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+    name : str
+        Of the table.
+    ending : str
+        Of the file.
+    text : str
+        Its content.
+
+    Returns
+    -------
+    Path
+        Of the file.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    file = f"{TABLES_FOLDER}/{slug(name)}.{ending}"
+    folder.write_text(file, text)
+    return folder.path / file
+
+
+def csv_of(table: Table) -> str:
+    """A table as CSV: all its columns, in their order.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+
+    Returns
+    -------
+    str
+        With a head; what is not there is empty.
+    """
+    wide = {column.key for column in table.columns if any(isinstance(r.get(column.key), tuple) for r in table.rows)}
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([name for column in table.columns for name in _heads(column, column.key in wide)])
+    for row in table.rows:
+        writer.writerow([value for column in table.columns for value in _values(row, column.key, column.key in wide)])
+    return out.getvalue()
+
+
+def _heads(column: Column, wide: bool) -> list[str]:
+    unit = f" [{column.unit}]" if column.unit else ""
+    names = [column.key, f"{column.key} low", f"{column.key} high"] if wide else [column.key]
+    return [name + unit for name in names]
+
+
+def _values(row: Mapping[str, Cell], key: str, wide: bool) -> list[str]:
+    cell = row.get(key)
+    if not wide:
+        return [_exact(cell)]
+    return [_exact(v) for v in cell] if isinstance(cell, tuple) else [_exact(cell), "", ""]
+
+
+def _exact(value: Cell) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else repr(float(value) if isinstance(value, float) else int(value))  # type: ignore[arg-type]  # no tuple here

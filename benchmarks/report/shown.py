@@ -1,0 +1,170 @@
+"""Tables as a reader sees them: digits as one would publish them, the best marked, and what few ask for set aside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from benchmarks.kinds._shown import Cell, Column, Table
+from benchmarks.report.figures import noise_floor
+from benchmarks.report.numbers import number
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
+
+FIRST = "label"
+"""Key of the first column: of a method or law, whose colour the row has."""
+
+LEAST_DIGITS, MOST_DIGITS = 2, 4
+"""Significant digits of a value with an interval."""
+
+DECIMALS_OF_SHARES = 3
+"""Most decimals of a percentage."""
+
+
+@dataclass(frozen=True)
+class ShownCell:
+    """One cell: what stands in it, its interval, its exact value and whether none in its column is surely better."""
+
+    text: str
+    interval: str = ""
+    value: float | None = None
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class ShownRow:
+    """One row: its cells, and the colour of its method; empty where it is of no method."""
+
+    cells: tuple[ShownCell, ...]
+    colour: str = ""
+    symbol: str = ""
+
+
+@dataclass(frozen=True)
+class ShownTable:
+    """A table with its cells as text, for the page, Markdown and LaTeX."""
+
+    table: Table
+    rows: tuple[ShownRow, ...]
+
+    @property
+    def aside(self) -> bool:
+        """Whether some columns are shown only on request."""
+        return any(column.aside for column in self.table.columns)
+
+
+def shown_table(table: Table, run: Run | None = None) -> ShownTable:
+    """A table with its cells as text.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    run : Run, optional
+        Where the methods' colours come from.
+
+    Returns
+    -------
+    ShownTable
+        The same rows and columns.
+    """
+    best = {column.key: _best(column, table.rows) for column in table.columns}
+    rows = []
+    for k, row in enumerate(table.rows):
+        cells = tuple(shown_cell(column, row.get(column.key), k in best[column.key]) for column in table.columns)
+        label = str(row.get(FIRST, ""))
+        if run is not None and label in run.labels:
+            rows.append(ShownRow(cells, run.colour(label), run.symbol(label)))
+        else:
+            rows.append(ShownRow(cells))
+    return ShownTable(table, tuple(rows))
+
+
+def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
+    """A cell as text.
+
+    Parameters
+    ----------
+    column : Column
+        Its column.
+    value : Cell
+        What it holds.
+    best : bool
+        Whether none in its column is surely better.
+
+    Returns
+    -------
+    ShownCell
+        A dash where there is no value.
+    """
+    if isinstance(value, str):
+        return ShownCell(value)
+    if value is None:
+        return ShownCell("–")
+    middle, low, high = value if isinstance(value, tuple) else (value, math.nan, math.nan)
+    if math.isnan(middle):
+        return ShownCell("–")
+    floor = noise_floor(column.unit)
+    if floor and abs(middle) < floor:
+        return ShownCell(f"≤ {number(floor, 1).replace('1·', '')}", "", float(middle), best)
+    text, interval = written(column.show, float(middle), low, high)
+    return ShownCell(text, interval, float(middle), best)
+
+
+def written(show: str, middle: float, low: float = math.nan, high: float = math.nan) -> tuple[str, str]:
+    """A value and its interval with the digits that it deserves.
+
+    Parameters
+    ----------
+    show : str
+        As of a `Column`.
+    middle, low, high : float
+        Value and ends of its interval, NaN where it has none; of a share in percent.
+
+    Returns
+    -------
+    value, interval : str
+        Without a unit; the interval is empty where there is none.
+    """
+    half = (high - low) / 2
+    if show == "share":
+        decimals = 1 if not half > 0 else min(max(1 - math.floor(math.log10(half)), 1), DECIMALS_OF_SHARES)
+        step = 10.0**-decimals
+        text = "100" if middle >= 100 else f"{min(math.floor(middle / step + 1e-9) * step, 100 - step):.{decimals}f}"
+        return text, "" if math.isnan(half) else f"{low:.{decimals}f} to {high:.{decimals}f}"
+    if show == "count":
+        return (f"{middle:,.0f}" if middle == round(middle) else number(middle)), _interval(low, high, 3)
+    if show == "exact":
+        return f"{middle:.7g}", "" if math.isnan(half) else f"{low:.7g} to {high:.7g}"
+    digits = 3
+    if half > 0 and math.isfinite(half) and middle:
+        digits = 2 + math.floor(math.log10(abs(middle))) - math.floor(math.log10(half))
+        digits = min(max(digits, LEAST_DIGITS), MOST_DIGITS)
+    return number(middle, digits), _interval(low, high, digits)
+
+
+def _interval(low: float, high: float, digits: int) -> str:
+    return "" if math.isnan(low) or math.isnan(high) else f"{number(low, digits)} to {number(high, digits)}"
+
+
+def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
+    """Rows with the best value of a column and with those that no interval tells from it; empty where it is all of them."""
+    if not column.better:
+        return set()
+    found: dict[int, tuple[float, float, float]] = {}
+    for k, row in enumerate(rows):
+        cell = row.get(column.key)
+        whole = cell if isinstance(cell, tuple) else (cell, cell, cell)
+        if isinstance(whole[0], float | int) and math.isfinite(whole[0]):
+            middle = float(whole[0])
+            ends = (middle if v is None or math.isnan(float(v)) else float(v) for v in whole[1:])
+            found[k] = (middle, *ends)  # type: ignore[assignment]  # two ends
+    if len(found) < 2:
+        return set()
+    pick = max if column.better == "more" else min
+    _, low, high = pick(found.values(), key=lambda v: v[0])
+    level = {k for k, (_, a, b) in found.items() if a <= high and b >= low}
+    return level if len(level) < len(found) else set()

@@ -1,0 +1,146 @@
+"""Who wins on what: one row for each question that the kinds of the run answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from benchmarks.kinds._shown import Cell, Column, Table, Winner
+from benchmarks.report.run import Run
+from benchmarks.report.shown import written
+
+MOST_TIED = 3
+"""Ties that are named one by one; of more, their number is."""
+
+WINNER_COLUMNS = (
+    Column("question", "Question", show="text"),
+    Column("best", "Best", show="text"),
+    Column("value", "Value"),
+    Column("unit", "Unit", show="text"),
+    Column("tied", "Tied with it", show="text"),
+    Column("second", "Next best", show="text"),
+    Column("second_value", "Its value"),
+    Column("note", "On", show="text"),
+)
+"""Columns of the winners as a table."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """One entry of a question, as the page shows it."""
+
+    label: str
+    colour: str
+    value: str
+    interval: str
+
+
+@dataclass(frozen=True)
+class Won:
+    """One question with its winner, as the page shows it."""
+
+    question: str
+    anchor: str
+    note: str
+    best: Place
+    tied: tuple[str, ...]
+    second: Place | None
+
+
+def winners(run: Run) -> list[Winner]:
+    """Every question with its entries, in the order of the kinds.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Winner
+        Those in which something took part.
+    """
+    return [winner for kind in run.suite.kinds for winner in kind.winners(run) if winner.entries]
+
+
+def won(run: Run) -> list[Won]:
+    """The winners as the first screen of the page shows them.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Won
+        One for each question.
+    """
+    return [_won(winner, run) for winner in winners(run)]
+
+
+def _won(winner: Winner, run: Run) -> Won:
+    places = [_place(winner, entry, run) for entry in winner.entries]
+    tied, second = _order(winner)
+    return Won(
+        winner.question, winner.anchor, winner.note, places[0], tied, places[second] if second is not None else None
+    )
+
+
+def _order(winner: Winner) -> tuple[tuple[str, ...], int | None]:
+    """Labels of those tied with the best, and the first entry that is not; None where all are tied."""
+    level = winner.tied
+    tied = tuple(label for label in level if label != winner.entries[0][0])
+    rest = [k for k, entry in enumerate(winner.entries) if entry[0] not in level]
+    return tied, rest[0] if rest else None
+
+
+def _place(winner: Winner, entry: tuple[str, float, float, float], run: Run) -> Place:
+    label, middle, low, high = entry
+    share = winner.unit == "%"
+    value, interval = written("share" if share else "number", middle, low, high)
+    unit = f" {winner.unit}" if winner.unit else ""
+    return Place(label, run.colour(label) if label in run.labels else "", f"{value}{unit}", interval)
+
+
+def tied_words(labels: tuple[str, ...]) -> str:
+    """Those tied with the best, in words.
+
+    Parameters
+    ----------
+    labels : tuple of str
+        Their labels.
+
+    Returns
+    -------
+    str
+        Empty where there are none.
+    """
+    return ", ".join(labels) if len(labels) <= MOST_TIED else f"{', '.join(labels[:2])} and {len(labels) - 2} more"
+
+
+def winners_table(run: Run) -> Table | None:
+    """The winners as a table that leaves the report.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Table or None
+        None where no kind of the run says who wins.
+    """
+    rows: list[dict[str, Cell]] = []
+    for winner in winners(run):
+        label, *value = winner.entries[0]
+        tied, second = _order(winner)
+        row: dict[str, Cell] = {
+            "question": winner.question, "best": label, "value": (value[0], value[1], value[2]), "unit": winner.unit,
+            "tied": ", ".join(tied), "note": winner.note,
+        }  # fmt: skip
+        if second is not None:
+            other, *ends = winner.entries[second]
+            row |= {"second": other, "second_value": (ends[0], ends[1], ends[2])}
+        rows.append(row)
+    return Table("winners", "Who wins on what", WINNER_COLUMNS, tuple(rows)) if rows else None

@@ -1,0 +1,13 @@
+"""Statistics of a comparison: summaries, intervals, paired tests and performance profiles."""
+
+from __future__ import annotations
+
+from benchmarks.statistics.intervals import median_interval, ratio_interval, wilson
+from benchmarks.statistics.paired import McNemar, holm, mcnemar, signed_rank
+from benchmarks.statistics.profiles import performance_profile
+from benchmarks.statistics.summaries import binned, quantiles, shifted_geometric_mean
+
+__all__ = [
+    "McNemar", "binned", "holm", "mcnemar", "median_interval", "performance_profile", "quantiles", "ratio_interval",
+    "shifted_geometric_mean", "signed_rank", "wilson",
+]  # fmt: skip

@@ -1,0 +1,133 @@
+"""Confidence intervals: Wilson's of a proportion, bootstrap intervals of medians and of their ratio."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.types import Array
+
+RESAMPLES = 1000
+"""Resamples of a bootstrap: the ends of a 95 % interval are then the 25th value from either end."""
+
+MOST_RESAMPLED = 2000
+"""Values that are resampled: of more, this many drawn from them; the interval is then wider than all would give."""
+
+RESAMPLED_AT_ONCE = 250
+"""Resamples that are computed at once, so that a bootstrap needs little memory."""
+
+STANDS_FOR_INFINITY = 1e100
+"""Stands for infinity in a bootstrap: quantiles between a number and infinity would be NaN; its square must be finite."""
+
+
+def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson score interval of a proportion.
+
+    SciPy computes it only together with a binomial test, which takes a thousand times longer.
+
+    Parameters
+    ----------
+    successes, trials : int
+        Number of successes, and of trials.
+    confidence : float
+        Confidence level of the interval.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end, from 0 to 1; NaN without trials.
+    """
+    if trials == 0:
+        return float("nan"), float("nan")
+    z, p = NormalDist().inv_cdf(0.5 + confidence / 2), successes / trials
+    middle = p + z * z / (2 * trials)
+    half = z * math.sqrt(p * (1 - p) / trials + (z / (2 * trials)) ** 2)
+    low, high = ((middle + sign * half) / (1 + z * z / trials) for sign in (-1, 1))
+    return (0.0 if successes == 0 else low), (1.0 if successes == trials else high)
+
+
+def median_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
+    """Median and its percentile bootstrap interval.
+
+    Parameters
+    ----------
+    values : (k,) array
+        Values without NaN [as the result]; infinity stands for a failure.
+    confidence : float
+        Confidence level of the interval.
+
+    Returns
+    -------
+    tuple of float
+        Median, lower and upper end; the ends are NaN for fewer than two values, all are NaN for none.
+    """
+    x = np.minimum(np.asarray(values, dtype=float), STANDS_FOR_INFINITY)
+    if x.size == 0:
+        return (float("nan"),) * 3
+    return _percentile((x,), lambda x, axis: np.median(x, axis=axis), confidence)
+
+
+def ratio_interval(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
+    """Ratio of two medians of paired values and its percentile bootstrap interval; pairs are resampled.
+
+    Parameters
+    ----------
+    first, second : (k,) array
+        Values above 0 of both, in the same order of problems [as each other].
+    confidence : float
+        Confidence level of the interval.
+
+    Returns
+    -------
+    tuple of float
+        Ratio, lower and upper end [1]; the ends are NaN for fewer than two pairs, all are NaN for none.
+    """
+    x, y = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    if x.size == 0:
+        return (float("nan"),) * 3
+    return _percentile((x, y), lambda x, y, axis: np.median(x, axis=axis) / np.median(y, axis=axis), confidence)
+
+
+def _percentile(
+    samples: tuple[Array, ...], statistic: Callable[..., Any], confidence: float
+) -> tuple[float, float, float]:
+    """A statistic of all values with its interval; the random numbers follow from the values alone."""
+    value = float(statistic(*samples, axis=-1))
+    ends = (float("nan"), float("nan"))
+    if len(samples[0]) > 1:
+        rng = np.random.default_rng(_seed(samples))
+        part, scale = samples, 1.0
+        if len(samples[0]) > MOST_RESAMPLED:
+            chosen = rng.choice(len(samples[0]), MOST_RESAMPLED, replace=False)
+            part = tuple(sample[chosen] for sample in samples)
+            drawn = float(statistic(*part, axis=-1))
+            scale = value / drawn if drawn else 1.0  # the interval is that of the part, around the value of all
+        ends = _bootstrap(part, statistic, confidence, rng)
+        ends = (scale * ends[0], scale * ends[1])
+    return tuple(math.inf if x > 0.1 * STANDS_FOR_INFINITY else x for x in (value, *ends))  # type: ignore[return-value]
+
+
+def _bootstrap(
+    samples: tuple[Array, ...], statistic: Callable[..., Any], confidence: float, rng: np.random.Generator
+) -> tuple[float, float]:
+    from scipy.stats import bootstrap
+
+    found = bootstrap(
+        samples, statistic, n_resamples=RESAMPLES, batch=RESAMPLED_AT_ONCE, vectorized=True, paired=True, axis=-1,
+        confidence_level=confidence, method="percentile", rng=rng,
+    ).confidence_interval  # fmt: skip
+    return float(found.low), float(found.high)
+
+
+def _seed(samples: tuple[Array, ...]) -> int:
+    """A seed that follows from the values: the same rows have the same interval on every machine."""
+    digest = hashlib.sha256()
+    for sample in samples:
+        digest.update(np.ascontiguousarray(sample, dtype="<f8").tobytes())
+    return int.from_bytes(digest.digest()[:8], "little")

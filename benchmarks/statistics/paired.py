@@ -1,0 +1,101 @@
+"""Paired tests of two methods on the same problems, and Holm's correction where several pairs are tested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True)
+class McNemar:
+    """McNemar's exact test: which of two methods solved which problems.
+
+    Attributes
+    ----------
+    both, first, second, neither : int
+        Problems that both solved, only the first, only the second, and neither.
+    p : float
+        Two-sided p-value of "each is as likely to be the only one": the binomial test on the discordant pairs; 1 where there
+        are none.
+    """
+
+    both: int
+    first: int
+    second: int
+    neither: int
+    p: float
+
+
+def mcnemar(first: ArrayLike, second: ArrayLike) -> McNemar:
+    """McNemar's exact test.
+
+    Parameters
+    ----------
+    first, second : (k,) array of bool
+        Whether each method solved each problem, in the same order.
+
+    Returns
+    -------
+    McNemar
+        Counts and p-value.
+    """
+    a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
+    only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
+    p = 1.0
+    if only_a + only_b:
+        from scipy.stats import binomtest
+
+        p = float(binomtest(only_a, only_a + only_b, 0.5).pvalue)
+    return McNemar(int((a & b).sum()), only_a, only_b, int((~a & ~b).sum()), p)
+
+
+def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
+    """Two-sided p-value of Wilcoxon's signed-rank test on the logarithms of two paired samples of times or errors.
+
+    Logarithms, because times differ by factors: the test asks whether ratios above and below 1 balance.
+
+    Parameters
+    ----------
+    first, second : (k,) array
+        Values above 0 of both, in the same order of problems [as each other].
+
+    Returns
+    -------
+    float
+        p-value; 1 where no pair differs, NaN where there are no pairs.
+    """
+    x, y = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    if x.size == 0:
+        return float("nan")
+    difference = np.log(x) - np.log(y)
+    if not difference.any():
+        return 1.0
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(difference).pvalue)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """p-values of several tests corrected by Holm's step-down procedure (Holm 1979), which bounds the family-wise error.
+
+    Parameters
+    ----------
+    p_values : sequence of float
+        Of each test; NaN where a test could not be made, which then does not count.
+
+    Returns
+    -------
+    list of float
+        Corrected p-values in the same order, at most 1.
+    """
+    p = np.asarray(p_values, dtype=float)
+    found = np.full(p.shape, np.nan)
+    order = [int(i) for i in np.argsort(p, kind="stable") if not np.isnan(p[i])]
+    largest = 0.0
+    for rank, i in enumerate(order):
+        largest = max(largest, min(1.0, (len(order) - rank) * float(p[i])))
+        found[i] = largest
+    return [float(x) for x in found]

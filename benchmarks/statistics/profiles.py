@@ -1,0 +1,35 @@
+"""Performance profiles of several methods on the same problems (Dolan and Moré 2002)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.types import Array
+
+
+def performance_profile(costs: ArrayLike, ratios: ArrayLike) -> Array:
+    """Share of problems that each method solves within a multiple of the least cost that any method had there.
+
+    A problem that no method solved counts among the problems and is solved by none.
+
+    Parameters
+    ----------
+    costs : (k, m) array
+        Cost of each problem by each method, above 0, infinity for a failure [as each other].
+    ratios : (r,) array
+        Multiples of the least cost, from 1 upwards [1].
+
+    Returns
+    -------
+    (r, m) array
+        Shares, from 0 to 1 [1].
+    """
+    cost = np.asarray(costs, dtype=float)
+    best = cost.min(axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        relative = np.where(np.isfinite(cost), cost / best, np.inf)
+    levels = np.asarray(ratios, dtype=float)
+    ordered = np.sort(relative, axis=0)
+    counts = [np.searchsorted(ordered[:, j], levels, side="right") for j in range(cost.shape[1])]
+    return np.stack(counts, axis=1) / len(cost)
