@@ -12,8 +12,10 @@ from typing import Any, ClassVar
 import numpy as np
 import polars as pl
 import pytest
+from typer.testing import CliRunner
 
 import optik
+from benchmarks.cli.app import app
 from benchmarks.kinds.base import Entry
 from benchmarks.kinds.calls.callers import Caller, callers_of
 from benchmarks.kinds.calls.run import timed_part
@@ -121,11 +123,11 @@ def test_a_caller_that_writes_into_its_arguments_gains_nothing_and_is_told() -> 
         return q0
 
     rows = rows_of(call)
-    assert rows["changed_input"].all()
+    assert rows["mutated"].all()
     assert not rows["solved"].any()
     for i in range(6):  # every round starts from the problem's own start
         assert all(np.array_equal(start, PROBLEMS.starts[i]) for start in starts[i::6])
-    assert not rows_of(lambda target, q0: q0)["changed_input"].any()
+    assert not rows_of(lambda target, q0: q0)["mutated"].any()
 
 
 def test_work_that_is_put_off_until_the_answer_is_read_is_timed() -> None:
@@ -150,7 +152,7 @@ def test_remembered_answers_show_in_the_first_time() -> None:
     caller = Caller("x", call, True, lambda raw: raw[None], lambda raw: (None, None), False, None)
     many = near_start(ARM, 5, count=30)  # the first 20 are called before the first round
     rows = timed_part(ARM, many, np.arange(30), [caller], 3).sort("problem")
-    assert (rows["first_ns"][20:] > 1_500_000).all()
+    assert (rows["ns_first"][20:] > 1_500_000).all()
     assert rows["ns"].median() < 500_000  # type: ignore[operator]
 
 
@@ -199,6 +201,21 @@ def test_a_peer_with_another_model_is_never_timed(monkeypatch: pytest.MonkeyPatc
 
 # ---------------------------------------------------------------- worker processes
 
+
+def test_the_command_says_how_a_peer_is_called_and_what_it_lacks(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))
+    said = CliRunner().invoke(app, ["bench", "peer", "placo"])
+    assert said.exit_code == 0
+    assert said.stdout.startswith(f"placo: no environment in {tmp_path / 'placo'}: optik bench peer placo --install\n")
+    assert "KinematicsSolver" in said.stdout
+    refused = CliRunner().invoke(app, ["bench", "peer", "eaik", "--install"])
+    assert isinstance(refused.exception, InvalidInput)
+    assert "pip install EAIK" in str(refused.exception)
+    assert not list(tmp_path.iterdir())
+
+
 SCRIPT = """
 import os, sys, time
 class Method:
@@ -207,7 +224,7 @@ class Method:
         if "broken" in {mode!r}: import nothing_like_that
     def prepared(self, target, q0): return target, q0
     def call(self, target, q0):
-        print("noise")
+        print("noise", flush=True)
         if abs(q0[0] - 3.0) < 1e-9:
             if {mode!r} == "hang": time.sleep(60)
             if {mode!r} == "raise": raise ZeroDivisionError("by zero")

@@ -288,13 +288,6 @@ def test_a_batch_is_judged_at_its_largest_number_of_threads() -> None:
 # ---------------------------------------------------------------- peers
 
 
-def built(name: str, robot: optik.Robot) -> Peer:
-    peer = build_peer(name, robot)
-    if isinstance(peer, Absent):
-        pytest.skip(peer.why)
-    return peer
-
-
 @pytest.mark.parametrize("name", [name for name in names(PEERS) if name != "scipy"])  # which we need ourselves
 def test_a_peer_says_what_it_is_without_its_package(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     kind = load_method(PEERS, name, "peer")
@@ -306,20 +299,6 @@ def test_a_peer_says_what_it_is_without_its_package(name: str, monkeypatch: pyte
     else:
         hide(monkeypatch, kind.package)
     assert build_peer(name, optik.load("paper6r")) == absent
-
-
-@pytest.mark.parametrize("name", names(PEERS))
-def test_a_peer_that_is_here_solves_most_warm_problems(name: str) -> None:
-    robot, problems = problems_of(20)
-    peer = built(name, robot)
-    assert version_of(name)
-    raws = [
-        peer.call(T.copy(), q.copy()) if peer.takes_start else peer.call(T.copy())
-        for T, q in zip(problems.targets, problems.starts, strict=True)
-    ]
-    rows = judged(robot, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)
-    assert rows["solved"].sum() >= 18
-    assert {peer.iterations(raw) is None for raw in raws} in ({True}, {False})
 
 
 def test_a_peer_that_cannot_take_an_arm_says_so() -> None:

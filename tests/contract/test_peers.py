@@ -10,7 +10,7 @@ import pytest
 import optik
 from benchmarks.kinds.calls.judgement import judged
 from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import Absent, Peer, build_peer
+from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.near_start import near_start
 from optik.registry import names
 
@@ -23,7 +23,7 @@ SLIDING = "irb910sc"
 OUTSIDE = ("drake", "optik_py", "placo")
 """Peers in environments of their own, which only their command makes: only these may be absent here."""
 
-SLOW = {"ikpy": 12, "plain_casadi": 20, "scipy": 50, "drake": 50}
+SLOW = {"ikpy": 12, "plain_casadi": 15, "scipy": 40, "drake": 40, "mink": 60, "pink": 60, "pytracik": 60}
 """Warm problems for those that take milliseconds each; the others are given 200."""
 
 WITHOUT_MODEL = ("scipy",)
@@ -74,6 +74,7 @@ def test_it_solves_warm_problems_and_its_claims_hold(name: str, robot: str) -> N
     problems = near_start(arm, 5, count=SLOW.get(name, 200), spreads=[0.1])
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
     rows = judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)
+    assert version_of(name)
     assert rows["solved"].any()
     claims = [peer.claims(raw) for raw in raws]
     assert set(claims) in ({None}, {True}, {True, False})

@@ -5,8 +5,8 @@ import os
 import tempfile
 from typing import Any
 
-MAX_TIME = 0.02
-"""Time limit of a call [s], long enough for its restarts."""
+MAX_TIME = 0.1
+"""Time limit of a call [s], its default: long enough for its restarts also on a busy machine."""
 TOL_F = 1e-13
 """Bound on its objective, half the squared norm of the error: with the default of 1e-6 no answer is within 1e-6 m and rad."""
 

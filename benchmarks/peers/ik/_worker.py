@@ -145,7 +145,7 @@ class WorkerPeer(Peer):
         return self._worker.solve([(target.tolist(), q0.tolist()) for target, q0 in arguments])
 
     def answers(self, raw: Any) -> Array:
-        """Its one configuration, if it has returned one.
+        """Its one configuration, if it has returned one, clamped to the limits, which these methods keep to rounding.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class WorkerPeer(Peer):
         (k, n) array
             Configurations [rad, m].
         """
-        return none(self.robot) if raw["q"] is None else one(raw["q"])
+        return none(self.robot) if raw["q"] is None else one(self.robot.limits.clip(raw["q"]))
 
     def iterations(self, raw: Any) -> int | None:
         """Number of iterations, None if the method does not report it.

@@ -17,7 +17,7 @@ class OptikPy(WorkerPeer):
     clocked = True
     random = True
     settings = (
-        "Robot.ik in Speed mode, max_time 20 ms, tol_f 1e-13 (on half the squared error; its default of 1e-6 reaches "
+        "Robot.ik in Speed mode, max_time 0.1 s, tol_f 1e-13 (on half the squared error; its default of 1e-6 reaches "
         "1e-3 m, not 1e-6), one thread (the default races one restart a core); in a worker process, since its import "
         "name is ours; times are taken there, without the pipe"
     )

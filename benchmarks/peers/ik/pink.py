@@ -59,9 +59,10 @@ class Pink(Peer):
             return configuration.q.copy(), i, converged
 
         self.call = call
+        self.limits = robot.limits
 
     def answers(self, raw: Any) -> Array:
-        """The configuration at which the loop ended.
+        """The configuration at which the loop ended, clamped to the limits, which its quadratic programme keeps to rounding.
 
         Parameters
         ----------
@@ -73,7 +74,7 @@ class Pink(Peer):
         (1, n) array
             Configurations [rad, m].
         """
-        return one(raw[0])
+        return one(self.limits.clip(raw[0]))
 
     def iterations(self, raw: Any) -> int | None:
         """Number of quadratic programmes.

@@ -31,8 +31,6 @@ class TimingPeer(ABC):
         How it is set up and called, for the report.
     keeps : tuple of str
         Limits that it promises to keep.
-    follows : bool
-        Whether its motion is meant to stay on the path; one that leaves it sets no shortest duration.
 
     Raises
     ------
@@ -44,7 +42,6 @@ class TimingPeer(ABC):
     package: ClassVar[str]
     settings: ClassVar[str]
     keeps: ClassVar[tuple[str, ...]]
-    follows: ClassVar[bool] = True
 
     @abstractmethod
     def __init__(self, limits: dict[str, Array]) -> None:

@@ -28,7 +28,6 @@ class RuckigJoints(TimingPeer):
         "as its deviation shows; a bound on what ignoring the path gains, not a law for it"
     )
     keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
-    follows = False
 
     def __init__(self, limits: dict[str, Array]) -> None:
         import ruckig
