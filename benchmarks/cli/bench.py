@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,9 @@ from benchmarks.cli.reports import add_reports, bench_report
 from benchmarks.cli.running import AllowPlugins, Dask, PartTimeout, Workers, run_with_progress
 from benchmarks.cli.shared import AsJson, command, either, err_console, out_console, print_json
 from benchmarks.cli.suites import add_suites
+
+DEMO_WORKERS = min(2, os.cpu_count() or 1)
+"""Processes of the demo: a second one halves the time until the report; what is timed has the machine to itself."""
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 
@@ -98,7 +102,7 @@ def bench_run(
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the run and its report.")] = Path("optik-demo"),
-    workers: Workers = 1,
+    workers: Workers = DEMO_WORKERS,
     as_json: AsJson = False,
 ) -> None:
     """Compare the methods on the paper's line and workspace: the suite `paper` and its report.

@@ -138,10 +138,12 @@ def nearest_that_hold(within: Flags) -> int:
 
 def _within_figures(rows: pl.DataFrame, last: pl.DataFrame, most: int) -> tuple[tuple[str, str], ...]:
     share = rows.group_by("budget", maintain_order=True).agg(ok=(pl.col("axis") <= TWO_MM).mean())
-    turned = last.select(ok=(pl.col("axis") <= TWO_MM) & (pl.col("rotation_error") <= ROTATION_RAD))["ok"].mean()
+    turned = (
+        last.select(ok=(pl.col("axis") <= TWO_MM) & (pl.col("rotation_error") <= ROTATION_RAD))["ok"].to_numpy().mean()
+    )
     return (
         *((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows()),
-        (f"within 2 mm and 0.1° after {most} iterations", f"{100 * turned:.1f} %"),  # type: ignore[operator]
+        (f"within 2 mm and 0.1° after {most} iterations", f"{100 * turned:.1f} %"),
     )
 
 

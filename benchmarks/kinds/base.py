@@ -51,6 +51,8 @@ class Kind(Shown, ABC):
         Whether it has work of its own beside its parts, timed by itself in the first process.
     on_paper : bool
         Whether its rows bear on the paper's claims.
+    warms : bool
+        Whether its first calls compile so much that `warm` is worth a process of its own.
     """
 
     name: ClassVar[str]
@@ -59,6 +61,7 @@ class Kind(Shown, ABC):
     order: ClassVar[int] = 100
     alone: ClassVar[bool] = True
     on_paper: ClassVar[bool] = False
+    warms: ClassVar[bool] = False
 
     # ------------------------------------------------------------ settings
 
@@ -162,6 +165,16 @@ class Kind(Shown, ABC):
         return None
 
     # ------------------------------------------------------------ work
+
+    def warm(self, block: Any) -> None:
+        """Make the first calls of a block, in another process, so that compiled kernels are in the cache when it is run.
+
+        Parameters
+        ----------
+        block : Block
+            The block.
+        """
+        return
 
     def parts(self, block: Any, prepared: Any, folder: RunFolder) -> Iterable[Part]:
         """Work that any process may do: none, where a block is only timed by itself.

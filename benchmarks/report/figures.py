@@ -205,7 +205,7 @@ def log_axis(title: str, **options: Any) -> Json:
 
 
 def line(**options: Any) -> Json:
-    """A line trace.
+    """A line trace; its numbers are ours already, and Plotly would look at every one of them.
 
     Parameters
     ----------
@@ -219,8 +219,9 @@ def line(**options: Any) -> Json:
     """
     import plotly.graph_objects as go
 
+    numbers = {k: options.pop(k) for k in ("x", "y", "customdata") if k in options}
     data: Json = go.Scatter(**({"mode": "lines", "showlegend": False} | options)).to_plotly_json()
-    return data
+    return data | numbers
 
 
 def heatmap(**options: Any) -> Json:

@@ -16,6 +16,7 @@ from benchmarks.kinds.base import Kind, Part
 from benchmarks.provenance import provenance
 from benchmarks.records import ARMS, FORMAT, RunFolder
 from benchmarks.run.alone import Mark, run_apart
+from benchmarks.run.aside import compiled_aside
 from benchmarks.run.cluster import OnDask
 from benchmarks.run.lock import locked
 from benchmarks.run.parts import Done, solved
@@ -147,8 +148,9 @@ def run_suite(
     with _begun(folder, manifest) as begun, closing(where.place(manifest["plugins"])) as place:
         expect(manifest["plugins"])
         run = _Session(suite, folder, begun, progress or (lambda done, total, what: None))
-        run.prepare()
-        run.do_parts(place)
+        with compiled_aside(suite, wanted=isinstance(place, Workers)):
+            run.prepare()
+            run.do_parts(place)
         run.do_alone()
         run.finish()
     return folder

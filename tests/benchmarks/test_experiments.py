@@ -44,10 +44,15 @@ def even(d: Array) -> Array:
     return np.tile(np.array([0.6, 0.64, 0.48]), (len(d), 1))
 
 
-def turning(d: Array) -> Array:
-    """Shares of which that of X grows with the distance, so that the error in X grows with its square."""
-    x = d / 0.7
-    return np.stack([x, np.sqrt(0.6 * (1 - x * x)), np.sqrt(0.4 * (1 - x * x))], axis=1)
+def turning(axis: int) -> Callable[[Array], Array]:
+    """Shares of which that of one axis grows with the distance, so that its error grows with the square."""
+
+    def shares(d: Array) -> Array:
+        one = 0.5 * d
+        rest = np.sqrt(0.5 * (1.0 - one * one))
+        return np.roll(np.stack([one, rest, rest], axis=1), axis, axis=1)
+
+    return shares
 
 
 def settings(
@@ -133,8 +138,9 @@ def test_claim_c_holds_for_the_settings_that_are_linear() -> None:
     assert linear_error(settings(grows(2.0), grows(1.0))).verdict == f"{PARTLY} the setting is dls 1 (5 iterations)"
 
 
-def test_claim_c_may_hold_for_the_distance_and_for_no_axis() -> None:
-    verdict = linear_error(settings(grows(1.0), shares=turning)).verdict
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_claim_c_may_hold_for_the_distance_and_not_for_each_axis(axis: int) -> None:
+    verdict = linear_error(settings(grows(1.0), shares=turning(axis))).verdict
     assert verdict.startswith(f"{PARTLY} the distance of the tool is meant, not each axis")
 
 
@@ -203,12 +209,14 @@ def test_claim_e_holds_for_both_for_one_or_for_none(by_start: float, by_step: fl
     assert start_and_step(step(by_start, by_step)).verdict.startswith(verdict)
 
 
-def planned(*, ratio: float = 0.5, jump: float = 0.0, off: float = 1e-7, at_samples: float = 1e-7) -> Rows:
+def planned(
+    *, ratio: float = 0.5, jump: float = 0.0, off: float = 1e-7, turned: float = 1e-7, at_samples: float = 1e-7
+) -> Rows:
     """A plan with the quintic law: worst value over limit, a jump of the velocity, deviation between and at the samples."""
     extreme = {"value": [ratio], "ratio": [ratio], "time": [0.0]}
     certificate = {
         **dict.fromkeys(("velocity", "acceleration", "jerk"), extreme), "joint_names": ["a"],
-        "continuous": 0 if jump else 2, "path_error": {"distance": off, "angle": off, "t_distance": 0.0, "t_angle": 0.0},
+        "continuous": 0 if jump else 2, "path_error": {"distance": off, "angle": turned, "t_distance": 0.0, "t_angle": 0.0},
     }  # fmt: skip
     return Rows(
         {},
@@ -228,8 +236,9 @@ def test_claim_f_holds_within_limits_holds_without_jumps_or_does_not() -> None:
 
 def test_claim_g_holds_everywhere_at_the_samples_or_not() -> None:
     assert on_the_line(planned()).verdict == HOLDS
-    assert on_the_line(planned(off=1e-2)).verdict == f"{PARTLY} only the samples are meant"
-    assert on_the_line(planned(off=1e-2, at_samples=1e-2)).verdict == FAILS
+    for broken in ({"off": 1e-2}, {"turned": 1e-2}):
+        assert on_the_line(planned(**broken)).verdict == f"{PARTLY} only the samples are meant"
+        assert on_the_line(planned(**broken, at_samples=1e-2)).verdict == FAILS
 
 
 @pytest.mark.parametrize("power", [0.5, 1.0, 2.0])

@@ -9,7 +9,7 @@ import polars as pl
 
 from benchmarks.kinds.base import Block, BlockRows, Kind, Section, Table, Tell, Winner
 from benchmarks.kinds.plans.rows import LinePlans
-from benchmarks.kinds.plans.run import PLANS, check_line, run_line
+from benchmarks.kinds.plans.run import PLANS, check_line, plan_once, run_line
 from benchmarks.kinds.plans.settings import LineTask, read_task
 from benchmarks.records import RunFolder
 from optik.registry import short_name
@@ -26,12 +26,16 @@ class _Plans(Kind):
     single = True
     order = 40
     on_paper = True
+    warms = True
 
     def settings(self, data: Any) -> LineTask:
         return read_task(data)
 
     def prepare(self, block: LineTask, seed: int) -> None:
         check_line(block)
+
+    def warm(self, block: LineTask) -> None:
+        plan_once(block)
 
     def run(self, block: LineTask, seed: int, folder: RunFolder, tell: Tell) -> None:
         if not folder.has(PLANS):

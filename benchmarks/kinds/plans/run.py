@@ -27,8 +27,11 @@ from planners.plan import Plan, make_law, plan
 PLANS = "line/plans.json"
 """Summaries of all plans; it is written last, and marks the end of the work."""
 
-MOTION_INSTANTS = 1501
-"""Instants of a motion that are kept for plots: a pixel each on a wide screen."""
+MOTION_INSTANTS = 751
+"""Instants of a motion that are kept for plots: a pixel each, five to an interval of the paper's line."""
+
+TOOL_INSTANTS = 1501
+"""Instants of the tool's deviation that are kept: it swings between the samples, so the largest of several is drawn."""
 
 PICTURES = 61
 """Pictures of the moving arm: enough to look smooth, few enough for a small page."""
@@ -70,6 +73,19 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
     return robot, q, path
 
 
+def plan_once(task: LineTask) -> None:
+    """Plan the line once by every law and with the first IK method, which compiles what planning takes.
+
+    Parameters
+    ----------
+    task : LineTask
+        The task.
+    """
+    robot, q, path = check_line(task)
+    for law in task.laws:
+        plan(robot, path, q, ik=make_solver(robot, task.ik[0]), timing=law, samples=task.samples)
+
+
 def run_line(task: LineTask, folder: RunFolder) -> None:
     """Plan the line by every method and law, and write what reports show.
 
@@ -96,11 +112,12 @@ def run_line(task: LineTask, folder: RunFolder) -> None:
             summaries.append(_summary(planned, float(np.median(seconds))))
     good = {k: p for k, p in plans.items() if p}
     if good:
-        folder.write("line/motion.parquet", pl.concat([_motion(p) for p in good.values()]))
-        folder.write("line/tool.parquet", pl.concat([_tool(p) for p in good.values()]))
+        shown = list({p.law: p for p in reversed(good.values())}.values())[::-1]  # by the first IK method of each law
+        folder.write("line/motion.parquet", pl.concat([_motion(p) for p in shown]))
+        folder.write("line/tool.parquet", pl.concat([_tool(p) for p in shown]))
         first = {p.ik: p for p in reversed(good.values())}
         folder.write("line/samples.parquet", pl.concat([_samples(p) for p in first.values()]))
-        folder.write("line/frames.parquet", pl.concat([_frames(p) for p in {p.law: p for p in good.values()}.values()]))
+        folder.write("line/frames.parquet", pl.concat([_frames(p) for p in shown]))
     folder.write_json(PLANS, summaries)
 
 
@@ -154,7 +171,7 @@ def _motion(planned: Plan) -> pl.DataFrame:
 
 def _tool(planned: Plan) -> pl.DataFrame:
     """Where the tool is, and how far from the path, one row an instant."""
-    t = np.linspace(0.0, planned.trajectory.end, MOTION_INSTANTS)
+    t = np.linspace(0.0, planned.trajectory.end, TOOL_INSTANTS)
     pose = planned.robot.fk(planned.trajectory(t))
     s = planned.path.nearest(pose)
     e = se3.error(pose, planned.path.pose(s))

@@ -107,8 +107,9 @@ def _distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
         part = b.known.filter(pl.col("method") == label).with_columns(
             _millimetres(column), far=pl.col("distance") * 1e3
         )
+        by_budget = part.partition_by("budget", as_dict=True)
         for budget, shade in zip(budgets, shades(len(budgets)), strict=True):
-            table = binned(part.filter(pl.col("budget") == budget), "far", "mm", width=50.0)
+            table = binned(by_budget[budget,] if (budget,) in by_budget else part.clear(), "far", "mm", width=50.0)
             for quantile, words, dash in (("q0.5", "median", "solid"), ("q0.95", "95th percentile", "dot")):
                 plot.add(
                     line(
@@ -161,7 +162,8 @@ def _budget_lines(plot: Plot, b: BudgetRows, label: str, colour: str, column: st
     part = b.known.filter(pl.col("method") == label).with_columns(_millimetres(column))
     if part.is_empty():
         return
-    values = [quantiles(part.filter(pl.col("budget") == n)["mm"].to_numpy(), (0.5, 0.95)) for n in b.block.budgets]
+    found = {n: rows["mm"].to_numpy() for (n,), rows in part.partition_by("budget", as_dict=True).items()}
+    values = [quantiles(found.get(n, []), (0.5, 0.95)) for n in b.block.budgets]
     for k, (words, dash) in enumerate((("median", "solid"), ("95th percentile", "dot"))):
         plot.add(
             line(

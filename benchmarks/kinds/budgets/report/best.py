@@ -31,11 +31,8 @@ def winners(run: Run) -> list[Winner]:
 
 
 def _winner(b: BudgetRows) -> Winner | None:
-    """Methods with one attempt, on the problems with a known solution that all of them were given.
-
-    Methods that were given less than half of these problems are named and left out: with them all others would be compared on
-    the few that they were given.
-    """
+    """Methods with one attempt, on the problems with a known solution that all of them were given."""
+    # Methods with less than half of these problems are named and left out: all would be compared on the few that they have.
     known = b.last.filter("known")
     counts = {label: known.filter(pl.col("method") == label).height for label in b.budgeted}
     labels = [label for label in b.budgeted if 2 * counts[label] >= max(counts.values())]

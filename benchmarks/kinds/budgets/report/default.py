@@ -92,7 +92,8 @@ def answer(pair: Pair, run: Run) -> str:
     text = (
         f"{word}: of {count:,} targets with a known solution one attempt of the default ({pair.attempt}) solves "
         f"{shares[pair.attempt]}, the paper's iteration ({pair.paper}) {shares[pair.paper]}; {test.first:,} are solved by the "
-        f"first only, {test.second:,} by the second only (McNemar's p {'=' if test.p else '<'} {number(max(test.p, 1e-300), 2)})."
+        f"first only, {test.second:,} by the second only (McNemar's p {'=' if test.p else '<'} "
+        f"{number(max(test.p, 1e-300), 2)})."
     )
     if pair.whole:
         text += f" As it comes, with restarts, the default ({pair.whole}) solves {shares[pair.whole]}."

@@ -96,27 +96,25 @@ def _sheet(plot: Plot, b: BudgetRows, sheet: Sheet) -> None:
         ),
         here,
     )  # fmt: skip
-    for label in b.budgeted:
-        part = rows.filter((pl.col("method") == label) & pl.col("known"))
-        last = part.filter(pl.col("budget") == b.budget)
-        when = here | {"method": [label]}
-        _iterations(plot, last, squares, where, when | {"quantity": [MAP_ITERATIONS]}, b.budget)
-        for budget in chosen(b.block.budgets, MAP_BUDGETS):
-            _errors(plot, part.filter(pl.col("budget") == budget), squares, where, when | {"budget": [str(budget)]})
+    shown = {str(n) for n in chosen(b.block.budgets, MAP_BUDGETS)}
+    for (label, budget), part in rows.filter("known").partition_by("method", "budget", as_dict=True).items():
+        when = here | {"method": [str(label)]}
+        if budget == b.budget and label in b.budgeted:
+            _iterations(plot, part, squares, where, when | {"quantity": [MAP_ITERATIONS]}, b.budget)
+        if str(budget) in shown and label in b.budgeted:
+            _errors(plot, part, squares, where, when | {"budget": [str(budget)]})
 
 
 def _errors(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, when: Json) -> None:
     """Draw the error of each axis after one budget."""
-    if rows.is_empty():
-        return
     low, high = ERROR_DECADES
     ticks = list(range(low, high + 1, 3))
     words = [f"≤ 10{_raised(k)}" if k == low else "1" if k == 0 else f"10{_raised(k)}" for k in ticks]
+    at = rows.with_columns((pl.col(column).abs() * 1e3).clip(10.0**low) for column in MAP_ERRORS)
     for column, name in MAP_ERRORS.items():
-        at = rows.with_columns(mm=(1e3 * pl.col(column).abs()).clip(10.0**low))
         plot.add(
             heatmap(
-                customdata=squares.matrix(at, "mm", 2), meta="log10", **squares.options, colorscale="Viridis",
+                customdata=squares.matrix(at, column, 2), meta="log10", **squares.options, colorscale="Viridis",
                 zmin=low, zmax=high, colorbar=_bar("|error| [mm]", tickvals=ticks, ticktext=words),
                 hovertemplate=f"{where}%{{customdata:.2g}} mm{HOVER}",
             ),

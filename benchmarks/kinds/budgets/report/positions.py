@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import polars as pl
 
@@ -80,14 +82,11 @@ def _sheet(plot: Plot, rows: pl.DataFrame, sheet: Sheet, methods: list[str], bud
         ),
         here,
     )  # fmt: skip
-    for method in methods:
-        for budget in budgets:
-            part = rows.filter((pl.col("method") == method) & (pl.col("budget") == budget)).sort("problem")
-            if part.is_empty():
-                continue
-            when = here | {"method": [method], "budget": [str(budget)]}
-            for trace in _tools(part, u, v):
-                plot.add(trace, when)
+    parts = rows.sort("problem").partition_by("method", "budget", as_dict=True)
+    for method, budget in product(methods, budgets):
+        if (method, budget) in parts:
+            for trace in _tools(parts[method, budget], u, v):
+                plot.add(trace, here | {"method": [method], "budget": [str(budget)]})
 
 
 def _tools(part: pl.DataFrame, u: str, v: str) -> list[Json]:

@@ -59,9 +59,11 @@ def motion(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if rows is None or found is None or not found.solved:
         return None
+    rows = rows.filter(pl.col("ik") == pl.col("ik").first().over("law"))
     boards = [_joint_board(found, rows, run)]
     tool = run.folder.read("line/tool.parquet")
     if tool is not None:
+        tool = tool.filter(pl.col("ik") == pl.col("ik").first().over("law"))
         boards.append(_tool_board(found, tool, run))
     return {"boards": boards, "beyond": _beyond(found)}
 
@@ -89,7 +91,6 @@ def _beyond(found: LinePlans) -> list[str]:
 
 def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     robot = run.robot(found.block.robot)
-    iks = rows["ik"].unique(maintain_order=True).to_list()
     laws = rows["law"].unique(maintain_order=True).to_list()
     joints = rows["joint"].unique(maintain_order=True).to_list()
     plots = []
@@ -97,7 +98,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
         plot = Plot(
             f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
         )
-        for (ik, law, joint), part in rows.group_by("ik", "law", "joint", maintain_order=True):
+        for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
             i = joints.index(joint)
             t = part["t"]
             plot.add(
@@ -105,7 +106,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
                     x0=0, dx=float(t[-1]) / (len(t) - 1), y=lean(part[column]), name=f"{joint}, {law}",
                     line={"color": colour(i), "width": 1.6}, hovertemplate=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}{HOVER}",
                 ),
-                {"ik": [str(ik)], "law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
+                {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
                 [({"law": [ALL_LAWS]}, {"line": {"color": run.colour(str(law))}})],
             )  # fmt: skip
         _bands(plot, _limits(found, column, robot), column, joints)
@@ -113,7 +114,6 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
         _time_ranges(plot, rows, laws)
         plots.append(plot)
     controls = (
-        Control.of("ik", "Inverse kinematics", iks),
         Control.of("law", "Time law", (*laws, ALL_LAWS)),
         Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
         Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
@@ -122,7 +122,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
     legend += [Key(law, run.colour(law), "solid", {"law": [ALL_LAWS]}) for law in laws]
     legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
-    instants = len(rows) // len(rows.unique(["ik", "law", "joint"]))
+    instants = len(rows) // len(rows.unique(["law", "joint"]))
     return Board(
         "motion-board", tuple(plots), controls, tuple(legend),
         f"{instants:,} instants of the polynomials. “{IN_VIEW}” cuts what goes far beyond them; “{WHOLE_CURVES}” shows all. "
@@ -201,7 +201,6 @@ def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
 
 
 def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
-    iks = rows["ik"].unique(maintain_order=True).to_list()
     laws = rows["law"].unique(maintain_order=True).to_list()
     most = 1e6 * max(float(rows[c].to_numpy().max()) for c in ("distance", "angle"))
     fields = {
@@ -214,7 +213,7 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
         plot = Plot(
             f"tool-{column}", title, {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": vertical}, height=300
         )
-        for (ik, law), part in rows.group_by("ik", "law", maintain_order=True):
+        for (law,), part in rows.group_by("law", maintain_order=True):
             t = part["t"].to_numpy()
             if column == "speed":
                 y = np.gradient(part["s"].to_numpy(), t)
@@ -225,13 +224,12 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
                     x0=float(t[0]), dx=float(t[1] - t[0]), y=lean(scale * y), name=str(law),
                     line={"color": run.colour(str(law)), "width": 2},
                     hovertemplate=f"{law}<br>%{{x:.3f}} s: %{{y:.3g}}{HOVER}",
-                ),
-                {"ik": [str(ik)]},
+                )
             )  # fmt: skip
         plots.append(plot)
     legend = tuple(Key(law, run.colour(law)) for law in laws)
     return Board(
-        "tool-board", tuple(plots), (Control.of("ik", "Inverse kinematics", iks),), legend,
+        "tool-board", tuple(plots), (), legend,
         f"Speed from differences of the path length between instants. Deviations: the largest of every {ENVELOPE} instants.",
     )  # fmt: skip
 
