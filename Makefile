@@ -4,6 +4,8 @@ VENV   ?= .venv
 OUT    ?= optik-demo
 BIN    := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+# Environments of the peers that clash with ours; Drake's is left to `optik bench peer drake --install`, its tests are skipped.
+export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: demo test lint docs soak mutants clean
@@ -41,6 +43,8 @@ $(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet -e '.[dev]'
+	$(BIN)/optik bench peer optik_py --install
+	$(BIN)/optik bench peer placo --install
 	@touch $@ $(VENV)/.core
 
 $(VENV)/.docs: pyproject.toml constraints.txt | $(BIN)/python

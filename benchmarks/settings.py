@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
+from optik.plugins.options import nearest
 from optik.registry import check_name
 
 Item = TypeVar("Item")
@@ -103,8 +103,8 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
     """
     check_table(data, where)
     if unknown := sorted(set(data) - known):
-        near = get_close_matches(unknown[0], known, n=1)
-        meant = f"{near[0]!r}, or another of" if near else "keys out of"
+        near = nearest(unknown[0], known)
+        meant = f"{near!r}, or another of" if near else "keys out of"
         raise InvalidInput(where, f"the key {unknown[0]!r}", f"{meant} {', '.join(sorted(known))}")
     if missing := sorted((need or set()) - set(data)):
         raise InvalidInput(where, f"no {missing[0]!r}", f"the keys {', '.join(sorted(need or set()))}")

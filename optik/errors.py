@@ -35,6 +35,10 @@ class InvalidInput(OptikError, ValueError):
         self.expected = expected
 
 
+class Unsupported(InvalidInput):
+    """An arm or a task that a method does not support: a refusal before it computes, not a failure."""
+
+
 class RobotModelError(OptikError, ValueError):
     """A robot description that is not a serial arm, or is inconsistent.
 

@@ -15,6 +15,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import SUFFIXES, is_path, module_of, split_links
 from optik.plugins.installed import Refused, distribution_of, entry_points
 from optik.plugins.methods import DATA_GROUPS, NamedDependency, base_of, checked, wanted
+from optik.plugins.options import defaults, nearest
 from optik.plugins.used import Used, file_beside, file_of, in_finished_run, note
 
 GROUPS = (
@@ -286,8 +287,10 @@ def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments
         wrong = re.search(r"(got an unexpected keyword|missing \d+ required|takes no argument).*", str(error))
         if wrong is None:
             raise
-        given = ", ".join(options) or "none"
+        given, known = ", ".join(options) or "none", defaults(method)
         expected = f"options of the {kind} {short_name(name)!r}"
+        meant = [near for option in options if option not in known and (near := nearest(option, known))]
+        expected += f", such as {', '.join(meant)}" if meant else ""
         raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
 
 

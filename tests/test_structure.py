@@ -18,6 +18,7 @@ from optik.errors import (
     OutputError,
     RobotModelError,
     UnknownName,
+    Unsupported,
 )
 from tests.oracles import REPOSITORY
 
@@ -264,13 +265,14 @@ def test_a_folder_with_an_init_is_a_name_and_another_is_none(folder):
 
 ERRORS = [
     InvalidInput("q0", "shape (5,)", "shape (6,)"),
+    Unsupported("task", "position", '"pose"'),
     RobotModelError("arm", "no joints"),
     UnknownName("robot", "pume", ("puma560", "ur5e")),
     MissingDependency("ssik", "IK method 'closed'", "dev"),
     NoSolution("joint 2 at its limit", s=0.1, joint="joint2", advice="a shorter line"),
     OutputError("run", "holds something else"),
 ]
-BUILT_IN = [ValueError, ValueError, LookupError, ImportError, RuntimeError, OSError]
+BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, OSError]
 
 
 @pytest.mark.parametrize(("error", "kind"), zip(ERRORS, BUILT_IN, strict=True), ids=lambda e: type(e).__name__)

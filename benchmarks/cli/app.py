@@ -14,6 +14,7 @@ import optik
 from benchmarks.cli.bench import bench_app, demo
 from benchmarks.cli.doctor import doctor
 from benchmarks.cli.output import guard_output
+from benchmarks.cli.peer import bench_peer
 from benchmarks.cli.plan import plan_app
 from benchmarks.cli.shared import (
     AsJson,
@@ -210,6 +211,7 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 
 command(app)(demo)
 command(app)(doctor)
+command(bench_app, "peer")(bench_peer)
 
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from benchmarks.cli.reports import add_reports
+from benchmarks.cli.reports import add_reports, bench_report
 from benchmarks.cli.running import AllowPlugins, Dask, PartTimeout, Workers, run_with_progress
 from benchmarks.cli.shared import AsJson, command, either, err_console, out_console, print_json
-from optik.plugins.used import record
+from benchmarks.cli.suites import add_suites
 
 DEMO_WORKERS = min(2, os.cpu_count() or 1)
 """Processes of the demo: a second one halves the time until the report; what is timed has the machine to itself."""
@@ -22,6 +22,7 @@ DEMO_WORKERS = min(2, os.cpu_count() or 1)
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 
 add_reports(bench_app)
+add_suites(bench_app)
 
 
 @command(bench_app, "list")
@@ -67,6 +68,7 @@ def bench_run(
     dask: Dask = "",
     part_timeout: PartTimeout = None,
     allow_plugins: AllowPlugins = False,
+    report: Annotated[bool, typer.Option("--report", help="Write the report, too.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run a suite into a folder; a run that was stopped is continued by the same command.
@@ -76,7 +78,7 @@ def bench_run(
 
     Parameters
     ----------
-    suite, out, workers, dask, part_timeout, allow_plugins, as_json
+    suite, out, workers, dask, part_timeout, allow_plugins, report, as_json
         As ``--help`` says.
 
     Raises
@@ -86,7 +88,9 @@ def bench_run(
     """
     folder = run_with_progress(suite, out, workers, allow_plugins, dask, part_timeout)
     manifest = folder.manifest()
-    if as_json:
+    if report:
+        bench_report(out, as_json=as_json)
+    elif as_json:
         print_json(manifest)
     else:
         out_console.print(
@@ -94,41 +98,6 @@ def bench_run(
         )
     if not manifest["complete"]:
         raise typer.Exit(1)
-
-
-@command(bench_app, "check")
-def bench_check(
-    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
-    as_json: AsJson = False,
-) -> None:
-    """Check the settings of a suite and list the plug-ins that running it would use; nothing of theirs is run.
-
-    Parameters
-    ----------
-    suite, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        As `load_suite`.
-    """
-    from benchmarks.suite import load_suite
-
-    asked = load_suite(suite)
-    rows = record(asked.plugins)
-    if as_json:
-        print_json({"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows})
-        return
-    words = f"the settings of {asked.name} are right"
-    if any("path" in row for row in rows):
-        words += "; the files were not run"
-    if asked.unread:
-        words += f", so the settings of their kinds of block were not checked: {', '.join(asked.unread)}"
-    out_console.print(words, highlight=False, markup=False, soft_wrap=True)
-    for row in rows:
-        what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
-        out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
 
 
 def demo(

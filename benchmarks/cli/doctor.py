@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import importlib.util
 import os
 import re
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from rich.table import Table
 import optik
 from benchmarks.cli.shared import AsJson, out_console, print_json
 from benchmarks.peers.ik import PEERS
+from benchmarks.peers.ik.base import missing, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance
 from optik.compiled import KernelCache
@@ -150,11 +150,10 @@ def _peers() -> Iterator[Row]:
     for folder, part in ((PEERS, "peers: inverse kinematics"), (TIMING_PEERS, "peers: time laws")):
         for name in sorted(own_names(folder)):
             kind = load_method(folder, name, "peer")
-            version = _version(kind.distribution)
-            if importlib.util.find_spec(kind.package) is None:
-                yield Row(part, name, "absent", f"pip install {kind.distribution}")
-            else:
-                yield Row(part, name, "usable", f"{kind.distribution} {version}")
+            why = missing(kind)
+            yield Row(
+                part, name, "absent" if why else "usable", why or f"{kind.distribution} {version_of(name, folder)}"
+            )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,9 @@ CLOCK_CALLS = 2000
 """Calls of nothing by which the cost of timing itself is found: enough for a median that repeats to a few nanoseconds."""
 
 
-def timed(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> tuple[NDArray[np.int64], list[Any]]:
+def timed(
+    call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], *, keep_errors: bool = False
+) -> tuple[NDArray[np.int64], list[Any]]:
     """Time one call for each tuple of arguments.
 
     Parameters
@@ -29,13 +31,15 @@ def timed(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> tup
         What is timed.
     arguments : sequence of k tuples
         Of each call.
+    keep_errors : bool
+        Whether an exception of a call takes the place of its result; otherwise it ends all calls.
 
     Returns
     -------
     took : (k,) array of int
         Time of each call [ns].
     raws : list of k objects
-        What each returned.
+        What each returned, or the exception that it raised.
     """
     clock = time.perf_counter_ns
     took = np.empty(len(arguments), dtype=np.int64)
@@ -45,7 +49,12 @@ def timed(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> tup
     try:
         for i, given in enumerate(arguments):
             begin = clock()
-            raw = call(*given)
+            try:  # costs no time where nothing is raised
+                raw = call(*given)
+            except Exception as error:
+                if not keep_errors:
+                    raise
+                raw = error
             end = clock()
             took[i] = end - begin
             raws.append(raw)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.kinds.base import Entry
-from benchmarks.settings import all_of, check_different, check_keys, check_known, optional_count
+from benchmarks.settings import all_of, check_different, check_keys, check_known, check_table, optional_count
 from optik.registry import short_name
 
 
@@ -35,7 +35,12 @@ def read_method(data: Any, where: str) -> Entry:
     check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
     name = check_known(data["solver"], "optik.ik", "IK method")
     most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), most)
+    return Entry(
+        str(data.get("label", short_name(name))),
+        name,
+        dict(check_table(data.get("options", {}), f"{where}: options")),
+        most,
+    )
 
 
 def read_law(data: Any, where: str, role: str = "law") -> Entry:
@@ -64,11 +69,16 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
     """
     check_keys(data, {"label", "law", "options"}, where, need={"law"})
     name = check_known(data["law"], "planners.timing", "time law")
-    return Entry(str(data.get("label", short_name(name))), name, dict(data.get("options", {})), role=role)
+    return Entry(
+        str(data.get("label", short_name(name))),
+        name,
+        dict(check_table(data.get("options", {}), f"{where}: options")),
+        role=role,
+    )
 
 
 def read_peers(
-    data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems"
+    data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems", budgets: bool = False
 ) -> tuple[Entry, ...]:
     """Check the settings of all peers of a block.
 
@@ -84,6 +94,8 @@ def read_peers(
         What errors call them.
     most : str
         The key that says how many problems or lines a slow one is given.
+    budgets : bool
+        Whether a peer may have the key ``iterations``, the largest number of iterations of a call.
 
     Returns
     -------
@@ -99,12 +111,21 @@ def read_peers(
     """
 
     def read(peer: Any) -> Entry:
-        check_keys(peer, {"label", "peer", most}, f"{where}: peers", need={"peer"})
+        check_keys(
+            peer, {"label", "peer", most, *(["iterations"] if budgets else [])}, f"{where}: peers", need={"peer"}
+        )
         name = check_known(peer["peer"], folder, word)
         shown = str(peer.get("label", short_name(name).replace("_", " ")))
-        return Entry(shown, name, {}, optional_count(peer.get(most), f"{where}: {most}"), "peer")
+        budget = optional_count(peer.get("iterations"), f"{where}: iterations")
+        options = {} if budget is None else {"iterations": budget}
+        return Entry(shown, name, options, optional_count(peer.get(most), f"{where}: {most}"), "peer")
 
     return all_of(data, f"{where}: peers", read)
+
+
+def _options(data: dict[str, Any], where: str) -> dict[str, Any]:
+    """Options of an entry: a copy of its table."""
+    return dict(check_table(data.get("options", {}), f"{where}: options"))
 
 
 def check_labels(entries: Sequence[Entry], where: str) -> list[str]:

@@ -25,11 +25,11 @@ class ProblemBlock(Block):
     Attributes
     ----------
     robot : str
-        Name of the arm.
+        The arm: a name from `optik robots`, or the path of a file; behind a URDF perhaps ``#tip=LINK&base=LINK``.
     set : str
-        Name of the problem set.
+        The problem set: a name, or the path of a file.
     options : dict
-        Of the problem set.
+        Options of the problem set.
     """
 
     robot: str

@@ -62,12 +62,10 @@ class Where:
     dask: str = ""
     limit: float | None = None
 
-    def checked(self) -> Where:
-        """Itself; InvalidInput where a number is out of range."""
+    def __post_init__(self) -> None:
         check_count(self.workers, "workers", 1, MOST_WORKERS)
         if self.limit is not None and check_number(self.limit, "part_timeout", "a time [s] above 0") <= 0.0:
             raise InvalidInput("part_timeout", self.limit, "a time [s] above 0")
-        return self
 
     def place(self, recorded: list[dict[str, str]]) -> Place:
         """Start what is needed.
@@ -132,7 +130,7 @@ def run_suite(
     Returns
     -------
     RunFolder
-        The finished run. Its manifest says under ``failed`` what crashed, and is ``complete`` where all has its rows.
+        The finished run: ``failed`` of its manifest says what crashed; it is ``complete`` where all has its rows.
 
     Raises
     ------
@@ -143,7 +141,7 @@ def run_suite(
         with; a table in the folder that is damaged or of another run; no cluster at that address.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
-    where = Where(workers, executor, dask, part_timeout).checked()
+    where = Where(workers, executor, dask, part_timeout)
     folder = RunFolder(out)
     manifest = _manifest(suite, workers, command)
     folder.checked(manifest)
@@ -190,8 +188,8 @@ class _Session:
 
     def prepare(self) -> None:
         """Check what only trying shows, and write the arms that do not come with optik: a report needs no files of theirs."""
-        suite = self._suite
         self._tell(0, 1, "problem sets")
+        suite = self._suite
         self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
         outside = [name for name in suite.robots if name not in own_names("optik.robots")]
         if outside:

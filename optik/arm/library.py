@@ -124,7 +124,11 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
     """Robot in a file; a TOML file, which states no name, takes the given one, or its stem."""
     suffix, file = Path(path).suffix.lower(), file_of(path, "robot")
     if suffix in URDF:
-        return Robot.from_urdf(file, **links)
+        try:
+            return Robot.from_urdf(file, **links)
+        except InvalidInput as error:
+            where = f"robot {path!r}" if error.argument == "source" else error.argument  # which of several files
+            raise InvalidInput(where, error.got, error.expected) from None
     if links:
         raise InvalidInput(", ".join(links), ", ".join(links.values()), f"none: {path!r} is no URDF file")
     if suffix == ".py":

@@ -13,7 +13,7 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, Unsupported
 from optik.ik._closest import nearest
 from optik.ik._problem import check_batch, check_problem, restart_configuration
 from optik.ik._result import SOLVED_WITHIN
@@ -113,7 +113,7 @@ class IKSolver(ABC):
         self.time_limit = time_limit
         self.task = as_task(task)
         if not (self.takes_tasks or self.task.is_pose):
-            raise InvalidInput("task", str(task), f'"pose", the only one {self.name} can; others: dls, lm, ipopt, sqp')
+            raise Unsupported("task", str(task), f'"pose", the only one {self.name} can; others: dls, lm, ipopt, sqp')
         self._reach = reach_bound(robot, self.task)
 
     @property

@@ -154,14 +154,15 @@ def test_the_paper_grid_knows_more_than_the_iteration_that_it_is_solved_by() -> 
 @pytest.mark.parametrize("name", NEW_SETS)
 def test_the_first_problems_of_a_group_are_the_same_for_any_count(name: str) -> None:
     robot = optik.load("ur5e")
-    few, many = drawn(name, robot, count=3), drawn(name, robot, count=7)
+    options: dict[str, Any] = {"which": ["wrist"], "edges": [1e-4, 1e-2]} if name == "singular_shells" else {}
+    few, many = drawn(name, robot, count=3, **options), drawn(name, robot, count=7, **options)
     assert few.sha256 != many.sha256
     for group in dict.fromkeys(few.group):
         for values in ("targets", "starts"):
             less = getattr(few, values)[few.group == group]
             np.testing.assert_array_equal(less, getattr(many, values)[many.group == group][: len(less)])
-    assert drawn(name, robot, count=3).sha256 == few.sha256
-    assert drawn(name, robot, seed=5, count=3).sha256 != few.sha256
+    assert drawn(name, robot, count=3, **options).sha256 == few.sha256
+    assert drawn(name, robot, seed=5, count=3, **options).sha256 != few.sha256
 
 
 def test_a_hash_is_the_same_in_another_process_and_out_of_the_table_of_a_run(tmp_path: Path) -> None:
@@ -267,17 +268,17 @@ def test_nothing_lies_beyond_the_boundary_and_no_free_joint_leads_there(name: st
 
 def test_no_search_comes_nearer_to_a_target_beyond_reach_than_its_excess() -> None:
     robot, arm = optik.load("ur5e"), oracles.table("ur5e")
-    problems = drawn("beyond_reach", robot, count=2, excesses_m=[0.01, 0.1])
+    problems = drawn("beyond_reach", robot, count=1, excesses_m=[0.01, 0.1])
     assert problems.unreachable is not None
     assert problems.unreachable.all()
     assert not problems.known.any()
-    for target, excess in zip(problems.targets, [0.01, 0.01, 0.1, 0.1], strict=True):
+    for target, excess in zip(problems.targets, [0.01, 0.1], strict=True):
 
         def error(q: Any, target: Any = target) -> Any:
             T = oracles.fk(arm, q)
             return np.concatenate([T[:3, 3] - target[:3, 3], (T[:3, :3] - target[:3, :3]).ravel()])
 
-        starts = np.random.default_rng(1).uniform(-2.0, 2.0, (4, 6))
+        starts = np.random.default_rng(1).uniform(-2.0, 2.0, (3, 6))
         assert min(np.linalg.norm(least_squares(error, q).fun) for q in starts) > 0.3 * excess
     status = optik.ik.make_solver(robot, "lm").solve_batch(problems.targets, problems.starts).status
     assert (status == UNREACHABLE).all()

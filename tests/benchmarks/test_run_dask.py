@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -19,7 +20,6 @@ from polars.testing import assert_frame_equal
 
 from benchmarks.run import run_suite
 from benchmarks.run.cluster import warn_of_plain_text
-from benchmarks.suite import load_suite
 from optik.errors import InvalidInput
 from tests.benchmarks.test_cli import optik_command
 from tests.benchmarks.test_run_folder import state, toy
@@ -28,40 +28,28 @@ from tests.oracles import REPOSITORY
 
 distributed = pytest.importorskip("distributed")
 
-ANSWERS = """
-seed = 3
-[[answers]]
-id = "arm"
-robot = "paper6r"
-set = "near_start"
-count = 600000
-part = 10000
-methods = [{ solver = "lm" }]
-"""
-"""Enough work for a ratio of times: about a minute by one worker."""
 
-
-def dask(*command: str) -> subprocess.Popen[str]:
+def dask(*command: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli." + command[0], *command[1:]], stderr=subprocess.PIPE, text=True,
+        [sys.executable, "-m", "distributed.cli." + command[0], *command[1:]], stderr=subprocess.DEVNULL,
         cwd=REPOSITORY, env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
     )  # fmt: skip
 
 
 @contextmanager
-def cluster(workers: int) -> Iterator[tuple[str, list[int]]]:
+def cluster(workers: int, protocol: str = "tcp") -> Iterator[tuple[str, list[int]]]:
     """Address of a scheduler on loopback, and the processes of its workers: one thread each, nothing restarts them."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    address = f"tcp://127.0.0.1:{port}"
-    processes = [dask("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show")]
+    address = f"{protocol}://127.0.0.1:{port}"
+    same = ("--protocol", protocol, "--no-dashboard")
+    processes = [dask("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-show", *same)]
     for _ in range(workers):
-        processes.append(dask("dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"))
-    for process in processes:  # what nobody reads would fill the pipe
-        Thread(target=process.stderr.read, daemon=True).start()  # type: ignore[union-attr]
+        processes.append(dask("dask_worker", address, "--nthreads", "1", "--no-nanny", *same))
     try:
-        with distributed.Client(address, timeout=30, set_as_default=False) as client:
+        security = distributed.Security() if protocol == "tls" else None
+        with distributed.Client(address, timeout=60, set_as_default=False, security=security) as client:
             client.wait_for_workers(workers, timeout=60)
         yield address, [process.pid for process in processes[1:]]
     finally:
@@ -128,17 +116,40 @@ def test_a_worker_that_is_killed_in_the_middle_changes_nothing(tmp_path: Path) -
 
 @pytest.mark.soak
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl for a certificate")
+def test_tls_takes_the_certificates_of_dasks_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import dask as configured
+
+    key, cert = str(tmp_path / "key.pem"), str(tmp_path / "cert.pem")
+    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", key, "-out", cert, "-days", "2"]
+    subprocess.run([*made, "-subj", "/CN=localhost"], check=True, capture_output=True)
+    files = {"ca_file": cert}
+    files |= {
+        f"{who}__{what}": file
+        for who in ("scheduler", "worker", "client")
+        for what, file in (("cert", cert), ("key", key))
+    }
+    for name, file in files.items():
+        monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{name.upper()}", file)
+    ours = {f"distributed.comm.tls.{name.replace('__', '.').replace('_', '-')}": file for name, file in files.items()}
+    with configured.config.set(ours), cluster(1, "tls") as (address, _):
+        folder = run_suite(toy(count=60, part=4), tmp_path / "run", dask=address)
+        assert folder.manifest()["complete"] is True
+        with pytest.raises(InvalidInput, match="--dask"):
+            run_suite(toy(), tmp_path / "other", dask=address.replace("tls", "tcp"))
+
+
+@pytest.mark.soak
+@pytest.mark.filterwarnings("ignore")
 def test_two_workers_are_faster_than_one(tmp_path: Path) -> None:
-    suite = tmp_path / "suite.toml"
-    suite.write_text(ANSWERS)
+    """The problems wait in place of computing, so that other work on this machine does not count."""
+    suite = toy(count=600, part=5, bad={str(i): "waits" for i in range(600)})
     seconds = []
     for count in (1, 2):
         with cluster(count) as (address, _):
-            warm = tmp_path / "warm.toml"
-            warm.write_text(ANSWERS.replace("600000", "40000"))
-            run_suite(load_suite(str(warm)), tmp_path / f"warm{count}", dask=address)
+            run_suite(toy(count=20, part=1), tmp_path / f"warm{count}", dask=address)
             begin = time.perf_counter()
-            run_suite(load_suite(str(suite)), tmp_path / f"run{count}", dask=address)
+            run_suite(suite, tmp_path / f"run{count}", dask=address)
             seconds.append(time.perf_counter() - begin)
     print(f"one worker {seconds[0]:.1f} s, two {seconds[1]:.1f} s: {seconds[0] / seconds[1]:.2f} times")
     assert seconds[0] >= 1.7 * seconds[1]

@@ -109,3 +109,24 @@ def test_what_kills_the_first_process_twice_is_done_in_another(tmp_path: Path) -
     rows = RunFolder(out).parts("toy", "squares")
     assert rows is not None
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [3]
+
+
+@pytest.mark.soak
+def test_a_block_that_kills_the_first_process_twice_is_recorded_and_the_others_are_done(tmp_path: Path) -> None:
+    alone = tmp_path / "alone.py"
+    alone.write_text(
+        TOY.read_text().replace('name = "toy"', 'name = "alone"').replace("alone = False", "alone = True")
+        .replace("range(0, block.count, block.part)", "()")
+    )  # fmt: skip
+    suite = tmp_path / "suite.toml"
+    suite.write_text(f'[["{alone}"]]\nid = "bad"\nbad = {{ 3 = "dies" }}\n[["{alone}"]]\nid = "good"\n')
+    command = [sys.executable, "-m", "benchmarks.cli", "bench", "run", str(suite), "--out", str(tmp_path / "run")]
+    done = [
+        subprocess.run([*command, "--allow-plugins"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+        for _ in range(3)
+    ]
+    assert [d.returncode for d in done] == [-signal.SIGSEGV, -signal.SIGSEGV, 1]
+    assert "failed: bad (kinds/alone/bad.parquet): its process ended: SIGSEGV" in done[2].stderr
+    folder = RunFolder(tmp_path / "run")
+    assert folder.has("kinds/alone/good.parquet")
+    assert folder.manifest()["complete"] is False

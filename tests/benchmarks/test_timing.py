@@ -38,7 +38,8 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
 from planners import JointPath, MotionLimits, certify, follow, make_law
-from tests.benchmarks.test_report import CHROMIUM, Page, draws_every_plot, page_of
+from tests.benchmarks.browser import CHROMIUM
+from tests.benchmarks.test_report import Page, draws_every_plot, page_of
 
 LIMITS = MotionLimits(velocity=2.0, acceleration=10.0, jerk=100.0)
 QUICK: dict[str, Any] = {
@@ -280,11 +281,35 @@ def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: s
     motion = peer.trajectory(joints, peer.call(joints))
     proof = certify(line.robot, line.path, motion, LIMITS, keeps=peer.keeps)
     assert all(proof.worst(field)[0] < 1.3 for field in peer.keeps)
-    assert proof.path_error.distance < 1e-6
+    assert (proof.path_error.distance < 1e-6) == (name != "ruckig_joints")
     np.testing.assert_allclose(motion(0.0), joints(0.0), atol=1e-9)
     np.testing.assert_allclose(motion(motion.end), joints(joints.end), atol=1e-9)
     best = make_law("optimal").run(joints, LIMITS).duration
-    assert (0.98 if "jerk" in peer.keeps else 0.5) * best < motion.duration < 1.1 * best
+    assert (0.98 if "jerk" in peer.keeps and name != "ruckig_joints" else 0.5) * best < motion.duration < 1.1 * best
+
+
+def test_a_motion_that_leaves_the_line_sets_no_shortest_duration(quick: RunFolder) -> None:
+    block = quick_suite().of("laws")[0]
+    parts = quick.parts("timing", block.id)
+    assert parts is not None
+    kept = parts.filter((pl.col("law") == "optimal") & (pl.col("breaks") == "")).head(1)
+    assert kept.height == 1
+
+    class WithOneMore:
+        def __init__(self, **changes: Any) -> None:
+            self.frame = pl.concat([parts, kept.with_columns(**{k: pl.lit(v) for k, v in changes.items()})])
+
+        def parts(self, top: str, block: str) -> pl.DataFrame:
+            return self.frame
+
+    def optimum(**changes: Any) -> float:
+        rows = read_rows(WithOneMore(duration=1e-3, least_duration=1e-3, **changes), block)  # type: ignore[arg-type]
+        assert rows is not None
+        return float(rows["optimum"].min())  # type: ignore[arg-type]
+
+    assert optimum() == 1e-3
+    assert optimum(distance=0.02) > 0.1
+    assert optimum(angle=0.02) > 0.1
 
 
 def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -356,7 +381,7 @@ def page(quick: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Page:
 
 
 def test_a_run_of_timing_alone_has_its_section_and_no_claims(page: Page) -> None:
-    assert page.anchors == ["timing", "limitations", "provenance"]
+    assert page.anchors == ["timing", "limitations", "asked", "provenance"]
     assert "time laws along 6 straight lines" in page.text
     assert "Of 6 targets, 3 are held, 2 could not be measured." in page.text
     assert "A few <b>" in page.text
@@ -387,9 +412,10 @@ def test_the_tables_are_what_the_rows_hold(page: Page, quick: RunFolder) -> None
             best = [min(s for (line, _), s in slowed.items() if line == k) for k in own["line"]]
             least = np.array([slowed[k, label] for k in own["line"]])
             ratios = own["velocity", "acceleration", "jerk"].to_numpy()
+            near = (ratios <= 1.001).all(axis=1) & own["follows"].to_numpy()
             expect = {
                 "as_is": np.median(own["duration"].to_numpy() / best), "slowed_down": np.median(least / best),
-                "kept": 100.0 * np.mean((ratios <= 1.0).all(axis=1)), "nearly": 100.0 * np.mean((ratios <= 1.001).all(axis=1) & own["follows"].to_numpy()),
+                "kept": 100.0 * np.mean((ratios <= 1.0).all(axis=1)), "nearly": 100.0 * np.mean(near),
             }  # fmt: skip
             assert {key: found[label][key][0] for key in expect} == pytest.approx(expect)
             assert found[label]["ms"] == pytest.approx(np.median(own["ms_law"]))

@@ -83,6 +83,13 @@ class Toy(Kind):
     def solve(self, work: ToyWork) -> pl.DataFrame:
         return work.rows()
 
+    def run(self, block: ToyBlock, seed: int, folder: RunFolder, tell: Any) -> None:
+        """Timed alone, where `alone` is set below."""
+        if not folder.has(self.file(block)):
+            for problem in range(block.count):
+                act(block.bad.get(problem, ""), block.once)
+            folder.write(self.file(block), pl.DataFrame({"problem": range(block.count)}))
+
     def rows(self, folder: RunFolder, block: ToyBlock) -> pl.DataFrame | None:
         return folder.parts("toy", block.id)
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from benchmarks.kinds._shown import Table, Winner
 from benchmarks.kinds.answers.measures import MEASURES, distribution, summary
 from benchmarks.kinds.answers.run import AnswersWork, check, parts, solve
 from benchmarks.kinds.answers.settings import AnswersBlock, read_block
 from benchmarks.kinds.base import BlockRows, Kind, Part, Section, Target
 from benchmarks.records import RunFolder
+
+if TYPE_CHECKING:
+    from benchmarks.report.run import Run
 
 
 class _Answers(Kind):
@@ -64,6 +68,16 @@ class _Answers(Kind):
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ("inverse kinematics",)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.answers.shown import tables
+
+        return tables(run)
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.answers.shown import winners
+
+        return winners(run)
 
     def _answers(self, folder: RunFolder, block: AnswersBlock) -> pl.LazyFrame | None:
         """All answers of a block, to be read piece by piece."""

@@ -26,7 +26,7 @@ STATUSES = pl.Enum([*map(str, IKStatus), "crashed"])
 """How an answer came about: the statuses of our methods, and ``crashed`` where a process died or raised an error."""
 
 
-COLUMN_TYPES: Mapping[str, Any] = {
+ANSWER_TYPES: Mapping[str, Any] = {
     "inside": pl.Boolean, "position_error": pl.Float32, "rotation_error": pl.Float32, "iterations": pl.UInt32,
     "restarts": pl.UInt16, "status": STATUSES, "distance": pl.Float32, "seconds": pl.Float32,
 }  # fmt: skip
@@ -81,7 +81,7 @@ class AnswersWork:
         Parameters
         ----------
         columns : mapping
-            A sequence for each column of `COLUMN_TYPES`.
+            A sequence for each column of `ANSWER_TYPES`.
 
         Returns
         -------
@@ -89,8 +89,8 @@ class AnswersWork:
             One row a problem.
         """
         numbers = pl.Series("problem", range(self.first, self.first + self.count), dtype=pl.UInt32)
-        given = pl.DataFrame({"problem": numbers} | {key: columns[key] for key in COLUMN_TYPES})
-        return given.with_columns(pl.col(key).cast(kind) for key, kind in COLUMN_TYPES.items()).with_columns(
+        given = pl.DataFrame({"problem": numbers} | {key: columns[key] for key in ANSWER_TYPES})
+        return given.with_columns(pl.col(key).cast(kind) for key, kind in ANSWER_TYPES.items()).with_columns(
             method=pl.lit(self.method.label, dtype=pl.Enum(self.labels)), solved=pl.col("status") == "solved"
         )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.kinds._problems import ProblemBlock, named, read_problems
 from benchmarks.kinds.batch.measures import MEASURES
-from benchmarks.settings import all_of, check_known, check_list
+from benchmarks.settings import all_of, check_known, check_list, check_table
 from benchmarks.targets import read_target
 from optik.check import check_count
 
@@ -64,7 +64,7 @@ def read_block(data: Any) -> BatchBlock:
     return BatchBlock(
         **shared,
         solver=solver,
-        solver_options=dict(data.get("solver_options", {})),
+        solver_options=dict(check_table(data.get("solver_options", {}), f"{where}: solver_options")),
         threads=tuple(threads),
         repeats=data.get("repeats", 3),
         targets=all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES)),

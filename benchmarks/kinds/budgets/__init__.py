@@ -42,7 +42,7 @@ class _Budgets(Kind):
     def settings(self, data: Any) -> BudgetBlock:
         return read_block(data)
 
-    def prepare(self, block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
+    def prepare(self, block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
         return prepare(block, seed)
 
     def parts(self, block: BudgetBlock, prepared: Any, folder: RunFolder) -> Iterable[Part]:

@@ -11,6 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.kinds._problems import store_problems
+from benchmarks.kinds._seeds import reseed
 from benchmarks.kinds.base import Entry, Part
 from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS
 from benchmarks.kinds.budgets.settings import BudgetBlock
@@ -19,7 +20,7 @@ from benchmarks.records import RunFolder, slug
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKStatus, make_solver
-from optik.registry import short_name
+from optik.registry import own_names, short_name
 from optik.types import Array
 
 BUDGET_PART = 500
@@ -58,6 +59,8 @@ class Work:
         Poses of the tool [m, 1].
     starts : (k, n) array
         Initial guesses [rad, m].
+    seed : int
+        Of the suite: what is random in a method is keyed by it, the problem and the method.
     """
 
     robot: str
@@ -67,6 +70,7 @@ class Work:
     problems: NDArray[np.int64]
     targets: Array
     starts: Array
+    seed: int = 0
 
     def halves(self) -> tuple[Work, ...]:
         """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
@@ -107,7 +111,7 @@ class Work:
         )
 
 
-def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
+def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
     """Check the options of every method, and draw the problems.
 
     Parameters
@@ -123,6 +127,8 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
         The arm.
     problems : ProblemSet
         The problems.
+    seed : int
+        Of the suite.
 
     Raises
     ------
@@ -132,10 +138,10 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
     robot = load(block.robot)
     for method in block.methods:
         make_solver(robot, method.name, **_options(method, block.budgets))
-    return problem_set(block, seed)
+    return (*problem_set(block, seed), seed)
 
 
-def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: ProblemSet) -> Iterator[Part]:
+def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: ProblemSet, seed: int) -> Iterator[Part]:
     """Write the problems, and divide the work.
 
     Parameters
@@ -148,6 +154,8 @@ def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: Problem
         The arm.
     problems : ProblemSet
         The problems.
+    seed : int
+        Of the suite.
 
     Yields
     ------
@@ -159,7 +167,7 @@ def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: Problem
         chosen = problems.chosen(method.most)
         for part, first in enumerate(range(0, len(chosen), BUDGET_PART)):
             i = chosen[first : first + BUDGET_PART]
-            work = Work(block.robot, method, index, block.budgets, i, problems.targets[i], problems.starts[i])
+            work = Work(block.robot, method, index, block.budgets, i, problems.targets[i], problems.starts[i], seed)
             file = f"ik/{slug(block.id)}--{index:02d}-{slug(method.label)}--{part:03d}.parquet"
             yield Part(file, method.label, work)
 
@@ -186,12 +194,13 @@ def solve_problems(work: Work) -> pl.DataFrame:
     """
     robot, method = load(work.robot), work.method
     solver = make_solver(robot, method.name, **_options(method, work.budgets))
-    rows = [
-        as_it_comes(robot, target, solver.solve(target, start))
-        if method.whole
-        else at_budgets(solver.solve(target, start, trace=True), work.budgets)
-        for target, start in zip(work.targets, work.starts, strict=True)
-    ]
+    foreign = method.name not in own_names("optik.ik")  # ours use no random numbers
+    rows = []
+    for problem, target, start in zip(work.problems, work.targets, work.starts, strict=True):
+        if foreign:
+            reseed(solver, work.seed, int(problem), method.label)
+        result = solver.solve(target, start, trace=not method.whole)
+        rows.append(as_it_comes(robot, target, result) if method.whole else at_budgets(result, work.budgets))
     budgets = work.looked_at
     columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
     return work.labelled(

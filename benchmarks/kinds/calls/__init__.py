@@ -10,6 +10,8 @@ import polars as pl
 from benchmarks.kinds._contest import read_facts
 from benchmarks.kinds._problems import check_set
 from benchmarks.kinds.base import BlockRows, Compared, Kind, Section, Table, Target, Tell, Winner
+from benchmarks.kinds.calls.callers import build_ours
+from benchmarks.kinds.calls.evaluations import run_evaluations
 from benchmarks.kinds.calls.measures import MEASURES, judge
 from benchmarks.kinds.calls.rounds import without_memory
 from benchmarks.kinds.calls.rows import CallRows
@@ -17,7 +19,6 @@ from benchmarks.kinds.calls.run import facts_file, read_rows, run_calls
 from benchmarks.kinds.calls.settings import CallBlock, read_block
 from benchmarks.records import RunFolder
 from optik.arm.library import load
-from optik.ik import make_solver
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -42,10 +43,11 @@ class _Calls(Kind):
     def prepare(self, block: CallBlock, seed: int) -> None:
         check_set(block)
         for entry in block.methods:
-            make_solver(load(block.robot), entry.name, **entry.options)
+            build_ours(entry, load(block.robot))
 
     def run(self, block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
         run_calls(block, seed, folder, tell)
+        run_evaluations(block, seed, folder, tell)
 
     def rows(self, folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
         rows = read_rows(folder, block)

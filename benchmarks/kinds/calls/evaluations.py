@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.base import Entry, Tell, timed
-from benchmarks.kinds.calls.judgement import judged
+from benchmarks.kinds.base import Entry, Tell
+from benchmarks.kinds.calls.callers import callers_of
+from benchmarks.kinds.calls.run import CALL_PART, timed_part
 from benchmarks.kinds.calls.settings import CallBlock
-from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import Absent, build_peer
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder, slug
-from optik.arm.robot import Robot
-from optik.ik import make_solver
-from optik.registry import load_method
-from optik.types import Array
-
-Built = tuple[Callable[..., Any], bool, Callable[[Any], Array]]
-"""What is called, whether it takes a start, and the answers (k, n) of what it returned."""
 
 
 def evaluations_file(block: CallBlock) -> str:
@@ -40,17 +31,15 @@ def evaluations_file(block: CallBlock) -> str:
     return f"speed/{slug(block.id)}.iterations.parquet"
 
 
-def run_evaluations(block: CallBlock, robot: Robot, problems: ProblemSet, folder: RunFolder, tell: Tell) -> None:
+def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
     """Answer every problem at every number of iterations, unless that is done already or not asked for.
 
     Parameters
     ----------
     block : CallBlock
         The block.
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        Its problems.
+    seed : int
+        Of the suite.
     folder : RunFolder
         The run.
     tell : callable
@@ -58,60 +47,40 @@ def run_evaluations(block: CallBlock, robot: Robot, problems: ProblemSet, folder
     """
     if not block.evaluation_budgets or folder.has(evaluations_file(block)):
         return
+    robot, problems = problem_set(block, seed)
     frames = []
     for budget in block.evaluation_budgets:
-        for entry in block.entries:
-            tell(f"{block.id}: {entry.label}, {budget} iterations")
-            built = built_with(entry, robot, budget)
-            if built is not None:
-                frames.append(_answered(built, robot, problems, entry).with_columns(budget=pl.lit(budget)))
+        tell(f"{block.id}: {budget} iterations")
+        callers, _ = callers_of(ending_after(block, budget), robot)
+        for first in range(0, len(problems), CALL_PART):
+            here = np.arange(first, min(first + CALL_PART, len(problems)))
+            frames.append(timed_part(robot, problems, here, callers, 1).with_columns(budget=pl.lit(budget)))
     folder.write(evaluations_file(block), pl.concat(frames))
 
 
-def built_with(entry: Entry, robot: Robot, budget: int) -> Built | None:
-    """A method that ends after a number of iterations, without restarts.
+def ending_after(block: CallBlock, budget: int) -> CallBlock:
+    """A block whose methods end after a number of iterations, without restarts.
 
     Parameters
     ----------
-    entry : Entry
-        A method of ours, or a peer.
-    robot : Robot
-        The arm.
+    block : CallBlock
+        The block.
     budget : int
         The number.
 
     Returns
     -------
-    Built or None
-        None for a peer that cannot be told one, or cannot be built here.
+    CallBlock
+        The same problems; a peer that cannot be told the number refuses when it is built.
     """
-    if entry.role != "peer":
-        solver = make_solver(robot, entry.name, **entry.options | {"max_iterations": budget, "max_restarts": 0})
-        return solver.solve, True, lambda raw: raw.q[None]
-    if not getattr(load_method(PEERS, entry.name, "peer"), "budgeted", False):
-        return None
-    options: dict[str, Any] = {"iterations": budget}
-    peer = build_peer(entry.name, robot, **options)
-    return None if isinstance(peer, Absent) else (peer.call, peer.takes_start, peer.answers)
 
+    def ours(entry: Entry) -> Entry:
+        return replace(entry, options=entry.options | {"max_iterations": budget, "max_restarts": 0})
 
-def _answered(built: Built, robot: Robot, problems: ProblemSet, entry: Entry) -> pl.DataFrame:
-    """Rows of one method at one number of iterations; a call that raises is a call without an answer."""
-    call, takes_start, answers = built
-    mine = problems.chosen(entry.most)
-    given = [(problems.targets[i].copy(), problems.starts[i].copy())[: 1 + takes_start] for i in mine]
+    def theirs(entry: Entry) -> Entry:
+        return replace(entry, options=entry.options | {"iterations": budget})
 
-    def caught(*arguments: Any) -> Any:
-        try:
-            return call(*arguments)
-        except Exception:  # whatever a peer raises: it has no answer
-            return None
-
-    ns, raws = timed(caught, given)
-    found = [np.empty((0, robot.n)) if raw is None else answers(raw) for raw in raws]
-    return judged(robot, problems.targets[mine], found, wraps=entry.role == "peer").with_columns(
-        problem=pl.Series(mine), ns=pl.Series(ns), method=pl.lit(entry.label)
-    )
+    return replace(block, methods=tuple(map(ours, block.methods)), peers=tuple(map(theirs, block.peers)))
 
 
 def read_evaluations(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:

@@ -10,9 +10,6 @@ import polars as pl
 from benchmarks.kinds.base import BlockRows, Table
 from benchmarks.kinds.calls.evaluations import read_evaluations
 
-NOT_RUN = ("refused", "absent", "differs")
-"""Words under which the facts on an entry say why it has no rows: the arm is refused, no package, another model."""
-
 
 @dataclass(frozen=True)
 class CallRows(BlockRows):
@@ -47,9 +44,13 @@ class CallRows(BlockRows):
         Returns
         -------
         tuple of str
-            One word, such as refused, and the reason; both empty for an entry that has rows.
+            One word (refused: the arm; absent: no package; differs: another model) and the reason; both empty where it was run.
         """
         if label in self.by_method:
             return "", ""
         about = self.entries[label]
-        return next(((word, str(about[word])) for word in NOT_RUN if word in about), ("not run yet", ""))
+        if "refused" in about:
+            return "refused", str(about["refused"])
+        if "absent" in about:
+            return str(about.get("outcome", "absent")), str(about["absent"])
+        return "not run yet", ""

@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.kinds._contest import clock_cost, facts_on, timed, turns
+from benchmarks.kinds._contest import clock_cost, timed, turns
 from benchmarks.kinds._problems import store_problems
-from benchmarks.kinds.base import Entry, Tell
-from benchmarks.kinds.calls.evaluations import evaluations_file, run_evaluations
+from benchmarks.kinds.base import Tell
+from benchmarks.kinds.calls.callers import Caller, callers_of
 from benchmarks.kinds.calls.judgement import judged
-from benchmarks.kinds.calls.rounds import changed_inputs, round_times
 from benchmarks.kinds.calls.settings import CallBlock
-from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import Absent, build_peer, version_of
+from benchmarks.peers.ik.base import Failed
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from optik.arm.robot import Robot
-from optik.ik import make_solver
-from optik.registry import load_method
+from optik.errors import Unsupported
 from optik.types import Array
 
 CALL_PART = 2000
@@ -33,39 +28,8 @@ CALL_PART = 2000
 FIRST_CALLS = 20
 """Calls before the first timed one of each method in a part: they compile, and fill caches."""
 
-
-@dataclass(frozen=True)
-class Caller:
-    """One of our methods or a peer, built and ready to be called.
-
-    Attributes
-    ----------
-    label : str
-        What reports call it.
-    call : callable
-        The timed part: (target, q0), or (target) where it takes no initial guess.
-    takes_start : bool
-        Which of the two.
-    answers : callable
-        From what a call returned to configurations (k, n) [rad, m].
-    counts : callable
-        From what a call returned to iterations and restarts, None where it does not say.
-    wraps : bool
-        Whether full turns may be added to bring an answer inside the limits.
-    most : int or None
-        How many problems it is given.
-    about : dict
-        Facts for the report.
-    """
-
-    label: str
-    call: Callable[..., Any]
-    takes_start: bool
-    answers: Callable[[Any], Array]
-    counts: Callable[[Any], tuple[int | None, int | None]]
-    wraps: bool
-    most: int | None
-    about: dict[str, Any] = field(default_factory=dict)
+LONGEST_ERROR = 200
+"""Characters of an exception that a row keeps."""
 
 
 # ---------------------------------------------------------------- parts
@@ -121,7 +85,7 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
     """
     facts = facts_file(block)
     count = folder.read_json(facts)["count"] if folder.has(facts) else None
-    if count is not None and all(folder.has(part) for part in _all_files(block, count)):
+    if count is not None and all(folder.has(part) for part in part_files(block, count)):
         return
     tell(f"{block.id}: problems")
     robot, problems = problem_set(block, seed)
@@ -135,74 +99,30 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
             tell(f"{block.id}: {part * CALL_PART:,} of {len(problems):,}")
             here = np.arange(part * CALL_PART, min((part + 1) * CALL_PART, len(problems)))
             folder.write(file, timed_part(robot, problems, here, callers, block.rounds))
-    run_evaluations(block, robot, problems, folder, tell)
-
-
-def _all_files(block: CallBlock, count: int) -> list[str]:
-    """All files of rows: a block that has them is done."""
-    return part_files(block, count) + ([evaluations_file(block)] if block.evaluation_budgets else [])
-
-
-# ---------------------------------------------------------------- who takes part
-
-
-def callers_of(block: CallBlock, robot: Robot) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
-    """Build every method and peer.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    ready : list of Caller
-        All that could be built.
-    absent : dict
-        Facts on those that could not, by label.
-    """
-    ready = [_ours(entry, robot) for entry in block.methods]
-    absent: dict[str, dict[str, Any]] = {}
-    for entry in block.peers:
-        built = _peer(entry, robot)
-        if isinstance(built, Caller):
-            ready.append(built)
-        else:
-            absent[entry.label] = built
-    return ready, absent
-
-
-def _ours(entry: Entry, robot: Robot) -> Caller:
-    begin = time.perf_counter()
-    built = make_solver(robot, entry.name, **entry.options)
-    about = facts_on(entry, build_seconds=time.perf_counter() - begin)
-
-    def counts(raw: Any) -> tuple[int | None, int | None]:
-        return raw.iterations, raw.restarts
-
-    return Caller(entry.label, built.solve, True, lambda raw: raw.q[None], counts, False, entry.most, about)
-
-
-def _peer(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """A peer; facts on it where it could not be built."""
-    begin = time.perf_counter()
-    peer = build_peer(entry.name, robot)
-    seconds = time.perf_counter() - begin
-    settings = load_method(PEERS, entry.name, "peer").settings
-    about = facts_on(entry) | {"version": version_of(entry.name), "settings": settings}
-    if isinstance(peer, Absent):
-        return about | {"absent": peer.why}
-
-    def counts(raw: Any) -> tuple[int | None, int | None]:
-        return peer.iterations(raw), None
-
-    about |= {"build_seconds": seconds}
-    return Caller(entry.label, peer.call, peer.takes_start, peer.answers, counts, True, entry.most, about)
 
 
 # ---------------------------------------------------------------- timing
+
+
+class Round(NamedTuple):
+    """One caller's calls of one round.
+
+    Attributes
+    ----------
+    ns : (k,) array of int
+        Time of each call [ns].
+    cpu_ns : (k,) array
+        Processor time of all threads of the process [ns], the mean over the round; of each call, in a worker process.
+    raws : list of k objects
+        What each returned, or `Failed`.
+    changed : (k,) array of bool
+        Whether the call changed its target or its initial guess.
+    """
+
+    ns: NDArray[np.int64]
+    cpu_ns: Array
+    raws: list[Any]
+    changed: NDArray[np.bool_]
 
 
 def timed_part(
@@ -231,29 +151,61 @@ def timed_part(
     """
     mine = {c.label: np.intersect1d(here, problems.chosen(c.most)) for c in callers}
     ready = [c for c in callers if len(mine[c.label])]
-    times: dict[str, list[NDArray[np.int64]]] = {c.label: [] for c in ready}
-    raws: dict[str, list[Any]] = {}
-    changed = {c.label: np.zeros(len(mine[c.label]), dtype=bool) for c in ready}
+    done: dict[str, list[Round]] = {c.label: [] for c in ready}
     for caller in ready:
-        for arguments in _arguments(caller, problems, mine[caller.label][:FIRST_CALLS]):
-            caller.call(*arguments)
-    for _, caller in turns(ready, rounds):
-        # copies for every round: what a call changes in its arguments must not help, or harm, a later one
-        given = _arguments(caller, problems, mine[caller.label])
-        took, raw = timed(caller.call, given)
-        times[caller.label].append(took)
-        raws.setdefault(caller.label, raw)
-        changed[caller.label] |= changed_inputs(given, problems, mine[caller.label])
+        one_round(caller, problems, mine[caller.label][:FIRST_CALLS])
+    for turn, caller in turns(ready, rounds):
+        found = one_round(caller, problems, mine[caller.label])
+        # of later rounds only the times are kept: what calls returned would fill the memory
+        done[caller.label].append(found if turn == 0 else found._replace(raws=[]))
     frames = [
-        _rows(robot, problems, mine[c.label], c, raws[c.label]).with_columns(
-            **round_times(times[c.label]),
-            mutated=pl.Series(changed[c.label]),
-            method=pl.lit(c.label),
-            method_index=pl.lit(callers.index(c)),
+        _rows(robot, problems, mine[c.label], c, done[c.label]).with_columns(
+            method=pl.lit(c.label), method_index=pl.lit(callers.index(c))
         )
         for c in ready
     ]
     return pl.concat(frames)
+
+
+def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> Round:
+    """Call one caller once for each problem, with copies of its own of the target and the initial guess.
+
+    Parameters
+    ----------
+    caller : Caller
+        The caller.
+    problems : ProblemSet
+        All problems of the block.
+    mine : (k,) array of int
+        Numbers of the problems that it is given.
+
+    Returns
+    -------
+    Round
+        What came of it.
+    """
+    arguments = _arguments(caller, problems, mine)
+    if caller.many is not None:
+        answers = caller.many(arguments)
+        ns = np.array([a.ns for a in answers], dtype=np.int64)
+        cpu = np.array([np.nan if a.cpu_ns is None else a.cpu_ns for a in answers], dtype=np.float64)
+        raws = [a.raw for a in answers]
+    else:
+        begin = time.process_time_ns()
+        ns, raws = timed(caller.call, arguments, keep_errors=True)
+        cpu = np.full(len(mine), (time.process_time_ns() - begin) / max(len(mine), 1))
+        raws = [_failed(raw) if isinstance(raw, Exception) else raw for raw in raws]
+    fresh = _arguments(caller, problems, mine)
+    changed = [
+        any(not np.array_equal(a, b) for a, b in zip(*pair, strict=True)) for pair in zip(arguments, fresh, strict=True)
+    ]
+    return Round(ns, cpu, raws, np.array(changed, dtype=bool))
+
+
+def _failed(error: Exception) -> Failed:
+    """An exception of a call: a refusal where the method says that it does not support the problem."""
+    outcome = "refused" if isinstance(error, Unsupported) else "raised"
+    return Failed(outcome, f"{type(error).__name__}: {error}"[:LONGEST_ERROR])
 
 
 def _arguments(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> list[tuple[Any, ...]]:
@@ -262,22 +214,86 @@ def _arguments(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) ->
     return [(problems.targets[i].copy(),) for i in mine]
 
 
-def _rows(robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, raws: list[Any]) -> pl.DataFrame:
-    """Rows of one caller, without its times."""
-    answers = [caller.answers(raw) for raw in raws]
-    counts = [caller.counts(raw) for raw in raws]
-    return judged(robot, problems.targets[mine], answers, wraps=caller.wraps).with_columns(
+# ---------------------------------------------------------------- rows
+
+
+class Reading(NamedTuple):
+    """What one call returned, read by its caller."""
+
+    q: Array
+    outcome: str
+    error: str | None
+    claimed: bool | None
+    iterations: int | None
+    restarts: int | None
+    answers_ns: int
+
+
+def reading(caller: Caller, raw: Any, n: int) -> Reading:
+    """Read what one call returned; a caller that cannot read it has raised.
+
+    Parameters
+    ----------
+    caller : Caller
+        Whose call it was.
+    raw : object
+        What it returned, or `Failed`.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    Reading
+        Its configurations, outcome, claim and counts.
+    """
+    empty = np.empty((0, n))
+    if isinstance(raw, Failed):
+        return Reading(empty, raw.outcome, raw.error, None, None, None, 0)
+    begin = time.perf_counter_ns()
+    try:
+        q = np.asarray(caller.answers(raw), dtype=np.float64)
+        took = time.perf_counter_ns() - begin
+        if q.ndim != 2 or q.shape[1] != n:
+            return Reading(empty, "raised", f"answers of shape {q.shape}, not (k, {n})", None, None, None, took)
+        claimed, (iterations, restarts) = caller.claims(raw), caller.counts(raw)
+    except Exception as error:
+        return Reading(empty, "raised", _failed(error).error, None, None, None, time.perf_counter_ns() - begin)
+    outcome = "answered" if np.isfinite(q).all(axis=1).any() else "none"
+    return Reading(q, outcome, None, claimed, iterations, restarts, took)
+
+
+def _rows(
+    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, rounds: list[Round]
+) -> pl.DataFrame:
+    """Rows of one caller: judged answers of the first round, times of all."""
+    read = [reading(caller, raw, robot.n) for raw in rounds[0].raws]
+    judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.wraps)
+    return judgement.with_columns(
         problem=pl.Series(mine),
-        iterations=pl.Series([c[0] for c in counts], dtype=pl.Int64),
-        restarts=pl.Series([c[1] for c in counts], dtype=pl.Int64),
+        outcome=pl.Series([r.outcome for r in read], dtype=OUTCOMES),
+        error=pl.Series([r.error for r in read], dtype=pl.String),
+        claimed=pl.Series([r.claimed for r in read], dtype=pl.Boolean),
+        iterations=pl.Series([r.iterations for r in read], dtype=pl.Int64),
+        restarts=pl.Series([r.restarts for r in read], dtype=pl.Int64),
+        changed_input=pl.Series(np.any([r.changed for r in rounds], axis=0)),
+        ns=pl.Series(np.median([r.ns for r in rounds], axis=0)),
+        first_ns=pl.Series(rounds[0].ns),
+        least_ns=pl.Series(np.min([r.ns for r in rounds], axis=0)),
+        most_ns=pl.Series(np.max([r.ns for r in rounds], axis=0)),
+        cpu_ns=pl.Series(np.median([r.cpu_ns for r in rounds], axis=0)),
+        answers_ns=pl.Series([r.answers_ns for r in read], dtype=pl.Int64),
     )
+
+
+OUTCOMES = pl.Enum(["answered", "none", "raised", "crashed", "refused"])
+"""How a call ended: with a configuration, with none, with an exception, with its process, or it was refused."""
 
 
 # ---------------------------------------------------------------- reading
 
 
 def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-    """All rows of a block with the group of each problem.
+    """All rows of a block with what is known of each problem: group, singular value, whether a solution is known.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ def read_block(data: Any) -> CallBlock:
     shared = read_problems(data, where, {"rounds", "methods", "peers", "targets", "evaluation_budgets"}, {"methods"})
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
     methods = all_of(data["methods"], f"{where}: methods", lambda m: read_method(m, where))
-    peers = read_peers(data.get("peers"), where, PEERS)
+    peers = read_peers(data.get("peers"), where, PEERS, budgets=True)
     labels = check_labels((*methods, *peers), f"{where}: methods")
     targets = all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES, labels=labels))
     given = data.get("evaluation_budgets")

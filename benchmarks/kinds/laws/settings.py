@@ -27,12 +27,15 @@ class LineSet:
 
     Attributes
     ----------
-    robot, kind : str
-        Names of the arm and of the kind of motions.
+    robot : str
+        The arm: a name, or the path of a file.
+    kind : str
+        ``regular`` or ``near_singular`` straight lines, ``arc``, ``seam`` (a polyline), ``joints`` (a straight move in joint
+        space), or ``file``.
     count : int
-        How many.
+        How many, drawn at random.
     path : str
-        The file, for the kind ``file``.
+        For the kind ``file``: a CSV or NPZ file of waypoints, or a motion that `planners.save` wrote.
     """
 
     robot: str
@@ -68,10 +71,12 @@ class Example:
 
     Attributes
     ----------
-    robot, kind : str
-        Names of the arm and of the kind of motions.
+    robot : str
+        The arm: a name, or the path of a file.
+    kind : str
+        Kind of motions, or the name of a file.
     index : int
-        Which one of its kind.
+        Which one of its kind, from 0.
     limits : str
         Label of the limits.
     path : str
@@ -92,23 +97,25 @@ class LawBlock(Block):
     Attributes
     ----------
     lines : tuple of LineSet
-        Which lines.
+        Sets of motions: straight lines and others.
     limits : tuple of LimitSet
-        Within which limits each is timed.
-    laws, peers : tuple of Entry
-        Time laws of ours, and outside ones.
+        Limits of the joints and of the tool; each motion is timed within each.
+    laws : tuple of Entry
+        Time laws of ours.
+    peers : tuple of Entry
+        Outside time laws.
     reference : Entry or None
         The law whose duration is taken as the optimum T*, unless another motion that keeps every limit is shorter.
     plan : str
         Label of the law with which whole plans are timed, the first where none is named.
     ik : str
-        The IK method of the plans.
+        The IK method that follows the paths.
     samples : int
-        Of a line.
+        Samples of each path at which the IK method solves.
     rounds : int
-        Calls timed of each law on each line, after one that is not.
+        Timed calls of each law on each motion, after one that is not counted.
     example : Example
-        The line of the detailed view.
+        The motion of the detailed view.
     """
 
     lines: tuple[LineSet, ...]

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 from math import atan2, hypot
 
+from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.types import Array
 
 
-def urdf(robot: Robot) -> str:
+def urdf(robot: Robot, limits: JointLimits | None = None) -> str:
     """URDF of an arm with base ``link0`` and last link ``tool``; numbers have all their digits.
 
     Parameters
     ----------
     robot : Robot
         The arm.
+    limits : JointLimits, optional
+        Position limits to write; by default the arm's.
 
     Returns
     -------
     str
         The URDF document.
     """
+    limits = limits or robot.limits
     parts = ['<robot name="arm">', '<link name="link0"/>']
     for i in range(robot.n):
         kind = "prismatic" if robot.prismatic[i] else "revolute"
-        lower, upper = float(robot.limits.lower[i]), float(robot.limits.upper[i])
+        lower, upper = float(limits.lower[i]), float(limits.upper[i])
         limit = f'<axis xyz="0 0 1"/><limit lower="{lower!r}" upper="{upper!r}" effort="1" velocity="1"/>'
         parts.append(_joint(f"joint{i + 1}", kind, f"link{i}", f"link{i + 1}", robot.fixed[i], limit))
     parts.append(_joint("flange", "fixed", f"link{robot.n}", "tool", robot.tool, ""))

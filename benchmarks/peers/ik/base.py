@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,12 @@ from optik.errors import InvalidInput
 from optik.registry import load_method
 from optik.types import Array
 
+FK_TOLERANCE = 1e-9
+"""Largest difference between a peer's forward kinematics and ours [m, rad]: far above rounding, far below 1e-6."""
+
+FK_CONFIGURATIONS, FK_SEED = 5, 20261
+"""Number of random configurations at which the two are compared, and the seed: a wrong model differs at all of them."""
+
 
 class Peer(ABC):
     """An IK method of another package for one robot; its file binds the class to ``METHOD``.
@@ -24,6 +31,9 @@ class Peer(ABC):
     ----------
     robot : Robot
         The arm.
+    iterations : int or None
+        Largest number of iterations of a call, for comparisons at equal iterations; None for the settings that serve the
+        method best. Passed only to a class with ``budgeted = True``, so others need not have the parameter.
 
     Attributes
     ----------
@@ -35,6 +45,14 @@ class Peer(ABC):
         How it is set up and called, for the report.
     takes_start : bool
         Whether ``call`` has the arguments (target, q0) or only (target).
+    budgeted : bool
+        Whether it can be built with a number of iterations.
+    clocked, random : bool
+        Whether a time limit of its own decides what it answers, and whether it draws random numbers whose seed the caller
+        does not set: its answers differ between runs, and tables say so.
+    fk_tolerance : float
+        Largest difference between its forward kinematics and ours [m, rad]; larger than the default only where the method
+        computes with fewer digits.
     call : callable
         The timed part, a complete call from Python.
 
@@ -50,10 +68,14 @@ class Peer(ABC):
     package: ClassVar[str]
     settings: ClassVar[str]
     takes_start: ClassVar[bool] = True
+    budgeted: ClassVar[bool] = False
+    clocked: ClassVar[bool] = False
+    random: ClassVar[bool] = False
+    fk_tolerance: ClassVar[float] = FK_TOLERANCE
     call: Callable[..., Any]
 
     @abstractmethod
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         """Prepare everything that does not depend on the target."""
 
     @abstractmethod
@@ -86,16 +108,94 @@ class Peer(ABC):
         """
         return None
 
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the method says that a call succeeded, None if it does not say.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim, which our forward kinematics judges.
+        """
+        return None
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by the model that the method solves with, None if it has no forward kinematics of its own.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return None
+
+
+class NotInstalled(Exception):
+    """A peer that is not installed on this machine; the message says how to install it."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """What a call left in place of an answer.
+
+    Attributes
+    ----------
+    outcome : str
+        ``raised`` (an exception), ``crashed`` (its process ended) or ``refused`` (it does not support the problem).
+    error : str
+        What it said.
+    """
+
+    outcome: str
+    error: str
+
+
+class Answer(NamedTuple):
+    """One timed call.
+
+    Attributes
+    ----------
+    raw : object
+        What it returned, or `Failed`.
+    ns : int
+        Its time [ns]; where its process ended, the time until then.
+    cpu_ns : int or None
+        Time of all threads of its process during the call [ns]; None where its process ended.
+    """
+
+    raw: Any
+    ns: int
+    cpu_ns: int | None
+
 
 @dataclass(frozen=True)
 class Absent:
-    """A peer that cannot be run on this machine, and the reason."""
+    """A peer that is not run, and the reason.
+
+    Attributes
+    ----------
+    why : str
+        The reason.
+    outcome : str
+        ``absent`` where its package is missing, ``refused`` where it does not support the robot, ``differs`` where its
+        model of the robot is not ours.
+    """
 
     why: str
+    outcome: str = "absent"
 
 
-def build_peer(name: str, robot: Robot) -> Peer | Absent:
-    """Build a peer for a robot.
+def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Peer | Absent:
+    """Build a peer for a robot, and compare its forward kinematics with ours.
 
     Parameters
     ----------
@@ -103,32 +203,69 @@ def build_peer(name: str, robot: Robot) -> Peer | Absent:
         Name of the peer.
     robot : Robot
         The arm.
+    iterations : int or None
+        Largest number of iterations of a call; None for the settings that serve the method best.
 
     Returns
     -------
     Peer or Absent
-        The peer, or the reason why it cannot be built.
+        The peer, or the reason why it is not run.
 
     Raises
     ------
     UnknownName
         There is no peer of this name; the message has similar names.
     """
+    kind = load_method(PEERS, name, "peer")
+    if iterations is not None and not kind.budgeted:
+        return Absent("has no limit on iterations that can be set", "refused")
+    options = {} if iterations is None else {"iterations": iterations}
     try:
-        peer: Peer | Absent = built_or_absent(load_method(PEERS, name, "peer"), robot)
+        peer: Peer | Absent = built_or_absent(kind, robot, **options)
     except InvalidInput as error:
-        return Absent(f"does not support {robot.name}: {error.got}; supported: {error.expected}")
-    return peer
+        return Absent(f"does not support {robot.name}: {error.got}; supported: {error.expected}", "refused")
+    if isinstance(peer, Absent):
+        return peer
+    return different_model(peer, robot) or peer
 
 
-def built_or_absent(kind: Any, *arguments: Any) -> Any:
+def different_model(peer: Peer, robot: Robot) -> Absent | None:
+    """Compare the forward kinematics of a peer with ours at random configurations inside the limits.
+
+    Parameters
+    ----------
+    peer : Peer
+        The peer.
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    Absent or None
+        The largest differences; None where they are within the tolerance, or the peer has no forward kinematics.
+    """
+    worst = np.zeros(2)
+    for q in robot.limits.draw(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
+        pose = peer.fk(q.copy())
+        if pose is None:
+            return None
+        off = np.asarray(pose, dtype=np.float64) - robot.fk(q)
+        worst = np.maximum(worst, [np.linalg.norm(off[:3, 3]), np.linalg.norm(off[:3, :3])])
+    if (worst <= peer.fk_tolerance).all():
+        return None
+    return Absent(
+        f"its model differs from ours by {worst[0]:.1e} m and by {worst[1]:.1e} in the rotation matrix", "differs"
+    )
+
+
+def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
     """Call a class that depends on an optional package.
 
     Parameters
     ----------
     kind : class
         A class with ``package`` and ``distribution``.
-    *arguments : Any
+    *arguments, **options : Any
         Arguments of the class.
 
     Returns
@@ -142,13 +279,33 @@ def built_or_absent(kind: Any, *arguments: Any) -> Any:
         A module of another package is missing.
     """
     try:
-        return kind(*arguments)
+        return kind(*arguments, **options)
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != kind.package:
             raise
         return Absent(f"not installed: pip install {kind.distribution}")
+    except NotInstalled as error:
+        return Absent(str(error))
     except ImportError as error:  # installed, but not for this machine
         return Absent(f"cannot be imported here: {error}")
+
+
+def missing(kind: Any) -> str:
+    """Why a peer cannot be run here, by what is installed: nothing is imported.
+
+    Parameters
+    ----------
+    kind : class
+        An IK method or a time law of another package.
+
+    Returns
+    -------
+    str
+        The reason, with what to type; empty where its package is installed.
+    """
+    if hasattr(kind, "missing"):
+        return str(kind.missing())
+    return "" if importlib.util.find_spec(kind.package) else f"pip install {kind.distribution}"
 
 
 def version_of(name: str, folder: str = PEERS) -> str | None:
@@ -172,6 +329,9 @@ def version_of(name: str, folder: str = PEERS) -> str | None:
         There is no peer of this name.
     """
     kind: Any = load_method(folder, name, "peer")
+    if hasattr(kind, "version"):
+        found: str | None = kind.version()
+        return found
     try:
         return importlib.metadata.version(kind.distribution)
     except importlib.metadata.PackageNotFoundError:

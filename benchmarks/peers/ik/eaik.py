@@ -22,7 +22,7 @@ class EAIK(Peer):
     )
     takes_start = False
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         from eaik.IK_Homogeneous import HomogeneousRobot
 
         need_revolute(robot, 4, 6)
@@ -30,6 +30,7 @@ class EAIK(Peer):
         arm = HomogeneousRobot(zero_frames(robot))
         if not arm.hasKnownDecomposition():
             raise InvalidInput("robot", "axes without a known decomposition", "arms that decompose into subproblems")
+        self.arm: Any = arm
         self.call = arm.IK
 
     def answers(self, raw: Any) -> Array:
@@ -46,6 +47,36 @@ class EAIK(Peer):
             Configurations [rad, m].
         """
         return np.asarray(raw.Q, dtype=np.float64).reshape(-1, self.robot.n) if len(raw.Q) else none(self.robot)
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether a branch is exact: EAIK marks the others as least squares.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(len(raw.Q)) and not bool(np.all(raw.is_LS))
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by EAIK's product of exponentials.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.asarray(self.arm.fwdKin(q))
 
 
 METHOD = EAIK

@@ -21,20 +21,29 @@ class PinocchioLoop(Peer):
 
     distribution = "pin"
     package = "pinocchio"
+    budgeted = True
     settings = (
         "the CLIK loop of the documentation in Python, dt = 1 instead of 0.1 (20 times faster, and more reliable near the "
         f"solution), damping {CLIK_DAMPING:g}, at most {CLIK_ITERATIONS} iterations, until |log6| < {CLIK_TOLERANCE:g}; "
         "no limits, no restarts"
     )
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import pinocchio
 
         model = pinocchio.Model()
         for i in range(robot.n):
             joint = pinocchio.JointModelPZ() if robot.prismatic[i] else pinocchio.JointModelRZ()
             model.addJoint(i, joint, pinocchio.SE3(np.array(robot.fixed[i])), robot.joint_names[i])
-        self.call = _loop(pinocchio, model, pinocchio.SE3(np.array(robot.tool)).inverse())
+        tool = pinocchio.SE3(np.array(robot.tool))
+        self.call = _loop(pinocchio, model, tool.inverse(), CLIK_ITERATIONS if iterations is None else iterations)
+        data = model.createData()
+
+        def pose(q: Array) -> Array:
+            pinocchio.forwardKinematics(model, data, q)
+            return np.asarray((data.oMi[model.njoints - 1] * tool).homogeneous)
+
+        self.pose = pose
 
     def answers(self, raw: Any) -> Array:
         """The configuration at which the loop ended.
@@ -66,19 +75,50 @@ class PinocchioLoop(Peer):
         """
         return int(raw[1])
 
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the loop converged.
 
-def _loop(pin: Any, model: Any, tool_inverse: Any) -> Any:
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(raw[2])
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by Pinocchio.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return self.pose(q)
+
+
+def _loop(pin: Any, model: Any, tool_inverse: Any, most: int) -> Any:
     data, last, damping = model.createData(), model.njoints - 1, CLIK_DAMPING * np.eye(6)
 
-    def solve(target: Array, q0: Array) -> tuple[Array, int]:
+    def solve(target: Array, q0: Array) -> tuple[Array, int, bool]:
         goal = pin.SE3(target) * tool_inverse
         q, iterations = q0, 0
         while True:
             pin.forwardKinematics(model, data, q)
             to_goal = data.oMi[last].actInv(goal)
             error = pin.log6(to_goal).vector
-            if np.linalg.norm(error) < CLIK_TOLERANCE or iterations == CLIK_ITERATIONS:
-                return q, iterations
+            converged = np.linalg.norm(error) < CLIK_TOLERANCE
+            if converged or iterations == most:
+                return q, iterations, bool(converged)
             jacobian = -pin.Jlog6(to_goal.inverse()) @ pin.computeJointJacobian(model, data, q, last)
             q = pin.integrate(model, q, -jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping, error))
             iterations += 1

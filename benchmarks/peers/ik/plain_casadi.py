@@ -17,23 +17,31 @@ class PlainCasADi(Peer):
 
     distribution = "casadi"
     package = "casadi"
+    budgeted = True
     settings = (
         "nlpsol with ipopt, the pose as six equality constraints (position, and twice the vector part of the quaternion "
         "between), limits as bounds, called as solver(x0=…, p=…, …); default options of IPOPT, no output"
     )
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import casadi as ca
 
         q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 7)
-        problem = {"x": q, "p": target, "f": ca.SX(0.0), "g": _pose_error(ca, robot, q, target)}
-        solver = ca.nlpsol("ik", "ipopt", problem, {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes"}})
+        p, h = _tool(ca, robot, q)
+        problem = {"x": q, "p": target, "f": ca.SX(0.0), "g": _pose_error(ca, p, h, target)}
+        options: dict[str, Any] = {"print_level": 0, "sb": "yes"} | (
+            {} if iterations is None else {"max_iter": iterations}
+        )
+        solver = ca.nlpsol("ik", "ipopt", problem, {"print_time": False, "ipopt": options})
+        rotated = ca.horzcat(*(_rotate(ca, h, ca.SX(column)) for column in np.eye(3)))
+        self.pose: Any = ca.Function("pose", [q], [ca.vertcat(ca.horzcat(rotated, p), ca.DM([[0.0, 0.0, 0.0, 1.0]]))])
         lower, upper = robot.limits.lower, robot.limits.upper
 
-        def call(target: Array, q0: Array) -> Array:
+        def call(target: Array, q0: Array) -> tuple[Array, bool, int]:
             p = np.concatenate([target[:3, 3], _quaternion(target[:3, :3])])
             answer = solver(x0=q0, p=p, lbx=lower, ubx=upper, lbg=0.0, ubg=0.0)
-            return np.asarray(answer["x"]).ravel()
+            stats = solver.stats()
+            return np.asarray(answer["x"]).ravel(), bool(stats["success"]), int(stats["iter_count"])
 
         self.call = call
         self.limits = robot.limits
@@ -51,11 +59,56 @@ class PlainCasADi(Peer):
         (1, n) array
             Configurations [rad, m].
         """
-        return one(self.limits.clip(raw))
+        return one(self.limits.clip(raw[0]))
+
+    def iterations(self, raw: Any) -> int | None:
+        """Number of iterations of IPOPT.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        int or None
+            Number of iterations.
+        """
+        return int(raw[2])
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether IPOPT ended with success.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(raw[1])
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by the expression that IPOPT is given.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.asarray(self.pose(q))
 
 
-def _pose_error(ca: Any, robot: Robot, q: Any, target: Any) -> Any:
-    """Expressions (6,) of the position error, and of twice the vector part of h_t* ∘ h, for a target (7,)."""
+def _tool(ca: Any, robot: Robot, q: Any) -> tuple[Any, Any]:
+    """Expressions of the tool's position (3,) and unit quaternion (4,), scalar first."""
     p, h = ca.SX.zeros(3), ca.SX([1.0, 0.0, 0.0, 0.0])
     for i, fixed in enumerate((*robot.fixed, robot.tool)):
         p, h = p + _rotate(ca, h, ca.SX(fixed[:3, 3])), _product(ca, h, ca.SX(_quaternion(fixed[:3, :3])))
@@ -63,6 +116,11 @@ def _pose_error(ca: Any, robot: Robot, q: Any, target: Any) -> Any:
             p = p + q[i] * _rotate(ca, h, ca.SX([0.0, 0.0, 1.0]))
         elif i < robot.n:
             h = _product(ca, h, ca.vertcat(ca.cos(0.5 * q[i]), 0.0, 0.0, ca.sin(0.5 * q[i])))
+    return p, h
+
+
+def _pose_error(ca: Any, p: Any, h: Any, target: Any) -> Any:
+    """Expressions (6,) of the position error, and of twice the vector part of h_t* ∘ h, for a target (7,)."""
     between = _product(ca, ca.vertcat(target[3], -target[4:]), h)
     return ca.vertcat(p - target[:3], 2.0 * between[1:])
 

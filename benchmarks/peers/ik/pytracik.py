@@ -9,11 +9,12 @@ import numpy as np
 
 from benchmarks.peers.ik._urdf import urdf
 from benchmarks.peers.ik.base import Peer, need_revolute, none, one
+from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.types import Array
 
-TRACIK_SECONDS = 0.02
-"""Time limit of a call [s], long enough for its restarts."""
+TRACIK_SECONDS = 0.1
+"""Time limit of a call [s], long enough for its restarts also on a busy machine, where 0.02 ended 4 % of the calls."""
 TRACIK_TOLERANCE = 1e-7
 """Tolerance of TRAC-IK: its default of 1e-5 is above the 1e-6 m and rad that every method must reach."""
 
@@ -23,20 +24,30 @@ class PyTracIK(Peer):
 
     distribution = "pytracik"
     package = "pytracik"
+    clocked = True
+    random = True
     settings = (
-        f"URDF of the arm with its limits; Speed mode, eps {TRACIK_TOLERANCE:g} (its default, 1e-5, does not reach 1e-6), "
+        "URDF of the arm with its limits, rounded inwards to single precision, in which the package keeps them: else answers "
+        f"at a limit are 5e-9 rad outside; Speed mode, eps {TRACIK_TOLERANCE:g} (its default, 1e-5, does not reach 1e-6), "
         f"at most {1e3 * TRACIK_SECONDS:g} ms; runs two threads of its own; the timed call includes the conversion of the "
         "matrix to a quaternion"
     )
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import pytracik
 
         need_revolute(robot, 1, 9)
         self.robot = robot
         solver = pytracik.TRAC_IK(
-            "link0", "tool", urdf(robot), TRACIK_SECONDS, TRACIK_TOLERANCE, pytracik.SolveType.Speed
+            "link0",
+            "tool",
+            urdf(robot, _single(robot.limits)),
+            TRACIK_SECONDS,
+            TRACIK_TOLERANCE,
+            pytracik.SolveType.Speed,
         )
+        self.module: Any = pytracik
+        self.solver: Any = solver
         ik = pytracik.ik
 
         def call(target: Array, q0: Array) -> Any:
@@ -60,6 +71,44 @@ class PyTracIK(Peer):
         """
         values = np.asarray(raw, dtype=np.float64).ravel()
         return one(values[-self.robot.n :]) if values.size > self.robot.n and values[0] >= 0 else none(self.robot)
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the return code is not negative.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return float(np.ravel(raw)[0]) >= 0.0 if np.size(raw) else False
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by the KDL chain that TRAC-IK read from the URDF.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.asarray(self.module.fk(self.solver, q)).reshape(4, 4)
+
+
+def _single(limits: JointLimits) -> JointLimits:
+    """Limits that are numbers of single precision, in which the package keeps them, just inside the given ones."""
+    lower, upper = limits.lower.astype(np.float32), limits.upper.astype(np.float32)
+    lower = np.where(lower < limits.lower, np.nextafter(lower, np.float32(np.inf)), lower)
+    upper = np.where(upper > limits.upper, np.nextafter(upper, np.float32(-np.inf)), upper)
+    return JointLimits(lower.astype(np.float64), upper.astype(np.float64))
 
 
 def _quaternion(T: list[list[float]]) -> tuple[float, float, float, float]:

@@ -17,20 +17,23 @@ class RoboticsToolbox(Peer):
 
     distribution = "roboticstoolbox-python"
     package = "roboticstoolbox"
+    budgeted = True
+    random = True
     settings = (
         "ETS of the arm's fixed transforms, limits set; ik_LM(target, q0=start, tol=1e-13), otherwise its defaults (Chan's "
         "damping with k = 1, 30 iterations, 100 searches): faster and more reliable here than Wampler, Sugihara or smaller k"
     )
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         from roboticstoolbox import ET, ETS
 
         elements = []
         for i in range(robot.n):
             joint = ET.tz if robot.prismatic[i] else ET.Rz
             elements += [ET.SE3(np.array(robot.fixed[i])), joint(qlim=[robot.limits.lower[i], robot.limits.upper[i]])]
-        solve = ETS([*elements, ET.SE3(np.array(robot.tool))]).ik_LM
-        self.call = partial(solve, tol=1e-13)
+        self.ets: Any = ETS([*elements, ET.SE3(np.array(robot.tool))])
+        budget = {} if iterations is None else {"ilimit": iterations - 1, "slimit": 1}  # it takes ilimit + 1
+        self.call = partial(self.ets.ik_LM, tol=1e-13, **budget)
 
     def answers(self, raw: Any) -> Array:
         """The configuration, whether or not the method reports success.
@@ -61,6 +64,36 @@ class RoboticsToolbox(Peer):
             Number of iterations.
         """
         return int(raw.iterations)
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether it reports success.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(raw.success)
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by the ETS.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.asarray(self.ets.fkine(q).A)
 
 
 METHOD = RoboticsToolbox

@@ -29,7 +29,7 @@ class SSIK(Peer):
     )
     takes_start = False
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         from ssik import Manipulator
 
         need_revolute(robot, 6, 7)
@@ -40,6 +40,7 @@ class SSIK(Peer):
             raise InvalidInput(
                 "robot", f"the class {arm.solver_name}", "arms whose module is generated in seconds, not minutes"
             )
+        self.arm: Any = arm
         self.call = partial(_module(arm).solve, max_solutions=1)
 
     def answers(self, raw: Any) -> Array:
@@ -56,6 +57,36 @@ class SSIK(Peer):
             Configurations [rad, m].
         """
         return np.array([solution.q for solution in raw]) if raw else none(self.robot)
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether it returned a branch.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(raw)
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by ssik's own model of the arm.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.asarray(self.arm.fk(q))
 
 
 def _module(arm: Any) -> ModuleType:

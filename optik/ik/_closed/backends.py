@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput, MissingDependency
+from optik.errors import MissingDependency, Unsupported
 from optik.se3 import pose
 from optik.types import Array
 
@@ -171,7 +171,7 @@ def choose(name: str, robot: Robot) -> Backend | None:
     ------
     MissingDependency
         A named one is not installed.
-    InvalidInput
+    Unsupported
         A named one cannot solve this arm.
     """
     if name == "enumeration":
@@ -181,7 +181,7 @@ def choose(name: str, robot: Robot) -> Backend | None:
             return Backend(name, robot)
         except Refused as error:
             works = "'auto' (the first closed form that does this arm) or 'enumeration' (numerical, any arm)"
-            raise InvalidInput("backend", f"{name!r}, which does not do {robot.name}: {error}", works) from error
+            raise Unsupported("backend", f"{name!r}, which does not do {robot.name}: {error}", works) from error
     for known in ("eaik", "ssik"):
         try:
             return Backend(known, robot)

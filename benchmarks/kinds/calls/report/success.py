@@ -60,11 +60,12 @@ def success_and_time(b: CallRows) -> Table:
         Column("none", "no answer", show="count", aside=True),
         Column("raised", "raised", show="count", aside=True),
         Column("crashed", "crashed", show="count", aside=True),
+        Column("refused", "refused", show="count", aside=True),
         Column("iterations", "mean iterations", aside=True),
         Column("restarts", "mean restarts", aside=True),
         Column("noise", "spread between rounds, median", "%", aside=True),
         Column("first_round", "first round over median", aside=True),
-        Column("mutated", "changed its input", "", "less", "count", aside=True),
+        Column("changed_input", "changed its input", "", "less", "count", aside=True),
         Column("varies", "differs between runs by", show="text", aside=True),
         Column("build", "building", "ms", "less", aside=True),
     )
@@ -96,13 +97,13 @@ def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
     if "claimed" in part.columns and not part["claimed"].is_null().all():
         cells["false_claims"] = int((part["claimed"].fill_null(value=False) & ~part["solved"]).sum())
     if "outcome" in part.columns:
-        cells |= {word: int((part["outcome"] == word).sum()) for word in ("none", "raised", "crashed")}
+        cells |= {word: int((part["outcome"] == word).sum()) for word in ("none", "raised", "crashed", "refused")}
     if "cpu_ns" in part.columns and not part["cpu_ns"].is_null().all():
         cells["cpu"] = float(part["cpu_ns"].sum()) / float(part["ns"].sum())
-    if "mutated" in part.columns:
-        cells["mutated"] = int(part["mutated"].sum())
-    if "ns_first" in part.columns and (part["ns_max"] != part["ns_min"]).any():
-        spread = (part["ns_max"] - part["ns_min"]) / part["ns"]
+    if "changed_input" in part.columns:
+        cells["changed_input"] = int(part["changed_input"].sum())
+    if "first_ns" in part.columns and (part["most_ns"] != part["least_ns"]).any():
+        spread = (part["most_ns"] - part["least_ns"]) / part["ns"]
         cells["noise"] = 100.0 * float(np.median(spread.to_numpy()))
     if "first_round" in part.columns:
         cells["first_round"] = float(part["first_round"][0])
@@ -156,8 +157,8 @@ def _conspicuous(part: pl.DataFrame, by: str) -> Iterable[str]:
         far = int((part["claimed"].fill_null(value=False) & ~part.select(solved_at(JUDGED_AT[0])).to_series()).sum())
         beyond = f"outside the limits or more than {level_name(JUDGED_AT[0])} m or rad off"
         yield f"claimed {claimed:,} answers that do not solve, {far:,} of them {beyond}"
-    if cells.get("mutated"):
-        yield f"changed its input in {cells['mutated']:,} calls; every call has copies of its own"
+    if cells.get("changed_input"):
+        yield f"changed its input in {cells['changed_input']:,} calls; every call has copies of its own"
     first = cells.get("first_round")
     if isinstance(first, float) and first > REMEMBERS_FROM:
         yield f"took {first:.1f} times as long in its first round: it may remember answers, and is timed by that round"

@@ -14,7 +14,7 @@ from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.run import Run
 from optik.registry import short_name
 
-EVERY = "every line"
+EVERY = "every path"
 """The group of all lines, in a control of the page."""
 
 LINE_SHARES = np.linspace(0.0, 1.0, 201)
@@ -43,12 +43,12 @@ def durations(b: LawRows, run: Run) -> Board:
         Two plots, with a choice of the lines.
     """
     plain = Plot(
-        "timing-distribution", "Share of lines with a duration of at most this multiple of T*",
-        {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
+        "timing-distribution", "Share of paths with a duration of at most this multiple of T*",
+        {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     kept = Plot(
         "timing-profile", "The same, slowed until every limit is kept: excess over T*",
-        {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("lines [%]", range=[-2, 102])}, 400,
+        {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(map(short_name, b.block.robots)) if len(b.block.robots) > 1 else [])
     for group in groups:
@@ -70,9 +70,9 @@ def durations(b: LawRows, run: Run) -> Board:
             slowed = rows["kept_over_optimum"].drop_nulls().to_numpy()
             excess = 100.0 * (slowed[np.isfinite(slowed)] - 1.0)
             _steps(kept, label, look, np.maximum(excess, LEAST_EXCESS), len(rows), group, "% longer")
-    names = [(g, g.replace("_", "-") + (" lines" if g in b.block.kinds else "")) for g in groups]
+    names = [(g, g.replace("_", "-")) for g in groups]
     return Board(
-        f"{b.block.id}-durations", (plain, kept), (Control("group", "Lines", tuple(names)),), _legend(b, run),
+        f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),), _legend(b, run),
         "First: all motions as they are; one that breaks a limit may be shorter than T*. Then: the duration to which a motion "
         "must be slowed, uniformly, until its exact velocity, acceleration and jerk keep the limits. A law whose acceleration "
         f"jumps has none. What comes nearer than {LEAST_EXCESS:g} % is drawn there.",
@@ -91,7 +91,7 @@ def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: s
     x = np.quantile(values, LINE_SHARES, method="inverted_cdf")
     trace = line(
         x=lean(x, 6), y=lean(100.0 * LINE_SHARES * len(values) / count, 6), name=label, line=look | {"shape": "hv"},
-        hovertemplate=f"{label}<br>%{{y:.3~g}} % of the lines within %{{x:.4g}} {unit}{HOVER}",
+        hovertemplate=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}{HOVER}",
     )  # fmt: skip
     plot.add(trace, {"group": [group]})
 
@@ -120,7 +120,7 @@ def against_singularity(b: LawRows, run: Run) -> Board:
     Board
         Two plots, with a choice of the limits.
     """
-    across = _ticked("smallest singular value on the line", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
+    across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (
         Plot("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
@@ -140,6 +140,6 @@ def against_singularity(b: LawRows, run: Run) -> Board:
     controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
     return Board(
         f"{b.block.id}-singularity", plots, controls, _legend(b, run),
-        "One point a line and law. A law with one bound for the whole line is paced by its worst place: it falls behind to the "
+        "One point a path and law. A law with one bound for the whole path is paced by its worst place: it falls behind to the "
         "left, where a singularity is near.",
     )  # fmt: skip

@@ -91,8 +91,8 @@ def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
         Column("stretched", "most stretched by plan", show="exact", aside=True),
         Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True),
         Column("jerk_worst", "worst jerk at 1 kHz", "rad/s³", aside=True),
-        Column("distance", "farthest off the line", "µm", "less", aside=True),
-        Column("angle", "largest angle off the line", "µrad", "less", aside=True),
+        Column("distance", "farthest off the path", "µm", "less", aside=True),
+        Column("angle", "largest angle off the path", "µrad", "less", aside=True),
         Column("ms_p95", "p95 time of a call", ms, "less", aside=True),
     )
     found: list[Mapping[str, Cell]] = []
@@ -172,10 +172,10 @@ def _largest(column: pl.Series, scale: float = 1.0) -> float | None:
 
 def _note(b: LawRows, rows: pl.DataFrame) -> str:
     sentences = [
-        "Each line counts once for every set of limits, also where there is no motion: T / T* is then infinite. Ratios are "
+        "Each path counts once for every set of limits, also where there is no motion: T / T* is then infinite. Ratios are "
         f"exact, the worst over all motions. Within 0.1 %: no value above {NEARLY:g} times its limit. Slowed to the limits: "
         "the same motion, uniformly slower until it keeps all of them; T* is the shortest duration of any motion after that. "
-        f"A motion farther than {1e6 * ON_PATH_M:g} µm from its line, or that does not run through it, does not count. "
+        f"A motion farther than {1e6 * ON_PATH_M:g} µm from its path, or that does not run through it, does not count. "
         "Medians have 95 % bootstrap intervals, shares Wilson's."
     ]
     for label, about in b.entries.items():
@@ -184,7 +184,7 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
             sentences.append(f"{label}: {about['absent']}.")
         elif len(own) and not own["follows"].all():
             sentences.append(
-                f"{label}: {int((~own['follows']).sum()):,} motions leave the line or do not run through it."
+                f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not run through it."
             )
         if len(own) and (unbounded := int(own["least_duration"].is_infinite().fill_null(value=False).sum())):
             sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no slower motion keeps a jerk limit.")

@@ -37,8 +37,8 @@ def winners(run: Run) -> Sequence[Winner]:
 def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     """Which law has the shortest motions on a kind of line, and which of these laws is computed fastest.
 
-    Ranked are the laws whose jerk is bounded: any motion of theirs can be slowed until it keeps the limits. All are compared
-    on the lines that all of them were asked for.
+    Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
+    path. All are compared on the lines that all of them were asked for.
 
     Parameters
     ----------
@@ -58,15 +58,19 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
         for label in b.entries
         if np.isinf(rows.filter(pl.col("law") == label)["least_duration"].drop_nulls().to_numpy()).any()
     ]
-    ranked = [label for label in b.entries if label not in unbounded and (rows["law"] == label).any()]
+    asked = set(rows["law"])
+    on_path = set(rows.filter(pl.col("solved") & pl.col("follows"))["law"])
+    off = [label for label in b.entries if label in asked - on_path]
+    ranked = [label for label in b.entries if label in on_path and label not in unbounded]
     rows = rows.filter(pl.col("law").is_in(ranked))
     rows = rows.filter(pl.len().over("line", "limits") == len(ranked))
     parts = {label: rows.filter(pl.col("law") == label) for label in ranked}
     if len(ranked) < 2 or len(parts[ranked[0]]) < FEWEST_SHARED:
         return []
     words, count = kind.replace("_", "-"), len(parts[ranked[0]])
-    left_out = f"; jerk unbounded, not ranked: {', '.join(unbounded)}" if unbounded else ""
-    note = f"median of {count:,} motions that all were asked for, bootstrap intervals{left_out}"
+    note = f"median of {count:,} motions that all were asked for, bootstrap intervals"
+    for why, labels in (("jerk unbounded", unbounded), ("no motion on its path", off)):
+        note += f"; {why}, not ranked: {', '.join(labels)}" if labels else ""
     lengths = [(label, *median_interval(or_infinite(part["kept_over_optimum"]))) for label, part in parts.items()]
     times = [(label, *median_interval(part["ms_law"].to_numpy())) for label, part in parts.items()]
     return [

@@ -1,0 +1,76 @@
+"""`optik bench peer`: environments of their own for peers whose packages clash with ours."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import venv
+from typing import Annotated, Any
+
+import typer
+
+from benchmarks.cli.shared import err_console, out_console
+from benchmarks.peers.ik import PEERS
+from benchmarks.peers.ik.base import missing, version_of
+from optik.errors import InvalidInput, OutputError
+from optik.registry import load_method
+
+LAST_WORDS = 400
+"""Characters of pip's last line that an error shows."""
+
+
+def bench_peer(
+    name: Annotated[str, typer.Argument(help="A peer of `optik doctor`.")],
+    install: Annotated[
+        bool, typer.Option("--install", help="Make its environment and install its package there.")
+    ] = False,
+) -> None:
+    """Say how a peer is called and whether it can be run here; make the environment of one that needs its own.
+
+    Environments lie in $OPTIK_PEERS, or in optik/peers in the user's data folder; delete a folder there to remove one.
+
+    Parameters
+    ----------
+    name, install
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName
+        No such peer.
+    InvalidInput
+        The peer needs no environment of its own.
+    OutputError
+        The environment cannot be made.
+    """
+    kind: Any = load_method(PEERS, name, "peer")
+    if install:
+        if not hasattr(kind, "environment"):
+            raise InvalidInput(
+                "--install", name, f"a peer with an environment of its own; here: pip install {kind.distribution}"
+            )
+        _install(kind)
+    why = missing(kind)
+    out_console.print(
+        f"{name}: {why or f'{kind.distribution} {version_of(name)}'}", highlight=False, markup=False, soft_wrap=True
+    )
+    out_console.print(kind.settings, highlight=False, markup=False, soft_wrap=True)
+
+
+def _install(kind: Any) -> None:
+    """Make the environment of a peer; one that is not complete is removed."""
+    folder, python = kind.environment(), kind.python()
+    outside = {k: v for k, v in os.environ.items() if k not in ("PIP_CONSTRAINT", "PYTHONPATH", "PYTHONHOME")}
+    try:
+        with err_console.status(f"installing {', '.join(kind.requirements)}"):
+            venv.create(folder, with_pip=True, clear=True)
+            pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *kind.requirements]
+            subprocess.run(pip, check=True, capture_output=True, text=True, env=outside)
+    except subprocess.CalledProcessError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        said = (str(error.stderr).strip().splitlines() or ["pip failed"])[-1]
+        raise OutputError(folder, said[:LAST_WORDS]) from None
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise OutputError(folder, error.strerror or str(error)) from None

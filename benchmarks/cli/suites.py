@@ -1,0 +1,206 @@
+"""`optik bench new` and `optik bench check`: a suite to start from, and every key of a suite explained."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Column, Table
+
+from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, command, out_console, print_json
+from optik.errors import InvalidInput, OutputError
+from optik.plugins.files import is_path
+from optik.plugins.used import record
+
+ALL_SHOWN = 60
+"""Characters of a value that the table shows; `--json` has all."""
+
+NEW_SUITE = """\
+# A comparison on {name}. What each key means: optik bench check {file}
+# Run it and write its report: optik bench run {file} --out {run} --report
+title = {title}
+seed = 1
+
+# Inverse kinematics, call by call: successes, errors and times.
+[[speed]]
+id = "ik"
+robot = {robot}
+set = "random_reachable"  # or: {sets}
+options = {{ count = 200, starts = ["near", "random"] }}  # starts: near, far, random, zero
+methods = [{{ solver = "lm" }}, {{ solver = "dls", options = {{ max_restarts = 20 }} }}]  # or: {methods}
+# peers = [{{ peer = "roboticstoolbox" }}]  # outside methods: {peers}
+# rounds = 3  # each problem is solved so often; its time is the median
+# [[speed.targets]]  # a bound that the report checks
+# method = "lm"
+# measure = "success"
+# at_least = 99
+
+# Your own poses: set = "file", options = {{ path = "poses.csv" }}, columns x_m,y_m,z_m,qw,qx,qy,qz
+
+# Time laws on the same motions: duration, limits kept, time to compute.
+[[timing]]
+id = "laws"
+lines = [{{ robot = {robot}, kind = "{kind}", count = 3 }}]  # kinds: {kinds}
+limits = [{{ velocity = 2.0, acceleration = 10.0, jerk = 100.0 }}]  # of every joint [rad/s, rad/s², rad/s³; m]
+laws = [{{ law = "optimal" }}, {{ law = "smooth" }}]  # or: {laws}
+# Your own seam: lines = [{{ robot = {robot}, kind = "file", path = "seam.csv" }}]
+
+# Iteration by iteration: [[blocks]] with budgets = [5, 20, 100]. All keys: docs/suites.md
+"""
+"""The suite that `optik bench new` writes."""
+
+
+def add_suites(group: typer.Typer) -> None:
+    """Add the commands to a group.
+
+    Parameters
+    ----------
+    group : typer.Typer
+        The group ``optik bench``.
+    """
+    command(group, "new")(bench_new)
+    command(group, "check")(bench_check)
+
+
+def bench_new(
+    file: Annotated[Path, typer.Argument(help="The suite to write, such as own.toml.")],
+    robot: RobotName = "paper6r",
+    tip: Tip = None,
+    base: Base = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a commented suite to start from, for one arm; a file that exists is left as it is.
+
+    Parameters
+    ----------
+    file, robot, tip, base, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, RobotModelError
+        As `optik.load`; a name that does not end in .toml.
+    OutputError
+        The file exists, or cannot be written.
+    """
+    if file.suffix.lower() != ".toml":
+        raise InvalidInput("file", str(file), "a name that ends in .toml")
+    arm = arm_of(robot, tip, base)
+    text = _suite_text(file, _named(file, robot, tip, base), arm.name, arm.n)
+    try:
+        with file.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+    except FileExistsError:
+        raise OutputError(file, "exists; name another file") from None
+    except OSError as error:
+        raise OutputError(file, f"cannot be written ({error.strerror})") from None
+    if as_json:
+        print_json({"suite": str(file), "robot": arm.name, "joints": arm.n})
+        return
+    shown = shlex.quote(str(file))
+    out_console.print(
+        f"{file} compares on {arm.name} ({arm.n} joints); run it: "
+        f"optik bench run {shown} --out {shlex.quote(str(file.with_suffix('')))}-run --report",
+        highlight=False, markup=False, soft_wrap=True,
+    )  # fmt: skip
+
+
+def _named(file: Path, robot: str, tip: str | None, base: str | None) -> str:
+    """The robot as the suite names it: a path relative to the suite's folder, with the links of a URDF."""
+    if not is_path(robot):
+        return robot
+    path, _, links = robot.partition("#")
+    relative = Path(os.path.relpath(Path(path).resolve(), file.resolve().parent)).as_posix()
+    links = links or "&".join(f"{key}={link}" for key, link in (("tip", tip), ("base", base)) if link)
+    return (relative if relative.startswith("..") else f"./{relative}") + (f"#{links}" if links else "")
+
+
+def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
+    """The suite's text."""
+    from benchmarks.kinds.laws.motions import MOTION_KINDS
+    from optik.registry import own_names
+
+    def others(group: str, *taken: str) -> str:
+        return ", ".join(sorted(own_names(group) - set(taken)))
+
+    return NEW_SUITE.format(
+        name=name,
+        file=shlex.quote(file.name),
+        run=shlex.quote(f"{file.stem}-run"),
+        title=json.dumps(f"Inverse kinematics and time laws on {name}", ensure_ascii=False),
+        robot=json.dumps(robot, ensure_ascii=False),
+        kind="regular" if joints >= 6 else "joints",
+        kinds=", ".join(MOTION_KINDS),
+        sets=others("benchmarks.problems", "random_reachable"),
+        methods=others("optik.ik", "lm", "dls"),
+        peers=others("benchmarks.peers.ik"),
+        laws=others("planners.timing", "optimal", "smooth"),
+    )
+
+
+def bench_check(
+    suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
+    every: Annotated[
+        bool, typer.Option("--all", help="Show keys that could be added, with their defaults, too.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Check a suite and explain its keys: meaning, unit, default and value. No code in files that it names is run.
+
+    Parameters
+    ----------
+    suite, every, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        As `load_suite`; an option that a method or a problem set does not have.
+    """
+    from benchmarks.cli.explain import explain
+    from benchmarks.suite import SUITES, load_suite
+    from optik.registry import data_file
+
+    asked = load_suite(suite)
+    rows = record(asked.plugins)
+    keys = explain(asked, data_file(SUITES, suite, "suite").parent)
+    shown = [key for key in keys if key.given or every]
+    if as_json:
+        about = {"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows}
+        print_json(about | {"keys": [key._asdict() for key in shown]})
+        return
+    table = Table(Column("key", overflow="fold"), "value", "default", "unit", "meaning")
+    for key in shown:
+        table.add_row(*(_cell(part) for part in (key.key, _value(key), key.default, key.unit, key.meaning)))
+    out_console.print(table)
+    words = f"the settings of {asked.name} are right"
+    if any(str(row.get("path", "")).endswith(".py") for row in rows):
+        words += "; the files were not run"
+    if asked.unread:
+        words += f", so the settings of their kinds of block were not checked: {', '.join(asked.unread)}"
+    out_console.print(words, highlight=False, markup=False, soft_wrap=True)
+    for row in rows:
+        what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
+        out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _value(key: Any) -> str:
+    """The value of a key as the file has it; tables are shown key by key."""
+    if not key.given:
+        return "–"
+    value = key.value
+    if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(item, dict) for item in value)):
+        return "…"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= ALL_SHOWN else f"{text[:ALL_SHOWN]}…"
+
+
+def _cell(text: str) -> Any:
+    """Text without markup: names in a suite may have brackets."""
+    from rich.text import Text
+
+    return Text(text)

@@ -1,0 +1,77 @@
+"""Serve one IK method of another package: requests on standard input, answers on standard output, one JSON value a line.
+
+Run as ``python -I serve.py METHOD_FILE`` by the interpreter of the environment that has the package. This file and METHOD_FILE
+import nothing of ours: one of the packages has the import name ``optik``, too. METHOD_FILE defines ``METHOD``, a class that is
+built from a model (``urdf``, and ``iterations`` or None), and raises ValueError for an arm that it does not support, with the
+methods ``prepared(target, q0)``, ``call``, the timed part, ``answer(raw)`` and ``fk(q)``.
+"""
+
+import gc
+import json
+import os
+import runpy
+import sys
+import time
+from typing import Any, TextIO
+
+
+def main() -> None:
+    """Answer requests until standard input ends."""
+    answers = os.fdopen(os.dup(1), "w", encoding="ascii")
+    os.dup2(2, 1)  # what a package prints must not be taken for an answer
+    method: Any = None
+    for line in sys.stdin:
+        request = json.loads(line)
+        if request["do"] == "build":
+            method, reply = _build(request["model"])
+            _say(answers, reply)
+        elif request["do"] == "fk":
+            _say(answers, _pose(method, request["q"]))
+        else:
+            for problem in request["problems"]:
+                _say(answers, _solved(method, *problem))
+
+
+def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    try:
+        return runpy.run_path(sys.argv[1])["METHOD"](model), {}
+    except ValueError as error:
+        return None, {"refused": str(error)}
+    except Exception as error:
+        return None, {"error": f"{type(error).__name__}: {error}"}
+
+
+def _solved(method: Any, target: list[Any], q0: list[float]) -> dict[str, Any]:
+    """Time one call alone: reading the request and writing the answer are outside."""
+    clock, cpu = time.perf_counter_ns, time.process_time_ns
+    given = method.prepared(target, q0)
+    gc.disable()
+    begin_cpu, begin = cpu(), clock()
+    try:
+        raw = method.call(*given)
+    except Exception as error:
+        return {"error": f"{type(error).__name__}: {error}"[:200], "ns": clock() - begin, "cpu_ns": cpu() - begin_cpu}
+    finally:
+        end, end_cpu = clock(), cpu()
+        gc.enable()
+    q, claimed, iterations = method.answer(raw)
+    return {
+        "q": None if q is None else [float(x) for x in q], "claimed": claimed, "iterations": iterations,
+        "ns": end - begin, "cpu_ns": end_cpu - begin_cpu,
+    }  # fmt: skip
+
+
+def _pose(method: Any, q: list[float]) -> dict[str, Any]:
+    try:
+        return {"pose": [[float(x) for x in row] for row in method.fk(q)]}
+    except Exception as error:
+        return {"error": f"{type(error).__name__}: {error}"[:200]}
+
+
+def _say(answers: TextIO, value: dict[str, Any]) -> None:
+    answers.write(json.dumps(value) + "\n")
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main()

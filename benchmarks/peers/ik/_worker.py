@@ -1,0 +1,354 @@
+"""Peers in environments of their own: a worker process runs and times their calls, and may crash without ending the run."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from benchmarks.peers.ik._urdf import urdf
+from benchmarks.peers.ik.base import Answer, Failed, NotInstalled, Peer, none, one
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.types import Array
+
+WORKERS = Path(__file__).resolve().parents[1] / "_workers"
+"""Where the scripts lie that the other environments run."""
+
+LONGEST_CALL = 60.0
+"""Time limit of an answer [s]: a worker that exceeds it is ended, and the problem counts as a crash."""
+
+MOST_CRASHES = 20
+"""Problems in a row at which a worker may crash: starting it again costs seconds, and the rest would crash, too."""
+
+LONGEST_START = 300.0
+"""Time limit of importing a package and building a robot [s], also on a busy machine with a cold disk."""
+
+
+def peers_folder() -> Path:
+    """Folder of the environments of peers: ``$OPTIK_PEERS``, otherwise ``optik/peers`` in the user's data folder.
+
+    Returns
+    -------
+    Path
+        It may not exist.
+    """
+    if own := os.environ.get("OPTIK_PEERS"):
+        return Path(own)
+    if sys.platform == "win32":
+        data = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        data = str(Path.home() / "Library" / "Application Support")
+    else:
+        data = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
+    return Path(data) / "optik" / "peers"
+
+
+class WorkerPeer(Peer):
+    """A peer whose package is in an environment of its own; a subclass has its facts only.
+
+    Attributes
+    ----------
+    name : str
+        Name of the peer, of its environment, and of its script in ``benchmarks/peers/_workers``.
+    requirements : tuple of str
+        What ``pip install`` puts into the environment.
+    """
+
+    name: ClassVar[str]
+    requirements: ClassVar[tuple[str, ...]]
+
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
+        self.robot = robot
+        if why := self.missing():
+            raise NotInstalled(why)
+        self._worker = Worker(self.python(), self.script(), {"urdf": urdf(robot), "iterations": iterations})
+
+    @classmethod
+    def environment(cls) -> Path:
+        """Folder of its environment, which may not exist."""
+        return peers_folder() / cls.name
+
+    @classmethod
+    def python(cls) -> Path:
+        """Interpreter of its environment, which may not exist."""
+        return cls.environment() / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+
+    @classmethod
+    def missing(cls) -> str:
+        """Why it cannot be run here, empty where it can."""
+        if cls.python().exists():
+            return ""
+        return f"no environment in {cls.environment()}: optik bench peer {cls.name} --install"
+
+    @classmethod
+    def script(cls) -> Path:
+        """File in ``benchmarks/peers/_workers`` that defines its method for the worker process."""
+        return WORKERS / f"{cls.name}.py"
+
+    @classmethod
+    def version(cls) -> str | None:
+        """Version of its distribution in its environment, read from the metadata there."""
+        stem = cls.distribution.replace("-", "_")
+        found = sorted(cls.environment().glob(f"**/site-packages/{stem}-*.dist-info"))
+        return found[0].name.removesuffix(".dist-info").rpartition("-")[2] if found else None
+
+    def call(self, target: Array, q0: Array) -> Any:
+        """One call through the worker process; comparisons use `many`, whose times leave the pipe out.
+
+        Parameters
+        ----------
+        target : (4, 4) array
+            Target pose [1, m].
+        q0 : (n,) array
+            Initial guess [rad, m].
+
+        Returns
+        -------
+        object
+            What the worker answered.
+
+        Raises
+        ------
+        RuntimeError
+            The call failed, or the worker crashed.
+        """
+        answer = self.many([(target, q0)])[0].raw
+        if isinstance(answer, Failed):
+            raise RuntimeError(f"{answer.outcome}: {answer.error}")
+        return answer
+
+    def many(self, arguments: Sequence[tuple[Any, ...]]) -> list[Answer]:
+        """Calls one after another in the worker process, each timed there.
+
+        Parameters
+        ----------
+        arguments : sequence of tuple
+            Target and initial guess of each call.
+
+        Returns
+        -------
+        list of Answer
+            In the same order; a call at which the worker ended twice is `Failed`.
+        """
+        return self._worker.solve([(target.tolist(), q0.tolist()) for target, q0 in arguments])
+
+    def answers(self, raw: Any) -> Array:
+        """Its one configuration, if it has returned one, clamped to the limits, which these methods keep to rounding.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (k, n) array
+            Configurations [rad, m].
+        """
+        return none(self.robot) if raw["q"] is None else one(self.robot.limits.clip(raw["q"]))
+
+    def iterations(self, raw: Any) -> int | None:
+        """Number of iterations, None if the method does not report it.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        int or None
+            Number of iterations.
+        """
+        return None if raw["iterations"] is None else int(raw["iterations"])
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the method reports success.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return None if raw["claimed"] is None else bool(raw["claimed"])
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by the model in the worker process.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        return np.array(self._worker.fk(q.tolist()))
+
+
+class Worker:
+    """A process that runs ``serve.py`` with another interpreter; started again after a crash.
+
+    Parameters
+    ----------
+    python : Path
+        The interpreter.
+    script : Path
+        File that defines ``METHOD``.
+    model : dict
+        What ``METHOD`` is built from.
+
+    Raises
+    ------
+    InvalidInput
+        The method does not support the arm.
+    NotInstalled
+        The method cannot be built in that environment.
+    """
+
+    def __init__(self, python: Path, script: Path, model: dict[str, Any]) -> None:
+        self._command = [str(python), "-I", str(WORKERS / "serve.py"), str(script)]
+        self._model = model
+        self.starts = 0
+        self._start()
+
+    def _start(self) -> None:
+        self.starts += 1
+        self._hung = False
+        self._process = subprocess.Popen(
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        weakref.finalize(self, _end, self._process)
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        threading.Thread(target=_read, args=(self._process.stdout, self._lines), daemon=True).start()
+        self._ask({"do": "build", "model": self._model})
+        reply = self._next(LONGEST_START)
+        if reply is None:
+            raise NotInstalled("its worker process ended while it was built")
+        if "refused" in reply:
+            raise InvalidInput("robot", reply["refused"], "arms that it can be built for")
+        if "error" in reply:
+            raise NotInstalled(f"cannot be built in its environment: {reply['error']}")
+
+    def fk(self, q: list[float]) -> Any:
+        """Tool pose of one configuration.
+
+        Parameters
+        ----------
+        q : list of float
+            Configuration [rad, m].
+
+        Returns
+        -------
+        list
+            Rows of the pose.
+
+        Raises
+        ------
+        NotInstalled
+            The method has no forward kinematics that works.
+        """
+        self._ask({"do": "fk", "q": q})
+        reply = self._next(LONGEST_CALL) or {"error": "its worker process ended"}
+        if "error" in reply:
+            raise NotInstalled(f"its forward kinematics failed: {reply['error']}")
+        return reply["pose"]
+
+    def solve(self, problems: list[tuple[Any, Any]]) -> list[Answer]:
+        """Solve problems in one message; after a crash the rest in a new process, and that problem once more.
+
+        Parameters
+        ----------
+        problems : list of tuple
+            Target and initial guess of each, as lists.
+
+        Returns
+        -------
+        list of Answer
+            In the same order.
+        """
+        found: list[Answer] = []
+        tried_again, crashes = False, 0
+        while len(found) < len(problems):
+            begin = time.perf_counter_ns()
+            self._ask({"do": "solve", "problems": problems[len(found) :]})
+            while len(found) < len(problems) and (reply := self._next(LONGEST_CALL)) is not None:
+                raw = Failed("raised", reply["error"]) if "error" in reply else reply
+                found.append(Answer(raw, reply["ns"], reply["cpu_ns"]))
+                tried_again, crashes, begin = False, 0, time.perf_counter_ns()
+            if len(found) == len(problems):
+                break
+            took, how = time.perf_counter_ns() - begin, self._ended()
+            if tried_again:
+                found.append(Answer(Failed("crashed", how), took, None))
+                crashes += 1
+            tried_again = not tried_again
+            if crashes == MOST_CRASHES or not self._restarted():
+                lost = Answer(Failed("crashed", f"not called: {how} before"), took, None)
+                found += [lost] * (len(problems) - len(found))
+        return found
+
+    def _ended(self) -> str:
+        """End the process, if it has not ended by itself, and say how it ended."""
+        hung = self._hung
+        _end(self._process)
+        return (
+            f"no answer for {LONGEST_CALL:g} s" if hung else f"its process ended with status {self._process.returncode}"
+        )
+
+    def _restarted(self) -> bool:
+        try:
+            self._start()
+        except (NotInstalled, InvalidInput):
+            return False
+        return True
+
+    def _ask(self, request: dict[str, Any]) -> None:
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # it has ended, which the missing answer shows
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+
+    def _next(self, seconds: float) -> dict[str, Any] | None:
+        """Next answer; None if the process ended or took too long."""
+        try:
+            line = self._lines.get(timeout=seconds)
+        except queue.Empty:
+            self._hung = True
+            return None
+        return dict(json.loads(line)) if line else None
+
+
+def _read(stream: Any, lines: queue.SimpleQueue[str]) -> None:
+    """Put lines into a queue, and an empty one when the stream ends."""
+    for line in stream:
+        lines.put(line)
+    lines.put("")
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    process.wait()
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):
+                stream.close()

@@ -1,0 +1,159 @@
+"""mink: Pink's differential inverse kinematics on MuJoCo models, as a loop to convergence (Zakka)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers.ik.base import Peer, one
+from optik.arm.robot import Robot
+from optik.se3 import log_so3
+from optik.types import Array
+
+MINK_ITERATIONS = 100
+"""Iteration limit of the loop."""
+MINK_TOLERANCE = 7e-7
+"""Bound on the norm of the task's error, so that both errors are below 1e-6 m and rad."""
+MINK_DAMPING = 1e-3
+"""``lm_damping`` of the frame task: without it the quadratic programme of an arm with seven joints may be singular."""
+
+
+class Mink(Peer):
+    """``solve_ik(configuration, [frame_task], dt=1, …)`` and ``integrate_inplace`` until the error of the task is small."""
+
+    distribution = "mink"
+    package = "mink"
+    settings = (
+        "solve_ik(configuration, [FrameTask(lm_damping=1e-3)], dt=1, solver=daqp) and integrate_inplace in a loop, at most "
+        f"{MINK_ITERATIONS} times, until the error is < {MINK_TOLERANCE:g}; ConfigurationLimit with a gain of 0.5, as Pink has "
+        "it (with its default of 0.95 the loop stays at limits); no velocity limits, no restarts"
+    )
+    budgeted = True
+
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
+        import mink
+        import mujoco
+
+        model = mujoco.MjModel.from_xml_string(mjcf(robot))
+        limits = [mink.ConfigurationLimit(model, gain=0.5)]
+        task = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=MINK_DAMPING)
+        self.configuration: Any = mink.Configuration(model)
+        configuration, from_matrix, solve_ik = self.configuration, mink.SE3.from_matrix, mink.solve_ik
+        no_solution = mink.NoSolutionFound
+        most = MINK_ITERATIONS if iterations is None else iterations
+
+        def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
+            task.set_target(from_matrix(target))
+            configuration.update(q0)
+            for i in range(most + 1):
+                converged = bool(np.linalg.norm(task.compute_error(configuration)) < MINK_TOLERANCE)
+                if converged or i == most:
+                    break
+                try:
+                    velocity = solve_ik(configuration, [task], 1.0, "daqp", limits=limits)
+                except no_solution:
+                    break
+                configuration.integrate_inplace(velocity, 1.0)
+            return configuration.q.copy(), i, converged
+
+        self.call = call
+        self.limits = robot.limits
+
+    def answers(self, raw: Any) -> Array:
+        """The configuration at which the loop ended, clamped to the limits, which its quadratic programme keeps to rounding.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (1, n) array
+            Configurations [rad, m].
+        """
+        return one(self.limits.clip(raw[0]))
+
+    def iterations(self, raw: Any) -> int | None:
+        """Number of quadratic programmes.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        int or None
+            Number of iterations.
+        """
+        return int(raw[1])
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the loop converged.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(raw[2])
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by MuJoCo.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        self.configuration.update(q)
+        return np.asarray(self.configuration.get_transform_frame_to_world("tool", "site").as_matrix())
+
+
+def mjcf(robot: Robot) -> str:
+    """MuJoCo model of an arm with the site ``tool``; numbers have all their digits, masses are placeholders.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    str
+        The MJCF document.
+    """
+    parts = ['<mujoco><compiler angle="radian" autolimits="true"/><worldbody>']
+    for i in range(robot.n):
+        kind = "slide" if robot.prismatic[i] else "hinge"
+        lower, upper = float(robot.limits.lower[i]), float(robot.limits.upper[i])
+        limit = f' range="{lower!r} {upper!r}"' if np.isfinite([lower, upper]).all() else ""
+        parts.append(
+            f'<body name="link{i + 1}" {_placement(robot.fixed[i])}><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+            f'<joint name="joint{i + 1}" type="{kind}" axis="0 0 1"{limit}/>'
+        )
+    parts.append(f'<site name="tool" {_placement(robot.tool)}/>')
+    return "\n".join([*parts, "</body>" * robot.n, "</worldbody></mujoco>"])
+
+
+def _placement(T: Array) -> str:
+    """Position and unit quaternion, scalar first, as attributes."""
+    w = log_so3(T[:3, :3])
+    half = 0.5 * float(np.linalg.norm(w))
+    h = [np.cos(half), *(0.5 * np.sinc(half / np.pi) * w)]
+    return " ".join(f'{name}="{" ".join(repr(float(x)) for x in v)}"' for name, v in (("pos", T[:3, 3]), ("quat", h)))
+
+
+METHOD = Mink

@@ -1,0 +1,138 @@
+"""Pink: differential inverse kinematics by quadratic programmes, as a loop to convergence (Caron et al.)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers.ik.base import Peer, one
+from optik.arm.robot import Robot
+from optik.types import Array
+
+PINK_ITERATIONS = 100
+"""Iteration limit of the loop."""
+PINK_TOLERANCE = 7e-7
+"""Bound on the norm of the task's error, so that both errors are below 1e-6 m and rad."""
+PINK_DAMPING = 1e-3
+"""``lm_damping`` of the frame task: without it the quadratic programme of an arm with seven joints may be singular."""
+
+
+class Pink(Peer):
+    """``solve_ik(configuration, [frame_task], dt=1)`` and ``integrate``, repeated until the error of the task is small."""
+
+    distribution = "pin-pink"
+    package = "pink"
+    settings = (
+        "solve_ik(configuration, [FrameTask(lm_damping=1e-3)], dt=1, solver=daqp) and integrate_inplace in a loop, at most "
+        f"{PINK_ITERATIONS} times, until |log6| < {PINK_TOLERANCE:g}; ConfigurationLimit with its gain of 0.5 (with a gain "
+        "of 1 the loop stays at limits: cold 42 % solved instead of 58 %); no velocity limits, no restarts; lm_damping 1e-3 "
+        "solved as many as 0 and 0.1, and more than 1"
+    )
+    budgeted = True
+
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
+        import pink
+        import pinocchio
+
+        model = _model(pinocchio, robot)
+        limits = [pink.limits.ConfigurationLimit(model)]
+        task = pink.FrameTask("tool", position_cost=1.0, orientation_cost=1.0, lm_damping=PINK_DAMPING)
+        q_middle = robot.limits.clip(np.zeros(robot.n))
+        self.configuration: Any = pink.Configuration(model, model.createData(), q_middle)
+        configuration, SE3, solve_ik = self.configuration, pinocchio.SE3, pink.solve_ik
+        no_solution = pink.exceptions.NoSolutionFound
+        most = PINK_ITERATIONS if iterations is None else iterations
+
+        def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
+            task.set_target(SE3(target))
+            configuration.update(q0)
+            for i in range(most + 1):
+                converged = bool(np.linalg.norm(task.compute_error(configuration)) < PINK_TOLERANCE)
+                if converged or i == most:
+                    break
+                try:
+                    velocity = solve_ik(configuration, [task], 1.0, "daqp", limits=limits, safety_break=False)
+                except no_solution:
+                    break
+                configuration.integrate_inplace(velocity, 1.0)
+            return configuration.q.copy(), i, converged
+
+        self.call = call
+        self.limits = robot.limits
+
+    def answers(self, raw: Any) -> Array:
+        """The configuration at which the loop ended, clamped to the limits, which its quadratic programme keeps to rounding.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        (1, n) array
+            Configurations [rad, m].
+        """
+        return one(self.limits.clip(raw[0]))
+
+    def iterations(self, raw: Any) -> int | None:
+        """Number of quadratic programmes.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        int or None
+            Number of iterations.
+        """
+        return int(raw[1])
+
+    def claims(self, raw: Any) -> bool | None:
+        """Whether the loop converged.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        bool or None
+            Its own claim.
+        """
+        return bool(raw[2])
+
+    def fk(self, q: Array) -> Array | None:
+        """Tool pose by Pink's configuration.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration [rad, m].
+
+        Returns
+        -------
+        (4, 4) array or None
+            Pose of the tool in the base frame [1, m].
+        """
+        self.configuration.update(q)
+        return np.asarray(self.configuration.get_transform_frame_to_world("tool").homogeneous)
+
+
+def _model(pin: Any, robot: Robot) -> Any:
+    """Pinocchio's model with position limits, no velocity limits, and the frame ``tool``."""
+    model, last, infinite = pin.Model(), 0, np.array([np.inf])
+    for i in range(robot.n):
+        joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
+        lower, upper = robot.limits.lower[i : i + 1].copy(), robot.limits.upper[i : i + 1].copy()
+        placement = pin.SE3(np.array(robot.fixed[i]))
+        last = model.addJoint(last, joint, placement, robot.joint_names[i], infinite, infinite, lower, upper)
+    model.addFrame(pin.Frame("tool", last, 0, pin.SE3(np.array(robot.tool)), pin.FrameType.OP_FRAME))
+    return model
+
+
+METHOD = Pink

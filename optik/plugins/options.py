@@ -1,0 +1,117 @@
+"""Options of methods: their names and defaults from signatures, their meaning and units from docstrings."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+
+NO_DEFAULT = inspect.Parameter.empty
+"""Default of an option that must be given."""
+
+_SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
+"""Heading of a section of a NumPy docstring."""
+
+_UNIT = re.compile(r"\[((?:rad|m|s|kg|N|deg|degrees|mm|µs|ms|Hz|1|1/s)(?:[/,^·², ³](?:\w|[/²³^,· ])*)?)\]")
+"""A unit in square brackets, as docstrings of this project have it."""
+
+
+class Described(NamedTuple):
+    """What a docstring says of one parameter or attribute.
+
+    Attributes
+    ----------
+    type : str
+        Its type, as written.
+    meaning : str
+        Its description, on one line.
+    unit : str
+        The first unit in it; empty where there is none.
+    """
+
+    type: str
+    meaning: str
+    unit: str
+
+
+def described(kinds: type | Any) -> dict[str, Described]:
+    """Return what the docstring of a function or a class says of its parameters and attributes.
+
+    Parameters
+    ----------
+    kinds : function or class
+        Of a class, the docstrings of those that it is derived from count, too.
+
+    Returns
+    -------
+    dict of str to Described
+        By name.
+    """
+    found: dict[str, Described] = {}
+    for one in inspect.getmro(kinds) if inspect.isclass(kinds) else (kinds,):
+        doc = vars(one).get("__doc__") if inspect.isclass(one) else one.__doc__
+        for name, value in _entries(inspect.cleandoc(doc or "")):
+            found.setdefault(name, value)
+    return found
+
+
+def _entries(doc: str) -> Iterable[tuple[str, Described]]:
+    """Entries of the sections Parameters and Attributes of a docstring."""
+    parts = _SECTION.split(doc)
+    for title, body in zip(parts[1::2], parts[2::2], strict=True):
+        if title not in ("Parameters", "Attributes"):
+            continue
+        for entry in re.split(r"\n(?=\S)", body.strip("\n")):
+            head, _, text = entry.partition("\n")
+            names, _, kind = head.partition(" : ")
+            meaning = " ".join(text.split())
+            unit = _UNIT.search(f"{meaning} {kind}")
+            for name in names.split(","):
+                yield name.strip(), Described(kind.strip(), meaning, unit[1] if unit else "")
+
+
+def defaults(method: Any) -> dict[str, Any]:
+    """Return the options of a method with their defaults: keyword arguments of a function, or of a class's ``__init__``.
+
+    Parameters
+    ----------
+    method : function or class
+        A class that takes ``**options`` has those of the class that it is derived from, too.
+
+    Returns
+    -------
+    dict of str to object
+        `NO_DEFAULT` where an option must be given.
+    """
+    found: dict[str, Any] = {}
+    for one in inspect.getmro(method) if inspect.isclass(method) else (method,):
+        function = vars(one).get("__init__") if inspect.isclass(one) else one
+        if function is None or one is object:
+            continue
+        parameters = inspect.signature(function).parameters.values()
+        for parameter in parameters:
+            if parameter.kind is parameter.KEYWORD_ONLY:
+                found.setdefault(parameter.name, parameter.default)
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+            break
+    return found
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the known name that a misspelt one probably means.
+
+    Parameters
+    ----------
+    name : str
+        What was written.
+    known : iterable of str
+        Names that exist.
+
+    Returns
+    -------
+    str
+        Empty where none is near.
+    """
+    return next(iter(get_close_matches(name, list(known), n=1)), "")

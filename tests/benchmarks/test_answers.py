@@ -1,0 +1,203 @@
+"""Recorded answers: each judged by its own pose, the same for any part and order, and summed up without being read whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from benchmarks.kinds._seeds import trial_seed
+from benchmarks.kinds.answers.measures import distribution, summary
+from benchmarks.kinds.answers.run import AnswersWork, parts, solve
+from benchmarks.kinds.base import Entry, load_kind
+from benchmarks.problems.near_start import near_start
+from benchmarks.records import RunFolder
+from benchmarks.report.run import Run
+from benchmarks.run import run_suite
+from benchmarks.statistics import wilson
+from benchmarks.suite import Suite, load_suite, suite_of
+from optik import load
+from optik.errors import InvalidInput
+from optik.ik import make_solver
+from tests.benchmarks.test_report import page_of
+
+BLOCK: dict[str, Any] = {
+    "id": "arm", "robot": "paper6r", "set": "near_start", "count": 2500, "part": 700, "options": {"spreads": [1.5]},
+    "methods": [
+        {"solver": "dls", "label": "dls <weak>", "options": {"damping": 0.3, "max_restarts": 0, "max_iterations": 12}},
+        {"solver": "lm", "options": {"max_restarts": 0}, "max_problems": 1200},
+    ],
+    "targets": [{"measure": "success at 1e−6", "method": "lm", "at_least": 50.0}],
+}  # fmt: skip
+
+RANDOM_METHOD = '''
+"""Draws its answer: from NumPy's global generator, from Python's, and from its own."""
+import random
+import numpy as np
+from optik.ik import IKSolver, IKStatus
+from optik.ik.base import Attempt
+
+class Guess(IKSolver):
+    """Guesses."""
+    takes_tasks = False
+    def __init__(self, robot, **options):
+        super().__init__(robot, **options)
+        self.reseed(0)
+    def reseed(self, number):
+        self.rng = np.random.default_rng(number)
+    def attempt(self, target, start, trace, seconds):
+        lower, upper = self.robot.limits.lower, self.robot.limits.upper
+        share = (np.random.rand() + random.random() + self.rng.random()) / 3
+        return Attempt(lower + share * (upper - lower), IKStatus.STALLED, 1)
+
+METHOD = Guess
+'''
+
+
+def suite(**changes: Any) -> Suite:
+    block = {key: value for key, value in (BLOCK | changes).items() if value is not None}
+    return suite_of("answers", {"seed": 5, "answers": [block]})
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return run_suite(suite(), tmp_path_factory.mktemp("answers") / "run")
+
+
+def table(folder: RunFolder) -> pl.DataFrame:
+    rows = folder.parts("answers", "arm")
+    assert rows is not None
+    return rows.sort("method", "problem").drop("seconds")
+
+
+def test_every_problem_has_a_row_of_every_method(done: RunFolder) -> None:
+    rows = table(done)
+    assert rows.filter(pl.col("method") == "dls <weak>")["problem"].to_list() == list(range(2500))
+    assert rows.filter(pl.col("method") == "lm")["problem"].to_list() == list(range(1200))
+
+
+def test_rows_do_not_depend_on_the_size_or_the_order_of_parts(done: RunFolder, tmp_path: Path) -> None:
+    assert_frame_equal(table(run_suite(suite(part=1100), tmp_path / "other")), table(done), check_exact=True)
+    block = suite(part=333).of("answers")[0]
+    backwards = [solve(part.work) for part in reversed(list(parts(block, 5, "answers")))]
+    assert_frame_equal(pl.concat(backwards).sort("method", "problem").drop("seconds"), table(done), check_exact=True)
+
+
+def test_an_answer_is_that_of_a_single_call_judged_by_its_own_pose(done: RunFolder) -> None:
+    robot = load("paper6r")
+    solver = make_solver(robot, "lm", max_restarts=0)
+    drawn = near_start(robot, trial_seed(5, 1, "problems"), count=1000, spreads=[1.5])
+    rows = table(done).filter(pl.col("method") == "lm")
+    for problem in (1000, 1003, 1199):
+        row = rows.row(problem, named=True)
+        target, start = drawn.targets[problem - 1000], drawn.starts[problem - 1000]
+        answer = solver.solve(target, start)
+        pose = robot.fk(answer.q)
+        assert row["position_error"] == pytest.approx(np.linalg.norm(pose[:3, 3] - target[:3, 3]), rel=1e-6, abs=1e-15)
+        angle = np.linalg.norm(pose[:3, :3] - target[:3, :3]) / np.sqrt(2)  # 2 sin(angle/2)
+        if angle < 1e-3:
+            assert row["rotation_error"] == pytest.approx(angle, rel=1e-3, abs=1e-12)
+        assert row["solved"] == bool(answer)
+        assert (row["iterations"], row["restarts"], row["status"]) == (
+            answer.iterations,
+            answer.restarts,
+            str(answer.status),
+        )
+        assert row["distance"] == pytest.approx(np.linalg.norm(robot.fk(start)[:3, 3] - target[:3, 3]), rel=1e-6)
+
+
+def test_the_summary_is_what_numpy_computes(done: RunFolder) -> None:
+    kind, block = next(suite().pairs())
+    found = kind.rows(done, block)
+    assert found is not None
+    measures = {m.name: m for m in kind.measures}
+    for label, count in (("dls <weak>", 2500), ("lm", 1200)):
+        rows, row = table(done).filter(pl.col("method") == label), found.filter(pl.col("method") == label)
+        e = np.maximum(rows["position_error"].to_numpy(), rows["rotation_error"].to_numpy())
+        for name, tolerance in (("1e−3", 1e-3), ("1e−6", 1e-6), ("1e−9", 1e-9)):
+            good = int(((e <= tolerance) & rows["inside"].to_numpy()).sum())
+            low, high = wilson(good, count)
+            assert measures[f"success at {name}"].values(row) == (100 * good / count, 100 * low, 100 * high)
+        wanted = 1e3 * np.quantile(rows["position_error"].to_numpy().astype(float), (0.5, 0.95, 0.99))
+        np.testing.assert_allclose(measures["position error"].values(row), wanted, rtol=1e-5)
+    spread = distribution(done.scan(done.part_names("answers", "arm"))).filter(pl.col("method") == "lm")
+    inside = table(done).filter((pl.col("method") == "lm") & pl.col("inside"))["position_error"].to_numpy()
+    for upper, so_far in zip(spread["upper"], np.cumsum(spread["count"].to_numpy()), strict=True):
+        assert so_far == (np.maximum(inside, 1e-16) <= upper * (1 + 1e-6)).sum()
+
+
+def test_the_page_has_a_table_and_a_plot(done: RunFolder) -> None:
+    page = page_of(done)
+    assert "answers" in page.anchors
+    assert "dls <weak>" in page.text
+    assert "Of 1 targets, 1 is held" in page.text
+    kind = load_kind("answers")
+    (shown,) = kind.tables(Run(done))
+    assert [row["label"] for row in shown.rows] == ["dls <weak>", "lm"]
+    assert all(set(row) >= {column.key for column in shown.columns} for row in shown.rows)
+    (best,) = kind.winners(Run(done))
+    assert best.entries[0][0] == "lm"
+
+
+def test_random_numbers_are_keyed_by_problem_method_and_trial(tmp_path: Path) -> None:
+    file = tmp_path / "guess.py"
+    file.write_text(RANDOM_METHOD)
+    method = {"solver": str(file), "label": "guess", "options": {"max_restarts": 0}}
+    whole, small = (suite(count=60, part=part, methods=[method], targets=None) for part in (60, 7))
+    one, other = (
+        pl.concat([solve(p.work) for p in reversed(list(parts(s.of("answers")[0], 5, "answers")))]).sort("problem")
+        for s in (whole, small)
+    )
+    assert_frame_equal(one.drop("seconds"), other.drop("seconds"), check_exact=True)
+    assert one["position_error"].n_unique() == 60
+    relabelled = suite(count=60, part=60, methods=[method | {"label": "another"}], targets=None)
+    third = solve(next(iter(parts(relabelled.of("answers")[0], 5, "answers"))).work)
+    assert (third["position_error"] != one["position_error"]).all()
+    keys = [(0, 1, "a", 0), (0, 0, "a", 1), (1, 0, "a", 0), (0, 0, "b", 0), (0, 0, "a", 0)]
+    assert len({trial_seed(*key) for key in keys}) == 5
+    assert trial_seed(0, 0, "a", 0) == 1236197208, "the same in every version and on every machine"
+
+
+def test_rows_of_a_crash_fit_beside_the_others(done: RunFolder) -> None:
+    block = suite().of("answers")[0]
+    work = next(iter(parts(block, 5, "answers"))).work
+    assert isinstance(work, AnswersWork)
+    first, second = work.halves()
+    assert (first.first, first.count, second.first, second.count) == (0, 350, 350, 350)
+    rows = pl.concat([solve(first), second.crashed()])
+    assert rows["problem"].to_list() == list(range(700))
+    row = summary(rows.lazy())
+    assert row["crashed"].item() == 350
+    assert (
+        row["at 1e-3"].item()
+        == rows.filter((pl.col("position_error") <= 1e-3) & (pl.col("rotation_error") <= 1e-3)).height
+    )
+    assert work.halves()[0].halves()[0].count == 175
+    single = AnswersWork("paper6r", "near_start", {}, 0, Entry("lm", "lm", {}), ("lm",), 3, 1)
+    assert single.halves() == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"options": {"count": 5}}, "key `count`"), ({"count": 0}, "count"), ({"part": "x"}, "part"),
+        ({"options": {"spreads": [0.1, 0.2]}}, "gave 2000"), ({"set": "graph_paper", "options": {}}, "graph_paper|count|start"),
+        ({"methods": []}, "methods"),
+    ],
+)  # fmt: skip
+def test_wrong_settings_are_named_and_nothing_is_written(changes: dict[str, Any], word: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=word):
+        run_suite(suite(**changes), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_kind_is_found_by_its_key(tmp_path: Path) -> None:
+    file = tmp_path / "suite.toml"
+    file.write_text(
+        '[[answers]]\nid = "a"\nrobot = "ur5e"\nset = "near_start"\ncount = 10\nmethods = [{ solver = "lm" }]\n'
+    )
+    assert load_suite(str(file)).kinds == (load_kind("answers"),)

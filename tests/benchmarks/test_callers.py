@@ -1,0 +1,313 @@
+"""Callers that refuse, raise, crash, hang, lie or cheat: each is recorded as what it did, and the run goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+import optik
+from benchmarks.cli.app import app
+from benchmarks.kinds.base import Entry
+from benchmarks.kinds.calls.callers import Caller, callers_of
+from benchmarks.kinds.calls.run import timed_part
+from benchmarks.peers.ik import _worker
+from benchmarks.peers.ik._worker import WorkerPeer
+from benchmarks.peers.ik.base import Absent, NotInstalled, Peer, build_peer, different_model
+from benchmarks.problems.near_start import near_start
+from benchmarks.suite import suite_of
+from optik.errors import InvalidInput, Unsupported
+
+ARM = optik.load("paper6r")
+PROBLEMS = near_start(ARM, 5, count=6)
+
+
+def rows_of(call: Callable[..., Any], rounds: int = 3, **more: Any) -> pl.DataFrame:
+    caller = Caller(
+        "x", call, True, more.pop("answers", lambda raw: raw[None]), lambda raw: (None, None), False, None, **more
+    )
+    return timed_part(ARM, PROBLEMS, np.arange(len(PROBLEMS)), [caller], rounds).sort("problem")
+
+
+def nth(calls: list[int], n: int) -> bool:
+    """Whether this is the n-th problem of a round of six."""
+    calls.append(0)
+    return (len(calls) - 1) % len(PROBLEMS) == n
+
+
+# ---------------------------------------------------------------- outcomes
+
+
+def test_an_exception_of_a_call_is_a_failed_call_and_a_refusal_is_none() -> None:
+    calls: list[int] = []
+
+    def call(target: Any, q0: Any) -> Any:
+        if nth(calls, 1):
+            raise ZeroDivisionError("by zero")
+        if len(calls) % 6 == 4:
+            raise Unsupported("task", "axis_x", '"pose"')
+        return q0 if len(calls) % 6 else np.full(6, np.nan)
+
+    rows = rows_of(call)
+    assert rows["outcome"].to_list() == ["answered", "raised", "answered", "refused", "answered", "none"]
+    assert rows["error"][1] == "ZeroDivisionError: by zero"
+    assert "axis_x" in rows["error"][3]
+    assert rows["error"].null_count() == 4
+    assert (rows["ns"] > 0).all()
+    assert not rows["solved"][1]
+
+
+@pytest.mark.parametrize(
+    "answers", [lambda raw: raw, lambda raw: [["q"]], lambda raw: 1 / 0, lambda raw: np.ones((1, 5))]
+)
+def test_answers_that_cannot_be_read_are_failed_calls(answers: Any) -> None:
+    rows = rows_of(lambda target, q0: q0, answers=answers)
+    assert set(rows["outcome"]) == {"raised"}
+    assert rows["error"].null_count() == 0
+
+
+def test_a_method_that_does_not_support_the_arm_is_refused_and_the_others_run() -> None:
+    block = suite_of(
+        "x",
+        {
+            "speed": [
+                {
+                    "id": "a", "robot": "panda", "set": "near_start",
+                    "methods": [{"solver": "dls"}, {"solver": "closed_form", "options": {"backend": "eaik"}}],
+                    "peers": [{"peer": "eaik", "label": "EAIK"}, {"peer": "ssik", "iterations": 3}],
+                }
+            ]
+        },
+    ).of("calls")[0]  # fmt: skip
+    ready, absent = callers_of(block, optik.load("panda"))
+    assert [c.label for c in ready] == ["dls"]
+    assert {label: about["outcome"] for label, about in absent.items()} == dict.fromkeys(
+        ("closed_form", "EAIK", "ssik"), "refused"
+    )
+    assert "does not support panda" in absent["EAIK"]["absent"]
+    assert "iterations" in absent["ssik"]["absent"]
+
+
+def test_wrong_options_are_no_refusal() -> None:
+    from benchmarks.kinds.calls.callers import build_ours
+
+    with pytest.raises(InvalidInput, match="dampnig"):
+        build_ours(Entry("x", "dls", {"dampnig": 1.0}), ARM)
+
+
+# ---------------------------------------------------------------- cheats
+
+
+def test_a_claim_stands_beside_our_judgement() -> None:
+    rows = rows_of(lambda target, q0: q0 + 0.5, claims=lambda raw: True)
+    assert rows["claimed"].all()
+    assert not rows["solved"].any()
+    assert rows_of(lambda target, q0: q0)["claimed"].null_count() == 6
+
+
+def test_a_caller_that_writes_into_its_arguments_gains_nothing_and_is_told() -> None:
+    starts: list[Any] = []
+
+    def call(target: Any, q0: Any) -> Any:
+        starts.append(q0.copy())
+        q0 += 0.25
+        target[:] = ARM.fk(q0)
+        return q0
+
+    rows = rows_of(call)
+    assert rows["mutated"].all()
+    assert not rows["solved"].any()
+    for i in range(6):  # every round starts from the problem's own start
+        assert all(np.array_equal(start, PROBLEMS.starts[i]) for start in starts[i::6])
+    assert not rows_of(lambda target, q0: q0)["mutated"].any()
+
+
+def test_work_that_is_put_off_until_the_answer_is_read_is_timed() -> None:
+    def late(raw: Any) -> Any:
+        time.sleep(0.002)
+        return raw[None]
+
+    rows = rows_of(lambda target, q0: q0, answers=late)
+    assert (rows["answers_ns"] > 1_500_000).all()
+    assert (rows["ns"] < rows["answers_ns"]).all()
+
+
+def test_remembered_answers_show_in_the_first_time() -> None:
+    known: set[bytes] = set()
+
+    def call(target: Any, q0: Any) -> Any:
+        if target.tobytes() not in known:
+            known.add(target.tobytes())
+            time.sleep(0.002)
+        return q0
+
+    caller = Caller("x", call, True, lambda raw: raw[None], lambda raw: (None, None), False, None)
+    many = near_start(ARM, 5, count=30)  # the first 20 are called before the first round
+    rows = timed_part(ARM, many, np.arange(30), [caller], 3).sort("problem")
+    assert (rows["ns_first"][20:] > 1_500_000).all()
+    assert rows["ns"].median() < 500_000  # type: ignore[operator]
+
+
+def test_threads_of_a_caller_show_in_the_processor_time() -> None:
+    data = bytes(4_000_000)
+
+    def call(target: Any, q0: Any) -> Any:
+        # it lets other threads run meanwhile, as compiled code does
+        threading.Thread(target=lambda: hashlib.sha256(data).digest()).start()
+        return q0
+
+    alone = rows_of(lambda target, q0: q0)["cpu_ns"].max()
+    assert rows_of(call)["cpu_ns"].min() > 20 * alone  # type: ignore[operator]
+
+
+class Lies(Peer):
+    """A peer with another model of the arm."""
+
+    distribution, package, settings = "numpy", "numpy", "none"
+    shift: ClassVar[float] = 1e-3
+
+    def __init__(self, robot: optik.Robot, *, iterations: int | None = None) -> None:
+        self.robot = robot
+        self.call = lambda target, q0: q0
+
+    def answers(self, raw: Any) -> Any:
+        return raw[None]
+
+    def fk(self, q: Any) -> Any:
+        T = self.robot.fk(q)
+        T[0, 3] += self.shift
+        return T
+
+
+def test_a_peer_with_another_model_is_never_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.peers.ik.base.load_method", lambda *a: Lies)
+    absent = build_peer("lies", ARM)
+    assert isinstance(absent, Absent)
+    assert absent.outcome == "differs"
+    assert absent.why == "its model differs from ours by 1.0e-03 m and by 0.0e+00 in the rotation matrix"
+    monkeypatch.setattr(Lies, "shift", 1e-11)
+    assert isinstance(build_peer("lies", ARM), Lies)
+    monkeypatch.setattr(Lies, "shift", np.nan)
+    assert different_model(Lies(ARM), ARM) is not None
+
+
+# ---------------------------------------------------------------- worker processes
+
+
+def test_the_command_says_how_a_peer_is_called_and_what_it_lacks(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))
+    said = CliRunner().invoke(app, ["bench", "peer", "placo"])
+    assert said.exit_code == 0
+    assert said.stdout.startswith(f"placo: no environment in {tmp_path / 'placo'}: optik bench peer placo --install\n")
+    assert "KinematicsSolver" in said.stdout
+    refused = CliRunner().invoke(app, ["bench", "peer", "eaik", "--install"])
+    assert isinstance(refused.exception, InvalidInput)
+    assert "pip install EAIK" in str(refused.exception)
+    assert not list(tmp_path.iterdir())
+
+
+SCRIPT = """
+import os, sys, time
+class Method:
+    def __init__(self, model):
+        if "refuse" in {mode!r}: raise ValueError("seven joints")
+        if "broken" in {mode!r}: import nothing_like_that
+    def prepared(self, target, q0): return target, q0
+    def call(self, target, q0):
+        print("noise", flush=True)
+        if abs(q0[0] - 3.0) < 1e-9:
+            if {mode!r} == "hang": time.sleep(60)
+            if {mode!r} == "raise": raise ZeroDivisionError("by zero")
+            if {mode!r} == "crash": os._exit(7)
+            if {mode!r} == "crash once" and not os.path.exists({marker!r}):
+                open({marker!r}, "w").close()
+                os._exit(7)
+        return q0
+    def answer(self, raw): return raw, True, 4
+    def fk(self, q): return [[1.0, 0.0, 0.0, q[0]], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+METHOD = Method
+"""
+
+
+def worker(tmp_path: Path, mode: str) -> WorkerPeer:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(mode=mode, marker=str(tmp_path / "marker")))
+
+    class Fake(WorkerPeer):
+        name, distribution, package, settings = "fake", "fake", "fake", "none"
+        requirements: ClassVar[tuple[str, ...]] = ()
+
+        @classmethod
+        def python(cls) -> Path:
+            import sys
+
+            return Path(sys.executable)
+
+        @classmethod
+        def script(cls) -> Path:
+            return script
+
+    return Fake(ARM)
+
+
+GIVEN = [(np.eye(4), np.full(6, float(i))) for i in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("mode", "outcome", "starts"),
+    [("none", "answered", 1), ("raise", "raised", 1), ("crash once", "answered", 2), ("crash", "crashed", 3)],
+)
+def test_a_worker_that_ends_costs_one_restart_and_then_one_problem(
+    tmp_path: Path, mode: str, outcome: str, starts: int
+) -> None:
+    peer = worker(tmp_path, mode)
+    found = peer.many(GIVEN)
+    outcomes = [getattr(answer.raw, "outcome", "answered") for answer in found]
+    assert outcomes == ["answered"] * 3 + [outcome] + ["answered"] * 2
+    assert [answer.raw["q"] for i, answer in enumerate(found) if i != 3] == [[float(i)] * 6 for i in (0, 1, 2, 4, 5)]
+    assert all(answer.ns > 0 for answer in found)
+    assert peer._worker.starts == starts
+    if mode == "crash":
+        assert found[3].raw.error == "its process ended with status 7"
+        assert found[3].cpu_ns is None
+
+
+def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_worker, "LONGEST_CALL", 0.3)
+    found = worker(tmp_path, "hang").many(GIVEN)
+    assert found[3].raw.error == "no answer for 0.3 s"
+    assert found[5].raw["q"] == [5.0] * 6
+
+
+def test_a_worker_that_always_ends_is_not_started_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_worker, "MOST_CRASHES", 2)
+    peer = worker(tmp_path, "crash")
+    found = peer.many([GIVEN[3]] * 30)
+    assert {answer.raw.outcome for answer in found} == {"crashed"}
+    assert len(found) == 30
+    assert peer._worker.starts == 4
+
+
+def test_a_worker_says_that_it_refuses_or_is_broken(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="seven joints"):
+        worker(tmp_path, "refuse")
+    with pytest.raises(NotInstalled, match="nothing_like_that"):
+        worker(tmp_path, "broken")
+
+
+def test_rows_of_a_worker_have_the_times_that_it_took_itself(tmp_path: Path) -> None:
+    peer = worker(tmp_path, "none")
+    rows = rows_of(peer.call, answers=peer.answers, claims=peer.claims, many=peer.many)
+    assert set(rows["outcome"]) == {"answered"}
+    assert (rows["ns"] < 1_000_000).all()
+    assert rows["claimed"].all()

@@ -1,0 +1,207 @@
+"""A new user's suite: written, checked, run with its report, and every key and column of it on the page docs/suites.md."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+import optik
+from benchmarks.cli.app import app
+from benchmarks.cli.explain import Explained, explain
+from benchmarks.kinds.answers.run import COLUMN_TYPES
+from benchmarks.kinds.batch.process import measure
+from benchmarks.problems.base import SETS
+from benchmarks.records import RunFolder
+from benchmarks.suite import SUITES, load_suite
+from optik.errors import InvalidInput, OutputError, UnknownName
+from optik.plugins.options import defaults
+from optik.registry import load_method, own_names
+from tests.oracles import REPOSITORY
+
+PAGE = (REPOSITORY / "docs/suites.md").read_text(encoding="utf-8")
+
+
+def optik_bench(*arguments: str) -> str:
+    done = CliRunner().invoke(app, ["bench", *arguments], env={"COLUMNS": "200"}, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a new user types, from a URDF to a report: one file and one command."""
+    folder = tmp_path_factory.mktemp("own")
+    shutil.copy(REPOSITORY / "examples/arm.urdf", folder / "arm.urdf")
+    optik_bench("new", str(folder / "own.toml"), "--robot", str(folder / "arm.urdf"))
+    optik_bench("run", str(folder / "own.toml"), "--out", str(folder / "run"), "--report")
+    return folder
+
+
+def test_a_new_suite_for_an_own_urdf_has_few_lines_and_its_run_a_report(own: Path) -> None:
+    lines = (own / "own.toml").read_text().splitlines()
+    assert len([line for line in lines if line.strip() and not line.startswith("#")]) <= 15
+    assert 'robot = "./arm.urdf"' in "\n".join(lines)
+    run = RunFolder(own / "run")
+    assert run.manifest()["complete"]
+    assert "arm" in (own / "run/report.html").read_text()
+    rows = pl.read_parquet(own / "run/speed/ik--*.parquet")
+    assert rows.filter(pl.col("method") == "lm")["solved"].mean() == 1.0
+    assert set(pl.read_parquet(own / "run/problems/ik.parquet")["group"]) == {
+        "random, near start",
+        "random, random start",
+    }
+    with pytest.raises(OutputError, match="exists"):
+        optik_bench("new", str(own / "own.toml"))
+
+
+def test_a_new_suite_is_checked_and_names_the_links_of_a_urdf(own: Path) -> None:
+    folder = own / "suites"
+    folder.mkdir()
+    arm = optik.load(str(own / "arm.urdf"))
+    optik_bench("new", str(folder / "b.toml"), "--robot", str(own / "arm.urdf"), "--tip", "tool", "--base", "base")
+    assert 'robot = "../arm.urdf#tip=tool&base=base"' in (folder / "b.toml").read_text()
+    words = optik_bench("check", str(folder / "b.toml"))
+    assert "the settings of b are right" in words
+    assert arm.name in words
+    for name in ("panda", "irb910sc"):
+        optik_bench("new", str(folder / f"{name}.toml"), "--robot", name)
+        kinds = load_suite(str(folder / f"{name}.toml")).of("laws")[0].kinds
+        assert kinds == (("regular",) if optik.load(name).n >= 6 else ("joints",))
+    with pytest.raises(UnknownName, match="pandas"):
+        optik_bench("new", str(folder / "c.toml"), "--robot", "pandas")
+    with pytest.raises(InvalidInput, match="toml"):
+        optik_bench("new", str(folder / "c.txt"))
+    assert not (folder / "c.toml").exists()
+
+
+@pytest.fixture(scope="module")
+def keys() -> dict[str, list[Explained]]:
+    """Every key of every suite of ours, explained."""
+    return {name: explain(load_suite(name), Path()) for name in sorted(own_names(SUITES))}
+
+
+def test_every_key_of_our_suites_is_explained_with_the_default_that_the_code_has(
+    keys: dict[str, list[Explained]],
+) -> None:
+    assert [key.key for found in keys.values() for key in found if not key.meaning] == []
+    found = {row["key"]: row for row in json.loads(optik_bench("check", "timing-quick", "--all", "--json"))["keys"]}
+    assert found["timing.lines.lines"]["default"] == "required"
+    assert (found["timing.lines.rounds"]["value"], found["timing.lines.rounds"]["default"]) == (1, "3")
+    assert found["timing.lines.samples"] | {"meaning": ""} == {
+        "key": "timing.lines.samples", "value": None, "default": "151", "unit": "", "meaning": "", "given": False,
+    }  # fmt: skip
+    assert found["timing.lines.reference.options.intervals"]["value"] == 400
+    assert found["timing.lines.limits[0].jerk"]["unit"].startswith("rad/s³")
+    paper = {row.key: row for row in keys["paper"]}
+    assert paper["blocks.workspace.options.spacing_m"][1:4] == (0.05, "0.05", "m")
+    assert paper["blocks.workspace.options.start_deg"].default == "required"
+    assert paper["blocks.workspace.methods[0].options.damping"].value == 0.01
+    assert paper["line.move_m"].unit == "m"
+    assert "line.id" not in paper
+
+
+def suite_with(folder: Path, text: str) -> str:
+    (folder / "s.toml").write_text(text)
+    return str(folder / "s.toml")
+
+
+BLOCK = 'id = "a"\nrobot = "paper6r"\nset = "at_limits"\nmethods = [{ solver = "lm" }]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[[blocks]]\n" + BLOCK.replace("methods", "metods"), r"expected 'methods', .*got the key 'metods'"),
+        ("[[blocks]]\n" + BLOCK + "options = { coutn = 3 }\n", r"a\.options.*expected 'count', .*the option 'coutn'"),
+        ("[[blocks]]\n" + BLOCK + "options = { joints = [9] }\n", "joints"),
+        ("[[blocks]]\n" + BLOCK.replace('"lm"', '"lm", options = { gian = 1 }'), r"expected 'gain', .*'gian'"),
+        ("[[block]]\n" + BLOCK, "blocks"),
+        ("[[blocks]]\n" + BLOCK + "[[blocks]]\n" + BLOCK.replace('"a"', '"A"'), "differ in more than case"),
+        ("[[blocks]]\nid = = 1\n", r"at line 2, column 6"),
+        ("[[blocks]]\n" + BLOCK.replace('"paper6r"', '"./s.urdf"'), r"s\.urdf"),
+    ],
+)
+def test_a_mistake_is_one_line_that_names_it_and_what_was_meant(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "s.urdf").write_text("no robot")
+    with pytest.raises((InvalidInput, UnknownName, optik.errors.RobotModelError), match=says) as caught:
+        optik_bench("check", suite_with(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_checking_does_not_run_what_a_suite_names(tmp_path: Path) -> None:
+    (tmp_path / "set.py").write_text("raise RuntimeError('run')\n")
+    text = "[[blocks]]\n" + BLOCK.replace('"at_limits"', '"./set.py"') + "options = { anything = 1 }\n"
+    file = suite_with(tmp_path, text)
+    assert "the files were not run" in optik_bench("check", file)
+    keys = {row["key"]: row for row in json.loads(optik_bench("check", file, "--json"))["keys"]}
+    assert keys["blocks.a.options.anything"]["meaning"] == "An option of set.py, which is not run here."
+
+
+# ---------------------------------------------------------------- the page
+
+
+def test_the_suite_on_the_page_runs_on_own_poses_and_an_own_seam(own: Path) -> None:
+    found = re.search(r"```toml\n(# station\.toml\n.*?)```", PAGE, re.DOTALL)
+    assert found
+    arm = optik.load(str(own / "arm.urdf"))
+    q = arm.limits.clip(np.full((2, arm.n), 0.3) + np.array([[0.0], [0.05]]))
+    rows = [[*T[:3, 3], *T[:3, :3].ravel()] for T in arm.fk(q)]
+    header = ",".join(["x_m,y_m,z_m", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))])
+    for name in ("poses.csv", "seam.csv"):
+        np.savetxt(own / name, rows, delimiter=",", header=header, comments="", fmt="%.17g")
+    suite = own / "station.toml"
+    suite.write_text(found[1])
+    optik_bench("run", str(suite), "--out", str(own / "station"))
+    calls = pl.read_parquet(own / "station/speed/*.parquet")
+    assert calls.filter("solved")["method"].unique().sort().to_list() == ["closed_form", "lm"]
+    motions = pl.read_parquet(own / "station/timing/seam-4--*.parquet")
+    assert motions.select("law", "kind", "status", "breaks").rows() == [
+        ("optimal", "seam.csv", "solved", ""), ("smooth", "seam.csv", "solved", "")
+    ]  # fmt: skip
+
+
+def section(title: str) -> str:
+    """The part of the page under a heading, or after a line, that begins so."""
+    found = re.search(rf"^(?:#+ )?{re.escape(title)}.*?\n(.*?)(?=^#|^`line/|\Z)", PAGE, re.MULTILINE | re.DOTALL)
+    assert found, title
+    return found[1]
+
+
+def columns_in(title: str) -> set[str]:
+    rows = [line.split("|")[1] for line in section(title).splitlines() if line.startswith("| `")]
+    return {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+
+
+def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: RunFolder) -> None:
+    settings: dict[str, Any] = {
+        "robot": "paper6r", "set": "at_limits", "options": {"count": 2}, "solver": "lm", "solver_options": {},
+        "seed": 1, "threads": [1], "repeats": 1,
+    }  # fmt: skip
+    found = {
+        "`problems/": set(pl.read_parquet(small_run.path / "problems/workspace.parquet").columns),
+        "`ik/": set(pl.read_parquet(small_run.path / "ik/misprint--*.parquet").columns),
+        "`speed/BLOCK--": set(pl.read_parquet(own / "run/speed/ik--*.parquet").columns),
+        "`speed/BLOCK.batch": set(measure(settings)[0]),
+        "`kinds/answers/": {*COLUMN_TYPES, "problem", "method", "solved"},
+        "`timing/BLOCK--": set(pl.read_parquet(own / "run/timing/laws--*.parquet").columns),
+    }
+    tables = ("samples", "motion", "tool", "frames")
+    found |= {f"`line/{t}": set(pl.read_parquet(small_run.path / f"line/{t}.parquet").columns) for t in tables}
+    for title, columns in found.items():
+        assert columns_in(title) == columns, title
+
+
+def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, list[Explained]]) -> None:
+    names = {row.key.split(".")[-1] for found in keys.values() for row in found if "options." not in row.key}
+    assert [name for name in sorted(names) if not re.search(rf"[`{{ ]{name}[`, ]", PAGE)] == []
+    for name in sorted(own_names(SETS)):
+        row = next(line for line in section("Problem sets").splitlines() if line.startswith(f"| `{name}`"))
+        assert set(re.findall(r"`(\w+)`", row.split("|")[3])) == set(defaults(load_method(SETS, name, "set")))
