@@ -11,18 +11,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.cli.reports import add_reports, bench_report
+from benchmarks.cli.running import AllowPlugins, Dask, PartTimeout, Workers, run_with_progress
 from benchmarks.cli.shared import AsJson, command, either, err_console, out_console, print_json
 from benchmarks.cli.suites import add_suites
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 add_suites(bench_app)
 add_reports(bench_app)
-
-AllowPlugins = Annotated[
-    bool,
-    typer.Option("--allow-plugins", help="Run the code in files that the suite names; `optik bench check` lists them."),
-]
-Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
 
 
 @command(bench_app, "list")
@@ -65,17 +60,20 @@ def bench_run(
     suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
     out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
     workers: Workers = 1,
+    dask: Dask = "",
+    part_timeout: PartTimeout = None,
     allow_plugins: AllowPlugins = False,
     report: Annotated[bool, typer.Option("--report", help="Write the report, too.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a suite into a folder; a run that was stopped is continued.
+    """Run a suite into a folder; a run that was stopped is continued by the same command.
 
-    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers.
+    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers. Exit status: 0; 1 where a
+    part failed; 2 for misuse, or a folder that cannot be written; 130 after Ctrl-C.
 
     Parameters
     ----------
-    suite, out, workers, allow_plugins, report, as_json
+    suite, out, workers, dask, part_timeout, allow_plugins, report, as_json
         As ``--help`` says.
 
     Raises
@@ -83,15 +81,18 @@ def bench_run(
     UnknownName, InvalidInput, OutputError
         As `load_suite` and `run_suite`.
     """
-    folder = run_with_progress(suite, out, workers, allow_plugins)
+    folder = run_with_progress(suite, out, workers, allow_plugins, dask, part_timeout)
+    manifest = folder.manifest()
     if report:
         bench_report(out, as_json=as_json)
     elif as_json:
-        print_json(folder.manifest())
+        print_json(manifest)
     else:
         out_console.print(
             f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
         )
+    if not manifest["complete"]:
+        raise typer.Exit(1)
 
 
 def demo(
@@ -126,52 +127,3 @@ def demo(
         table.add_row(f.key, f.claim, f.verdict)
     out_console.print(table)
     out_console.print(f"report: {page}", highlight=False, soft_wrap=True)
-
-
-def run_with_progress(suite: str, out: Path, workers: int, allow_plugins: bool = False) -> Any:
-    """Run a suite with a progress bar on the error stream.
-
-    Parameters
-    ----------
-    suite : str
-        A name or a file.
-    out : Path
-        Folder of the run.
-    workers : int
-        Processes.
-    allow_plugins : bool
-        Whether files that the suite names may be run.
-
-    Returns
-    -------
-    RunFolder
-        The finished run.
-
-    Raises
-    ------
-    UnknownName, InvalidInput, OutputError
-        As `load_suite` and `run_suite`.
-    """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from benchmarks.run import run_suite
-    from benchmarks.suite import load_suite
-
-    asked = load_suite(suite, allow_plugins=allow_plugins)
-    command = f"optik bench run {shlex.quote(suite)} --out RUN" + (f" --workers {workers}" if workers != 1 else "")
-    command += " --allow-plugins" if allow_plugins else ""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err_console, transient=True) as bar:
-        task = bar.add_task("compiling", total=None)
-        try:
-            return run_suite(
-                asked,
-                out,
-                workers=workers,
-                command=command,
-                progress=lambda done, total, what: bar.update(task, completed=done, total=total, description=what),
-            )
-        except KeyboardInterrupt:
-            bar.stop()
-            err_console.print("stopped; run the same command again to continue", style="yellow")
-            raise typer.Exit(130) from None

@@ -72,6 +72,8 @@ class Entry:
         How many problems a slow one is given; all where None.
     role : str
         ``ours``, ``law``, ``peer`` (an outside method) or ``reference``.
+    whole : bool
+        Whether each problem is one call with all that the method does by itself, where others make one attempt.
     """
 
     label: str
@@ -79,6 +81,7 @@ class Entry:
     options: dict[str, Any]
     most: int | None = None
     role: str = "ours"
+    whole: bool = False
 
     @property
     def words(self) -> str:

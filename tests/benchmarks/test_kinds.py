@@ -164,7 +164,7 @@ def test_a_report_names_the_package_of_a_kind_that_is_not_installed(run: RunFold
 def test_a_kind_without_a_stored_table_says_where_its_rows_are(
     outside: type[Kind], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("benchmarks.run.store_table", lambda *a: None)
+    monkeypatch.setattr("benchmarks.run.session.store_table", lambda *a: None)
     folder = run_suite(suite_with(outside), tmp_path / "run")
     assert "rows of the blocks without figures are in kinds/fk-time/" in page_of(folder).text
 

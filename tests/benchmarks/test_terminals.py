@@ -81,7 +81,7 @@ replace, count = Path.replace, 0
 
 def counted(self, target):
     global count
-    count += Path(target).is_relative_to(out)
+    count += Path(target).parent == out / "ik"
     if count == after:  # the part is written, and not yet in its place
         os.kill(os.getpid(), number)
     return replace(self, target)
@@ -100,7 +100,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
     small_run: RunFolder, tmp_path: Path, number: int, status: int
 ) -> None:
     settings = SMALL | {"line": SMALL["line"] | {"laws": ["ruckig"]}}
-    done = python("-c", INTERRUPTED, str(tmp_path / "run"), str(int(number)), "5", json.dumps(settings))
+    done = python("-c", INTERRUPTED, str(tmp_path / "run"), str(int(number)), "3", json.dumps(settings))
     assert done.returncode == status, done.stderr.decode()
     if status == 130:
         assert b"stopped; run the same command again to continue" in done.stderr
@@ -116,4 +116,4 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
         one, other = small_run.rows(block), again.rows(block)
         assert one is not None
         assert other is not None
-        assert_frame_equal(one.drop("seconds"), other.drop("seconds"), check_exact=True)
+        assert_frame_equal(one, other, check_exact=True)

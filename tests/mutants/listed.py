@@ -90,7 +90,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/timing/_optimal/newton.py": LAWS,
     "planners/timing/_optimal/iteration.py": LAWS,
     "planners/timing/base.py": LAWS[::-1],
-    "benchmarks/records.py": ("tests/benchmarks/test_run.py", "tests/benchmarks/test_suite.py"),
+    "benchmarks/records/folder.py": ("tests/benchmarks/test_run.py", "tests/benchmarks/test_suite.py"),
 }
 """The tests that are run for a change of each file, those that find most first."""
 
@@ -153,7 +153,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/timing/_optimal/iteration.py", "if product < 1e-150 or product > 1e150:", "if product > 1e150:"),
     ("planners/curve.py", "(1.0, 3.0, 1.0))", "(1.0, 2.0, 1.0))"),
     ("optik/task.py", "c = 1.0 / 12.0 if", "c = 1.0 / 6.0 if"),
-    ("benchmarks/records.py", 'known=pl.col("known") | solved', 'known=pl.col("known")'),
+    ("benchmarks/records/folder.py", 'known=pl.col("known") | solved', 'known=pl.col("known")'),
 )
 """Changes that every test once let pass: file, text, and what stands there instead; a text is in its file exactly once."""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import BlockRows, Compared, Kind, Part, Section
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Part, Section, Table, Winner
 from benchmarks.kinds.budgets.measures import MEASURES
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.kinds.budgets.run import Work, parts, prepare, solve_problems
@@ -65,6 +65,16 @@ class _Budgets(Kind):
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
         return ("inverse kinematics",)
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.budgets.report.best import winners
+
+        return winners(run)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.budgets.report.best import tables
+
+        return tables(run)
 
     def findings(self, run: Run) -> Sequence[str]:
         from benchmarks.kinds.budgets.report.head import findings

@@ -122,7 +122,7 @@ def _of(
     return compute
 
 
-_P95, _P99 = ("median", "p95"), ("median", "p95", "p99")
+_P95 = ("median", "p95")
 """Quantiles that a measure shows side by side."""
 
 MEASURES = (
@@ -130,7 +130,5 @@ MEASURES = (
     Measure("position error", "mm", _of("position_error", (0.5, 0.95), scale=1e3), parts=_P95),
     Measure("rotation error", "°", _of("rotation_error", (0.5, 0.95), scale=PER_RADIAN), parts=_P95),
     Measure("iterations, solved", "", _of("iterations", (0.5, 0.95), solved=True), parts=_P95, show="count"),
-    Measure("time a call, solved", "µs", _of("seconds", (0.5, 0.95, 0.99), scale=1e6, solved=True), parts=_P99),
-    Measure("time a call, not solved", "µs", _of("seconds", (0.5, 0.95), scale=1e6, solved=False), parts=_P95),
 )
 """Columns of the tables of methods: computed on the rows of one method at one budget."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,6 +27,17 @@ class BudgetRows(BlockRows):
         return self.rows["method"].unique(maintain_order=True).to_list()
 
     @cached_property
+    def whole(self) -> list[str]:
+        """Labels of the methods that are called as they come, without a budget."""
+        found = {m.label for m in self.block.methods if m.whole}
+        return [label for label in self.methods if label in found]
+
+    @cached_property
+    def budgeted(self) -> list[str]:
+        """Labels of the methods that make one attempt, looked at after every budget."""
+        return [label for label in self.methods if label not in self.whole]
+
+    @cached_property
     def budget(self) -> int:
         """The largest budget."""
         return int(self.block.budgets[-1])
@@ -44,6 +56,21 @@ class BudgetRows(BlockRows):
     def known(self) -> pl.DataFrame:
         """Rows of the problems with a known solution."""
         return self.rows.filter("known")
+
+    def given(self, labels: Sequence[str]) -> pl.DataFrame:
+        """Rows at the largest budget of some methods, on the problems with a known solution that all of them were given.
+
+        Parameters
+        ----------
+        labels : sequence of str
+            Of the methods.
+
+        Returns
+        -------
+        DataFrame
+            Sorted by problem within each method, so that rows of different methods are pairs.
+        """
+        return paired(self.last.filter(pl.col("method").is_in(labels) & pl.col("known"))).sort("problem")
 
     def problems(self) -> tuple[int, int]:
         """How many problems, and how many of them have a known solution."""

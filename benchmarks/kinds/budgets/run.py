@@ -1,10 +1,9 @@
-"""Solve problems at iteration budgets: errors from one traced run, times from runs that really stop there."""
+"""Solve problems at iteration budgets: what a run has reached at each of them, read from one traced run."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,27 @@ from numpy.typing import NDArray
 
 from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Entry, Part
+from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS
 from benchmarks.kinds.budgets.settings import BudgetBlock
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from optik.arm.library import load
 from optik.arm.robot import Robot
-from optik.ik import IKResult, IKSolver, IKStatus, make_solver
+from optik.ik import IKResult, IKStatus, make_solver
 from optik.registry import short_name
 from optik.types import Array
 
 BUDGET_PART = 500
 """Problems in one part of the work: small enough to continue from, large enough to hide the start of a worker."""
+
+CRASHED = "crashed"
+"""Status of a problem in which a method crashed its process, raised an error, or found no end; beside those of `IKStatus`."""
+
+COLUMN_ORDER = (
+    "problem", "budget", "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status",
+    "rises", "peak",
+)  # fmt: skip
+"""Columns of the rows, before those that say whose they are."""
 
 RISE = 1e-12
 """Growth of the error from one iteration to the next [m and rad] that is counted; less is round-off."""
@@ -59,6 +68,44 @@ class Work:
     targets: Array
     starts: Array
 
+    def halves(self) -> tuple[Work, ...]:
+        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        count = len(self.problems)
+        parts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
+        return tuple(
+            replace(self, problems=self.problems[i], targets=self.targets[i], starts=self.starts[i]) for i in parts
+        )
+
+    @property
+    def looked_at(self) -> tuple[int, ...]:
+        """Budgets that have a row: of a method as it comes only the largest."""
+        return self.budgets[-1:] if self.method.whole else self.budgets
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        far = ("error_x", "error_y", "error_z", "position_error", "rotation_error", "peak")
+        blank = dict.fromkeys(far, float("inf")) | {"iterations": 0, "status": CRASHED, "rises": 0}
+        pairs = [(int(problem), budget) for problem in self.problems for budget in self.looked_at]
+        return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
+
+    def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows with the columns that say whose they are, in one order of columns.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            The rows.
+
+        Returns
+        -------
+        DataFrame
+            With the method's label, solver and place.
+        """
+        method = self.method
+        return rows.select(*COLUMN_ORDER).with_columns(
+            method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
+        )
+
 
 def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
     """Check the options of every method, and draw the problems.
@@ -84,7 +131,7 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet]:
     """
     robot = load(block.robot)
     for method in block.methods:
-        make_solver(robot, method.name, **method.options, max_restarts=0)
+        make_solver(robot, method.name, **_options(method, block.budgets))
     return problem_set(block, seed)
 
 
@@ -117,12 +164,15 @@ def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: Problem
             yield Part(file, method.label, work)
 
 
-def solve_problems(work: Work) -> pl.DataFrame:
-    """Solve the problems of one part at all budgets.
+def _options(method: Entry, budgets: tuple[int, ...]) -> dict[str, Any]:
+    """Options of a method: one attempt of as many iterations as the largest budget, or as it comes."""
+    return method.options if method.whole else method.options | {"max_restarts": 0, "max_iterations": budgets[-1]}
 
-    Errors, iterations and status at every budget come from one traced run. Times come from untraced runs, each really
-    stopped at its budget; a run that ends by itself before its budget is the same run for all larger ones and is timed
-    once.
+
+def solve_problems(work: Work) -> pl.DataFrame:
+    """Solve the problems of one part: at all budgets, or, by a method that is called as it comes, once.
+
+    Nothing is timed: times come from blocks of single calls, which have the processor to themselves.
 
     Parameters
     ----------
@@ -132,79 +182,93 @@ def solve_problems(work: Work) -> pl.DataFrame:
     Returns
     -------
     DataFrame
-        One row for each problem and budget.
+        One row for each problem and budget; of a method as it comes one for each problem, at the largest budget.
     """
-    robot = load(work.robot)
-    method = work.method
-    solver = make_solver(robot, method.name, **method.options, max_restarts=0, max_iterations=work.budgets[-1])
-    stopped = {b: solver.with_options(max_iterations=b) for b in work.budgets}
-    for warm in (solver, *stopped.values()):
-        warm.solve(work.targets[0], work.starts[0])
-    columns: dict[str, list[Any]] = {}
-    for problem, target, start in zip(work.problems, work.targets, work.starts, strict=True):
-        result = solver.solve(target, start, trace=True)
-        seconds = _times(stopped, result, target, start)
-        for budget in work.budgets:
-            row = {
-                "problem": int(problem),
-                "budget": budget,
-                **at_budget(result, budget),
-                "seconds": seconds[budget],
+    robot, method = load(work.robot), work.method
+    solver = make_solver(robot, method.name, **_options(method, work.budgets))
+    rows = [
+        as_it_comes(robot, target, solver.solve(target, start))
+        if method.whole
+        else at_budgets(solver.solve(target, start, trace=True), work.budgets)
+        for target, start in zip(work.targets, work.starts, strict=True)
+    ]
+    budgets = work.looked_at
+    columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
+    return work.labelled(
+        pl.DataFrame(
+            {
+                "problem": np.repeat(work.problems, len(budgets)),
+                "budget": np.tile(np.array(budgets, dtype=np.int64), len(rows)),
+                **columns,
             }
-            for key, value in row.items():
-                columns.setdefault(key, []).append(value)
-    return pl.DataFrame(columns).with_columns(
-        method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(work.method_index)
+        )
     )
 
 
-def at_budget(result: IKResult, budget: int) -> dict[str, Any]:
-    """What a run that stops at a budget has reached, from the trace of a longer run.
+def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    """What runs that stop at some budgets have reached, from the trace of a run that is as long as the largest.
 
-    The errors are those of the iterate that it has reached; the status is that of the stopped run.
+    The errors are those of the iterate that each has reached; the status is that of the stopped run. Where the longest
+    run ends outside the limits, its iterates within the coarsest tolerance of the target are outside too, and say so.
 
     Parameters
     ----------
     result : IKResult
-        Of the longer run, with its trace.
-    budget : int
-        Iterations after which the run stops.
+        Of the longest run, with its trace.
+    budgets : tuple of k ints
+        Iterations after which each run stops.
 
     Returns
     -------
-    dict
-        Columns of one row: errors [m, rad], iterations, status, how often the error rose, and its peak over its first value.
+    dict of (k,) arrays
+        Columns of the rows: errors [m, rad], iterations, status, how often the error rose, and its peak over its first
+        value.
     """
     assert result.trace is not None
-    trace = result.trace[: budget + 1]
+    trace = result.trace
+    i = np.minimum(budgets, len(trace) - 1)
     size = np.linalg.norm(trace, axis=1)
-    ended = result.iterations <= budget
-    last = trace[-1]
-    position, rotation = float(np.linalg.norm(last[:3])), float(np.linalg.norm(last[3:]))
-    return {
-        "error_x": float(last[0]),
-        "error_y": float(last[1]),
-        "error_z": float(last[2]),
-        "position_error": position,
-        "rotation_error": rotation,
-        "iterations": len(trace) - 1,
-        "status": str(result.status if ended else IKStatus.MAX_ITERATIONS),
-        "rises": int((np.diff(size) > RISE).sum()),
-        "peak": float(size.max() / size[0]) if size[0] > 0.0 else 1.0,
+    rises = np.concatenate([[0], np.cumsum(np.diff(size) > RISE)])
+    peak = np.maximum.accumulate(size) / size[0] if size[0] > 0.0 else np.ones(len(size))
+    errors = _errors(trace[i])
+    ended = np.asarray(budgets) >= result.iterations
+    if result.status is IKStatus.OUTSIDE_LIMITS:
+        ended |= np.maximum(errors["position_error"], errors["rotation_error"]) <= max(SUCCESS_LEVELS)
+    return errors | {
+        "iterations": i.astype(np.int64),
+        "status": np.where(ended, str(result.status), str(IKStatus.MAX_ITERATIONS)),
+        "rises": rises[i].astype(np.int64),
+        "peak": peak[i],
     }
 
 
-def _times(stopped: dict[int, IKSolver], result: IKResult, target: Array, start: Array) -> dict[int, float]:
-    """Seconds of a run that is really stopped at each budget."""
-    seconds: dict[int, float] = {}
-    measured = None
-    for budget, solver in stopped.items():
-        if measured is None:
-            begin = time.perf_counter()
-            solver.solve(target, start)
-            seconds[budget] = time.perf_counter() - begin
-            if result.iterations <= budget:
-                measured = seconds[budget]
-        else:
-            seconds[budget] = measured
-    return seconds
+def as_it_comes(robot: Robot, target: Array, result: IKResult) -> dict[str, NDArray[Any]]:
+    """What one call of a method as it comes has reached.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    target : (4, 4) array
+        The pose that was asked for [1, m].
+    result : IKResult
+        What came back.
+
+    Returns
+    -------
+    dict of (1,) arrays
+        Columns as `at_budgets` has them; restarts are no one run, so there are no rises (0) and no peak (NaN).
+    """
+    return _errors(robot.errors(result.q[None], target[None])) | {
+        "iterations": np.array([result.iterations], dtype=np.int64),
+        "status": np.array([str(result.status)]),
+        "rises": np.zeros(1, dtype=np.int64),
+        "peak": np.array([np.nan]),
+    }
+
+
+def _errors(twists: Array) -> dict[str, NDArray[Any]]:
+    """Columns of some error twists (k, 6) in the base frame [m, rad]."""
+    columns = {f"error_{axis}": twists[:, i] for i, axis in enumerate("xyz")}
+    position, rotation = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
+    return columns | {"position_error": position, "rotation_error": rotation}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from benchmarks.kinds._entries import check_labels, read_method
@@ -16,6 +16,8 @@ from optik.errors import InvalidInput
 @dataclass(frozen=True, kw_only=True)
 class BudgetBlock(ProblemBlock):
     """One problem set on one robot, solved by some methods at some iteration budgets, one attempt each.
+
+    A method that is ``whole`` has no budget: it is called once as it comes, with its restarts.
 
     Attributes
     ----------
@@ -73,10 +75,14 @@ def read_block(data: Any) -> BudgetBlock:
 
 
 def _budgeted(data: Any, where: str) -> Entry:
-    """A method that nothing but a budget stops."""
-    method = read_method(data, where)
+    """A method that nothing but a budget stops; or one that is called as it comes, ``whole = true``."""
+    known = dict(data) if isinstance(data, dict) else data
+    whole = known.pop("whole", False) if isinstance(known, dict) else False
+    if not isinstance(whole, bool):
+        raise InvalidInput(f"{where}: methods: whole", repr(whole)[:60], "true or false")
+    method = read_method(known, where)
     for fixed in ("max_iterations", "max_restarts", "time_limit"):
-        if fixed in method.options:
-            expected = "budgets in place of it: one attempt, stopped at each budget"
+        if fixed in method.options and not whole:
+            expected = "budgets in place of it: one attempt, stopped at each budget; or whole = true"
             raise InvalidInput(f"{where}: methods", fixed, expected)
-    return method
+    return replace(method, whole=whole)

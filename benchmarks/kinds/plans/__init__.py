@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import Block, BlockRows, Kind, Section, Tell
+from benchmarks.kinds.base import Block, BlockRows, Kind, Section, Table, Tell, Winner
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.kinds.plans.run import PLANS, check_line, run_line
 from benchmarks.kinds.plans.settings import LineTask, read_task
@@ -61,6 +61,16 @@ class _Plans(Kind):
     def labels(self, block: Block) -> Sequence[str]:
         assert isinstance(block, LineTask)
         return [short_name(law) for law in block.laws]
+
+    def winners(self, run: Run) -> Sequence[Winner]:
+        from benchmarks.kinds.plans.report.best import winners
+
+        return winners(run)
+
+    def tables(self, run: Run) -> Sequence[Table]:
+        from benchmarks.kinds.plans.report.best import tables
+
+        return tables(run)
 
     def findings(self, run: Run) -> Sequence[str]:
         from benchmarks.kinds.plans.report.head import findings

@@ -24,6 +24,11 @@ class LinePlans(BlockRows):
         return [p for p in self.plans if p["status"] == "solved"]
 
     @cached_property
+    def ik(self) -> str:
+        """The first IK method with a trajectory; the first of all where none has one."""
+        return str((self.solved or self.plans)[0]["ik"])
+
+    @cached_property
     def laws(self) -> list[str]:
         """Names of all laws, in the order of the plans."""
         return list(dict.fromkeys(p["law"] for p in self.plans))

@@ -1,4 +1,4 @@
-"""Section: the error of each axis against distance and against budget, the paper's Fig. 11 to 13."""
+"""Section: the error of each axis against the distance of the target and against the iteration budget."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ERROR_AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
 """Columns of the errors, and the axes of the base frame that they belong to."""
 
 FLOOR_MM = 1e-9
-"""Errors below this are drawn here: rounding, and exact zeros, have no place on a logarithmic axis."""
+"""Errors up to this, 10⁻¹² m, are rounding: they are drawn here, as no smaller ones are results."""
 
 MOST_LINES = 5
 """Budgets that one plot shows: more lines cannot be told apart."""
@@ -87,7 +87,7 @@ def _distance_board(blocks: list[BudgetRows]) -> Board:
         for b in blocks:
             _distance_lines(plot, b, column)
         plots.append(plot)
-    methods = dict.fromkeys(m for b in blocks for m in b.methods)
+    methods = dict.fromkeys(m for b in blocks for m in b.budgeted)
     legend = [
         Key(iterations(budget), shade, "solid", {"block": [b.block.id]})
         for b in blocks
@@ -97,13 +97,13 @@ def _distance_board(blocks: list[BudgetRows]) -> Board:
     return Board(
         "by-distance", tuple(plots), (_controls(blocks), Control.of("method", "Method", list(methods))), tuple(legend),
         "Bins of 50 mm with at least 10 targets. All targets with a known solution are counted, also those where the method "
-        "fails: they make the 95th percentile. Errors below 10⁻⁹ mm are drawn there.",
+        "fails: they make the 95th percentile. Errors up to 10⁻⁹ mm (10⁻¹² m) are rounding: all are drawn there, as ≤ 10⁻⁹.",
     )  # fmt: skip
 
 
 def _distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
     budgets = chosen(b.block.budgets)
-    for label in b.methods:
+    for label in b.budgeted:
         part = b.known.filter(pl.col("method") == label).with_columns(
             _millimetres(column), far=pl.col("distance") * 1e3
         )
@@ -133,10 +133,10 @@ def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
             },
         )  # fmt: skip
         for b in blocks:
-            for label in b.methods:
+            for label in b.budgeted:
                 _budget_lines(plot, b, label, run.colour(label), column)
         plots.append(plot)
-    legend = [Key(m, run.colour(m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.methods]
+    legend = [Key(m, run.colour(m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.budgeted]
     legend += [Key("median", "var(--ink)"), Key("95th percentile", "var(--ink)", "dashed"), Key("2 mm", "var(--alarm)")]
     for plot in plots:
         plot.layout["shapes"] = [

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
+from benchmarks.kinds.budgets.report.default import answer
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
+from benchmarks.kinds.budgets.report.pair import pairs
 from benchmarks.kinds.budgets.rows import BudgetRows
-from benchmarks.report.numbers import number, percent
+from benchmarks.report.numbers import percent
 from benchmarks.report.run import Run
 from optik.registry import short_name
 
@@ -53,6 +54,7 @@ def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
     methods = []
     for m in b.block.methods:
         part = "" if ran.get(m.label, 0) == total else f"; {ran.get(m.label, 0):,} of the problems"
+        part += "; as it comes" if m.whole else ""
         what = f"{short_name(m.name)}, {m.words or 'no options'}{part}"
         methods.append({"label": m.label, "colour": run.colour(m.label), "what": what})
     return {
@@ -63,7 +65,7 @@ def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
 
 
 def findings(run: Run) -> list[str]:
-    """Share solved and median time of every method on the paired problems, block by block.
+    """Whether the default is better than the paper's iteration; elsewhere, the share that every method solves.
 
     Parameters
     ----------
@@ -75,26 +77,22 @@ def findings(run: Run) -> list[str]:
     list of str
         One sentence for each block that compares methods.
     """
-    return [words for b in comparisons(run) if (words := _rates(b))]
+    answered = pairs(run)
+    rest = [b for b in comparisons(run) if b.block.id not in {pair.rows.block.id for pair in answered}]
+    found = [f"Is the default better than the paper's iteration? {answer(pair, run)}" for pair in answered[:1]]
+    return found + [words for b in rest if (words := _rates(b))]
 
 
 def _rates(b: BudgetRows) -> str:
-    known = b.paired.filter((pl.col("budget") == b.budget) & pl.col("known"))
+    known = b.given(b.methods)
     if known.is_empty():
         return ""
     words = []
     for label in b.methods:
-        part = known.filter(pl.col("method") == label)
-        share, low, high = success(part, SUCCESS_LEVELS[-1])
-        seconds = part.filter(pl.col("status") == "solved")["seconds"]
-        took = f", {number(1e6 * float(np.median(seconds)))} µs a solved call" if len(seconds) else ""
-        words.append(f"{label} solves {percent(share)} ({low:.1f} to {high:.1f} %){took}")
+        share, low, high = success(known.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])
+        words.append(f"{label} {percent(share)} ({low:.1f} to {high:.1f} %)")
     count = known["problem"].n_unique()
-    return (
-        f"{b.block.title}, {count:,} targets with a known solution, at most {b.budget} iterations: "
-        + "; ".join(words)
-        + "."
-    )
+    return f"{b.block.title}, {count:,} targets, at most {b.budget} iterations; solved: {', '.join(words)}."
 
 
 def limitations(run: Run) -> list[str]:
@@ -111,14 +109,14 @@ def limitations(run: Run) -> list[str]:
         Sentences.
     """
     items = [
-        "A run that ends by itself before its budget is timed once and counted for every larger budget.",
         "In blocks with iteration budgets every method gets one attempt from the given start: no restarts, which the "
-        "paper's iteration does not have.",
+        "paper's iteration does not have. A method that is called as it comes is marked so. Nothing is timed there: times "
+        "are of single calls.",
     ]
     if any(b.block.set == "graph_paper" for b in budget_blocks(run)):
         items.append(
-            "“No known solution” means that a reference solve with restarts found none, nor any method here. It is no proof "
-            "that the target is out of reach. Graph-paper targets all have the start's orientation."
+            "“No known solution” means that the search for one, apart from the methods compared, found none, nor any method "
+            "here. It is no proof that the target is out of reach. Graph-paper targets all have the start's orientation."
         )
     if any(b.paired["problem"].n_unique() < b.problems()[0] for b in budget_blocks(run)):
         items.append(

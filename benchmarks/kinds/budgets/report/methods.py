@@ -6,13 +6,14 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.kinds.budgets.measures import MEASURES, SUCCESS_LEVELS, level_words, success, success_at
+from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.budgets.measures import MEASURES, SUCCESS_LEVELS, level_words, success
+from benchmarks.kinds.budgets.report.default import success_line
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Key, Plot
-from benchmarks.report.figures import HOVER, SYMBOLS, axis, bars, lean, line
+from benchmarks.report.figures import HOVER, axis, bars, lean
 from benchmarks.report.run import Run
-from benchmarks.report.tables import cells
 
 ENDINGS = {
     "solved": ("solved", "var(--c2)"),
@@ -24,6 +25,23 @@ ENDINGS = {
     "rejected": ("claim rejected", "var(--c7)"),
 }
 """Ways in which a solve ends: in words, and the colour of each."""
+
+
+METHOD_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("fine", f"solved at {level_words(SUCCESS_LEVELS[-1])}", "%", "more", "share"),
+    Column("coarse", f"within {level_words(SUCCESS_LEVELS[0])}", "%", "more", "share"),
+    Column("position", "position error, median", "mm", "less"),
+    Column("position_95", "position error, p95", "mm", "less"),
+    Column("iterations", "iterations, solved, median", show="count"),
+    Column("rotation", "rotation error, median", "°", "less", aside=True),
+    Column("rotation_95", "rotation error, p95", "°", "less", aside=True),
+    Column("iterations_95", "iterations, solved, p95", show="count", aside=True),
+    Column("own", f"solved at {level_words(SUCCESS_LEVELS[-1])}, of all it was given", "%", show="share", aside=True),
+    Column("known", "given, known solution", show="count", aside=True),
+    Column("unknown", "given, none known", show="count", aside=True),
+)
+"""Columns of a table of methods."""
 
 
 def methods(run: Run) -> dict[str, Any] | None:
@@ -43,40 +61,46 @@ def methods(run: Run) -> dict[str, Any] | None:
         return None
     open_ones = {b.block.id for b in comparisons(run)}
     return {
-        "metrics": MEASURES,
-        "tables": [_table(b, run) | {"open": b.block.id in open_ones} for b in budget_blocks(run)],
+        "tables": [{"table": method_table(b), "open": b.block.id in open_ones} for b in budget_blocks(run)],
         "boards": [_success_board(run), _status_board(run)],
     }
 
 
-def _table(b: BudgetRows, run: Run) -> dict[str, Any]:
-    last = b.paired.filter(pl.col("budget") == b.budget)
-    known = last.filter("known")
-    count = last["problem"].n_unique()
-    pairs = known["problem"].n_unique()
-    total, total_known = b.problems()
+def method_table(b: BudgetRows) -> Table:
+    """All methods of a block on the same problems, at the largest budget.
+
+    Parameters
+    ----------
+    b : BudgetRows
+        The block.
+
+    Returns
+    -------
+    Table
+        A row for each method.
+    """
+    known = b.given(b.methods)
     rows = []
     for label in b.methods:
         own = b.last.filter(pl.col("method") == label)
         part = known.filter(pl.col("method") == label)
-        unknown = own.filter(~pl.col("known"))
-        values = [metric.compute(part) for metric in MEASURES]
+        coarse, fine, position, rotation, took = (metric.compute(part) for metric in MEASURES)
         rows.append(
             {
-                "label": label,
-                "colour": run.colour(label),
-                "cells": [cells(metric, v) for metric, v in zip(MEASURES, values, strict=True)],
-                "values": values,
-                "known": len(own) - len(unknown),
-                "own": cells(success_at(SUCCESS_LEVELS[-1]), success(own.filter("known"), SUCCESS_LEVELS[-1])),
-                "unknown": len(unknown),
+                "label": label, "coarse": coarse, "fine": fine, "position": position[0], "position_95": position[1],
+                "rotation": rotation[0], "rotation_95": rotation[1], "iterations": took[0], "iterations_95": took[1],
+                "own": success(own.filter("known"), SUCCESS_LEVELS[-1]),
+                "known": int(own["known"].sum()), "unknown": int((~own["known"]).sum()),
             }
-        )
-    return {
-        "id": b.block.id, "title": b.block.title, "budget": b.budget, "rows": rows, "pairs": pairs,
-        "pairs_unknown": count - pairs, "total": total, "total_known": total_known,
-        "groups": b.rows["group"].n_unique(), "budgets": b.block.budgets,
-    }  # fmt: skip
+        )  # fmt: skip
+    total, total_known = b.problems()
+    whole = f" {', '.join(b.whole)}: called as it comes, with its restarts." if b.whole else ""
+    return Table(
+        f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, tuple(rows),
+        f"{known['problem'].n_unique():,} problems with a known solution that all methods were given, of {total_known:,} with "
+        f"one and {total:,} in all; at most {b.budget} iterations from the given start.{whole} Errors count failures. "
+        "Intervals are Wilson's, 95 %.",
+    )  # fmt: skip
 
 
 def _success_board(run: Run) -> Board:
@@ -94,12 +118,14 @@ def _success_board(run: Run) -> Board:
         plots.append(plot)
     blocks = Control("block", "Problems", tuple((b.block.id, b.block.title) for b in budget_blocks(run)))
     legend = tuple(
-        Key(label, run.colour(label), "dot", {"block": [b.block.id]}) for b in budget_blocks(run) for label in b.methods
+        run.key(label, {"block": [b.block.id]}, marked=label not in b.whole)
+        for b in budget_blocks(run)
+        for label in b.methods
     )
     return Board(
         "success", tuple(plots), (blocks,), legend,
-        "Paired problems with a known solution; bars are Wilson 95 % intervals. A run stopped at a budget is judged at the "
-        "iterate it has reached.",
+        "Problems with a known solution that all methods were given; bars are Wilson 95 % intervals. A run stopped at a budget "
+        "is judged at the iterate it has reached. A line across: a method as it comes, which has no budget.",
     )  # fmt: skip
 
 
@@ -109,27 +135,13 @@ def _success_lines(plot: Plot, b: BudgetRows, run: Run, level: float) -> None:
         part = known.filter(pl.col("method") == label)
         if part.is_empty():
             continue
-        rates = [success(part.filter(pl.col("budget") == budget), level) for budget in b.block.budgets]
-        share = [r[0] for r in rates]
-        i = run.labels.index(label)
-        plot.add(
-            line(
-                x=list(b.block.budgets), y=lean(share), mode="lines+markers", name=label,
-                line={"color": run.colour(label), "width": 2},
-                marker={"symbol": SYMBOLS[i % len(SYMBOLS)], "size": 7},
-                error_y={
-                    "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,
-                    "arrayminus": lean([max(r[0] - r[1], 0.0) for r in rates]), "width": 3,
-                },
-                hovertemplate=f"{label}<br>%{{x}} iterations: %{{y:.1f}} %{HOVER}",
-            ),
-            {"block": [b.block.id]},
-        )  # fmt: skip
+        trace = success_line(part, label, b, run, level)
+        plot.add(trace, {"block": [b.block.id]})
 
 
 def _status_board(run: Run) -> Board:
     plot = Plot(
-        "status", "How the solves ended at the largest budget, all problems that the method was run on",
+        "status", "How the solves ended at the largest budget, on the problems that all methods were given",
         {
             "barmode": "stack", "bargap": 0.35,
             "xaxis": axis("share of problems [%]", range=[0, 100]),
@@ -158,13 +170,14 @@ def _status_board(run: Run) -> Board:
 
 
 def _endings(b: BudgetRows) -> list[tuple[str, bool, list[float], list[int]]]:
-    """Share and count of every ending for each method: by status where a solution is known, together where not."""
-    totals = {m: b.last.filter(pl.col("method") == m).height for m in b.methods}
+    """Share and count of every ending for each method, on the same problems: by status, or no known solution."""
+    last = b.paired.filter(pl.col("budget") == b.budget)
+    total = max(last["problem"].n_unique(), 1)
     out = []
-    kinds = [(s, True) for s in (*ENDINGS, *sorted(set(b.last["status"]) - set(ENDINGS)))] + [("", False)]
+    kinds = [(s, True) for s in (*ENDINGS, *sorted(set(last["status"]) - set(ENDINGS)))] + [("", False)]
     for status, known in kinds:
-        part = b.last.filter((pl.col("known") & (pl.col("status") == status)) if known else ~pl.col("known"))
+        part = last.filter((pl.col("known") & (pl.col("status") == status)) if known else ~pl.col("known"))
         counts = [part.filter(pl.col("method") == m).height for m in b.methods]
         if any(counts):
-            out.append((status, known, [100.0 * c / totals[m] for c, m in zip(counts, b.methods, strict=True)], counts))
+            out.append((status, known, [100.0 * c / total for c in counts], counts))
     return out

@@ -12,7 +12,7 @@ from benchmarks.kinds.plans.report.motion import motion
 
 SECTIONS = (
     Section("The line", "plans", summary, Path(__file__).with_name("summary.html.j2"), 70, place="summary"),
-    Section("The line in space", "line", moving_arm, Path(__file__).with_name("arm.html.j2"), 70),
+    Section("The line in space (Fig. 5 and 6)", "line", moving_arm, Path(__file__).with_name("arm.html.j2"), 70),
     Section("Joint and tool motion", "motion", motion, Path(__file__).with_name("motion.html.j2"), 80),
     Section("Time laws", "laws", laws, Path(__file__).with_name("laws.html.j2"), 90),
 )

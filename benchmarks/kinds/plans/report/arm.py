@@ -16,6 +16,9 @@ from optik.types import Array
 EYE_DISTANCE = 2.4
 """Distance of the eye, in units of the scene: the whole arm is in view."""
 
+STANDING_EVERY = 12
+"""Pictures from one arm that is drawn standing to the next: six of them, so that a still page shows the motion."""
+
 
 def moving_arm(run: Run) -> dict[str, Any] | None:
     """The arm in pictures equally spaced in time, for every law.
@@ -39,11 +42,15 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
     start, goal = (1e3 * np.array(plan["path"][end])[:3, 3] for end in ("start", "goal"))
     points = 1e3 * frames.select("x", "y", "z").to_numpy()
     scene = _scene(robot.gravity, goal - start, np.vstack([points, start, goal]))
-    plot = Plot("arm", "The arm along the line", {"scene": scene, "margin": dict.fromkeys("lrtb", 0)}, height=520)
+    plot = Plot(
+        "arm", "The arm along the line (Fig. 6)", {"scene": scene, "margin": dict.fromkeys("lrtb", 0)}, height=520
+    )
     laws = frames["law"].unique(maintain_order=True).to_list()
     for law in laws:
         plot.frames.append({"when": {"law": [law]}} | _pictures(frames.filter(pl.col("law") == law)))
     first = plot.frames[0]
+    for k in range(0, len(first["t"]), STANDING_EVERY):
+        plot.add(_standing(first, k))
     plot.add(_arm(first))
     base = np.array([first[a][0][0] for a in "xyz"])
     plot.add(_points([base], marker={"color": "var(--muted)", "size": 8, "symbol": "square"}, name="base"))
@@ -51,13 +58,15 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
     plot.add(_points([start], marker={"color": "var(--c2)", "size": 7, "symbol": "circle"}, name="start"))
     plot.add(_points([goal], marker={"color": "var(--c3)", "size": 7, "symbol": "diamond"}, name="goal"))
     legend = (
-        Key("base", "var(--muted)", "fill"), Key("arm, base to tool", "var(--ink)"), Key("line", "var(--c1)", "solid"),
+        Key("base", "var(--muted)", "fill"), Key("arm, base to tool", "var(--ink)"), Key("arm on its way", "var(--muted)"),
+        Key("line", "var(--c1)", "solid"), Key("samples", "var(--c0)", "dot"),
         Key("start", "var(--c2)", "dot"), Key("goal", "var(--c3)", "dot"),
     )  # fmt: skip
     up = _words(-robot.gravity)
     board = Board(
-        "arm-board", (plot,), (Control.of("law", "Time law", laws),), legend,
-        f"Base frame, equal scales on all axes, {up} up (against the robot's gravity). Points are the origins of the joint "
+        "arm-board", (_straight(start, goal, line.block.samples), plot), (Control.of("law", "Time law", laws),), legend,
+        f"Fig. 5: the line with its {line.block.samples} samples; Fig. 6: the arm along it. "
+        f"Base frame, equal scales for the arm, {up} up (against the robot's gravity). Points are the origins of the joint "
         "frames and the tool. Played at half the real speed. Drag to turn.",
     )  # fmt: skip
     return {"boards": [board], "length": plan["length"], "start": start, "goal": goal}
@@ -84,6 +93,35 @@ def _scene(gravity: Array, direction: Array, points: Array) -> Json:
         name: dict(zip("xyz", lean(v), strict=True)) for name, v in (("up", up), ("eye", eye), ("center", -0.15 * up))
     }
     return {"aspectmode": "data", "camera": vectors, **axes}
+
+
+def _straight(start: Array, goal: Array, samples: int) -> Plot:
+    """The line alone, with its samples."""
+    axes = {
+        f"{a}axis": {
+            "title": {"text": f"{a.upper()} [mm]"}, "nticks": 5, "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR,
+            "linecolor": MUTED_COLOUR, "showbackground": False,
+        }
+        for a in "xyz"
+    }  # fmt: skip
+    plot = Plot(
+        "straight", "The straight line in Cartesian coordinates (Fig. 5)",
+        {"scene": {"aspectmode": "cube", **axes}, "margin": dict.fromkeys("lrtb", 0)}, height=520,
+    )  # fmt: skip
+    along = start + np.linspace(0.0, 1.0, samples)[:, None] * (goal - start)
+    plot.add(_points([start, goal], mode="lines", line={"color": "var(--c1)", "width": 4}, name="line"))
+    plot.add(_points(list(along), marker={"color": "var(--c0)", "size": 2}, name="sample"))
+    plot.add(_points([start], marker={"color": "var(--c2)", "size": 6, "symbol": "circle"}, name="P₀"))
+    plot.add(_points([goal], marker={"color": "var(--c3)", "size": 6, "symbol": "diamond"}, name="P"))
+    return plot
+
+
+def _standing(pictures: Json, k: int) -> Json:
+    """The arm as it stands at one instant."""
+    return line_3d(
+        x=pictures["x"][k], y=pictures["y"][k], z=pictures["z"][k], mode="lines", name="arm on its way", hoverinfo="skip",
+        line={"color": MUTED_COLOUR, "width": 3}, opacity=0.5,
+    )  # fmt: skip
 
 
 def _pictures(rows: pl.DataFrame) -> Json:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.plans.report.look import line_plans
+from benchmarks.kinds.plans.rows import LinePlans
+from benchmarks.kinds.plans.run import PLAN_REPEATS
+from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
 from optik.arm.limits import LIMIT_TOLERANCE
 from planners.limits import DERIVATIVES
+
+SAME_DURATION = 1e-9
+"""Relative difference of durations up to which two motions count as equally long: rounding of a longer computation."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +119,29 @@ def ratio_words(w: Worst) -> str:
     return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
+LAW_COLUMNS = (
+    Column("label", "Time law", show="text"),
+    Column("duration", "duration", "s", "less", "exact"),
+    Column("breaks", "limits broken", show="text"),
+    *(Column(field, f"{field} over limit", show="text") for field in DERIVATIVES),
+    Column("distance", "path deviation", "µm", "less"),
+    Column("milliseconds", "planning", "ms", "less"),
+    Column("place", "rank", show="text", aside=True),
+    *(Column(f"{field}_at", f"{field}: where", show="text", aside=True) for field in DERIVATIVES),
+    Column("sampled", "jerk as sampled", "rad/s³", aside=True),
+    Column("angle", "path deviation", "µrad", aside=True),
+    Column("speed", "tool speed", "mm/s", aside=True),
+    Column("continuous", "continuity", show="text", aside=True),
+    Column("rest", "rest at start, end", show="text", aside=True),
+    Column("keeps", "promises", show="text", aside=True),
+    Column("holds", "promise kept", show="text", aside=True),
+    Column("end_error", "end error", "rad", aside=True),
+)
+"""Columns of the table of time laws."""
+
+
 def laws(run: Run) -> dict[str, Any] | None:
-    """One row for each IK method and law; motions that keep every limit are ranked on duration, the others are not.
+    """A row for each law, and how far the IK method matters.
 
     Parameters
     ----------
@@ -127,43 +156,93 @@ def laws(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if found is None:
         return None
-    rows = [_row(p, run) for p in found.plans]
-    for ik in {p["ik"] for p in found.plans}:
-        within = [r for r in rows if r["ik"] == ik and r["solved"] and not r["breaks"]]
-        for place, r in enumerate(sorted(within, key=lambda r: r["duration"]), start=1):
-            r["rank"] = str(place)
+    return {"tables": [law_table(found)], "matters": ik_matters(found)}
+
+
+def law_table(found: LinePlans) -> Table:
+    """The time laws side by side, planned with the first IK method that solved the line.
+
+    Parameters
+    ----------
+    found : LinePlans
+        The plans.
+
+    Returns
+    -------
+    Table
+        A row for each law; those that keep every limit are ranked by duration.
+    """
+    ik = found.ik
+    plans = [p for p in found.plans if p["ik"] == ik]
+    within = [p for p in plans if p["status"] == "solved" and not broken_limits(p["certificate"])]
+    ranks = {p["law"]: str(k) for k, p in enumerate(sorted(within, key=lambda p: p["duration"]), start=1)}
     first = found.solved[0] if found.solved else None
-    return {
-        "rows": rows, "fields": DERIVATIVES,
-        "length": first and first["length"],
-        "limits": _limit_words(first["limits"]) if first else "",
-    }  # fmt: skip
+    note = (
+        f"Line of {number(1e3 * first['length'])} mm, inverse kinematics by {ik}. Limits: {_limit_words(first['limits'])}. "
+        "Values over limits are exact, between the samples too; ∞: the acceleration jumps. A motion that breaks a limit has "
+        "no rank, its duration cannot be compared. The deviation is a bound. Planning is the whole plan with its certificate, "
+        f"median of {PLAN_REPEATS}. Jerk as sampled: differences of the accelerations at a controller's rate."
+        if first
+        else ""
+    )
+    rows = tuple(_row(p) | {"place": ranks.get(p["law"], "–")} for p in plans)
+    return Table("laws", "Time laws along the line", LAW_COLUMNS, rows, note)
 
 
-def _row(p: dict[str, Any], run: Run) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "ik": p["ik"], "law": p["law"], "name": p["name"], "solved": p["status"] == "solved", "rank": "–",
-        "colour": run.colour(p["law"]), "milliseconds": number(1e3 * p["seconds"]),
-    }  # fmt: skip
-    if not row["solved"]:
-        why = (
-            f"{p['status'].replace('_', ' ')} at {number(1e3 * p['s'])} mm: {p['reason']}"
-            if "reason" in p
-            else p["status"]
-        )
-        return row | {"why": why}
+def _row(p: dict[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = {"label": p["law"], "milliseconds": 1e3 * p["seconds"]}
+    if p["status"] != "solved":
+        where = f" at {number(1e3 * p['s'])} mm: {p['reason']}" if "reason" in p else ""
+        return row | {"breaks": f"no motion: {p['status'].replace('_', ' ')}{where}"}
     c = p["certificate"]
-    sampled = max(range(len(c["sampled_jerk"])), key=lambda i: c["sampled_jerk"][i])
+    at = {f: worst(c, f) for f in DERIVATIVES}
     return row | {
-        "duration": p["duration"],
-        "worst": {f: worst(c, f) for f in DERIVATIVES},
-        "ratios": {f: ratio_words(worst(c, f)) for f in DERIVATIVES},
-        "sampled_jerk": number(c["sampled_jerk"][sampled]), "sampled_joint": c["joint_names"][sampled], "rate": c["rate"],
-        "distance": number(1e6 * c["path_error"]["distance"]), "angle": number(1e6 * c["path_error"]["angle"]),
-        "speed": number(1e3 * c["tool_speed"]["value"]), "continuous": c["continuous"], "rest": c["rest"],
-        "keeps": c["keeps"], "holds": c["holds"], "broken": c["broken"], "breaks": broken_limits(c),
-        "end_error": number(p["end_error"]),
+        "duration": p["duration"], "breaks": ", ".join(broken_limits(c)) or "none",
+        **{f: ratio_words(w) for f, w in at.items()},
+        **{f"{f}_at": f"{w.joint}, {w.time:.3f} s" for f, w in at.items()},
+        "sampled": max(c["sampled_jerk"]), "distance": 1e6 * c["path_error"]["distance"],
+        "angle": 1e6 * c["path_error"]["angle"], "speed": 1e3 * c["tool_speed"]["value"], "continuous": f"C{c['continuous']}",
+        "rest": ", ".join("yes" if r else "no" for r in c["rest"]), "keeps": ", ".join(c["keeps"]) or "nothing",
+        "holds": ("yes" if c["keeps"] else "nothing promised") if c["holds"] else f"no: {'; '.join(c['broken'])}",
+        "end_error": p["end_error"],
     }  # fmt: skip
+
+
+def ik_matters(found: LinePlans) -> str:
+    """How far the motions depend on the IK method, in one sentence.
+
+    Parameters
+    ----------
+    found : LinePlans
+        The plans.
+
+    Returns
+    -------
+    str
+        Empty where all plans are by one method.
+    """
+    by_law: dict[str, list[dict[str, Any]]] = {}
+    for p in found.solved:
+        by_law.setdefault(p["law"], []).append(p)
+    several = {law: plans for law, plans in by_law.items() if len(plans) > 1}
+    if not several:
+        return ""
+    others = ", ".join(dict.fromkeys(p["ik"] for plans in several.values() for p in plans if p["ik"] != found.ik))
+    spread = {law: max(p["duration"] for p in ps) / min(p["duration"] for p in ps) - 1.0 for law, ps in several.items()}
+    law = max(spread, key=lambda name: spread[name])
+    off = max(abs(p["certificate"]["path_error"]["distance"] - q["certificate"]["path_error"]["distance"])
+              for ps in several.values() for p in ps for q in ps)  # fmt: skip
+    much = f"by at most {number(100 * spread[law], 2)} % ({law})" if spread[law] > SAME_DURATION else "not at all"
+    return (
+        f"With {others} in place of {found.ik} durations change {much}, and path deviations by at most "
+        f"{_small(1e6 * off)} µm: every sample is refined after the IK method has found it."
+    )
+
+
+def _small(micrometres: float) -> str:
+    """A length; below what is a result, that."""
+    floor = noise_floor("µm")
+    return f"10⁻{-round(math.log10(floor))}" if micrometres <= floor else number(micrometres, 2)
 
 
 def _limit_words(limits: dict[str, list[float | None]]) -> str:

@@ -12,7 +12,7 @@ from benchmarks.kinds.plans.report.laws import worst
 from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import BAND_COLOUR, HOVER, axis, colour, lean, line, log_axis
+from benchmarks.report.figures import BAND_COLOUR, HOVER, NOISE, axis, colour, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from optik.arm.robot import Robot
@@ -239,7 +239,7 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
 def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
     """Largest of every few instants: a deviation is zero at the samples of the path and swings in between."""
     k = len(t) // ENVELOPE * ENVELOPE
-    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), 1e-16)
+    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), NOISE)
 
 
 def _deviation(title: str, most: float) -> Json:

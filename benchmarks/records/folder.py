@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -10,6 +11,7 @@ from typing import Any
 
 import polars as pl
 
+from benchmarks.records.ledger import LEDGER, Ledger, damaged
 from optik.errors import InvalidInput, OutputError
 from optik.files import write_whole
 from optik.plugins.used import compare
@@ -20,15 +22,20 @@ MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "proven
 """Keys that ``run.json`` must have."""
 
 
+LOCK = ".lock"
+"""What a process holds that works in a run folder."""
+
 ARMS = "robots.json"
 """Arms of a run that do not come with optik, as plain data by what reports call them; not there where there are none."""
 
 
 class RunFolder:
-    """A folder with ``run.json``, ``problems/``, ``ik/``, ``line/``, ``speed/`` and ``timing/``.
+    """A folder with ``run.json``, ``parts.jsonl``, ``problems/``, ``ik/``, ``line/``, ``speed/`` and ``timing/``.
 
     Every file is written under a temporary name and then renamed, so that no file is ever incomplete. A run that was
-    interrupted is continued by running it again.
+    interrupted is continued by running it again. The digest of every table is noted in ``parts.jsonl``: a table that was
+    damaged, or that this run did not write, is refused. Files are not flushed to the disk one by one; what a power failure
+    truncates, its digest shows.
 
     Parameters
     ----------
@@ -38,6 +45,7 @@ class RunFolder:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
+        self._ledger = Ledger(self.path)
 
     # ------------------------------------------------------------ opening
 
@@ -66,7 +74,11 @@ class RunFolder:
             manifest = self.checked(manifest)
             for folder in ("problems", "ik", "line", "speed", "timing"):
                 (self.path / folder).mkdir(parents=True, exist_ok=True)
+            for left in self.path.rglob(".*.part"):  # of a process that was killed while it wrote
+                left.unlink(missing_ok=True)
             self.write_json("run.json", manifest)
+            self._ledger.begin()
+            self._ledger.verify()
             return manifest
         except OutputError:
             raise
@@ -95,9 +107,26 @@ class RunFolder:
         """
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(self.path, "is a file; name a folder for the run")
-        if self.path.is_dir() and any(self.path.iterdir()):
-            return self._continued(manifest)
-        return manifest
+        return manifest if self.empty else self._continued(manifest)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing in the folder but what a run that was killed in its first moments leaves."""
+        ours = re.compile(rf"{re.escape(LOCK)}|\.[0-9a-f]{{12}}\.part")
+        return not self.path.is_dir() or all(ours.fullmatch(one.name) for one in self.path.iterdir())
+
+    @property
+    def begun(self) -> bool:
+        """Whether any table has been written."""
+        return any(self.path.rglob("*.parquet"))
+
+    def discard(self) -> None:
+        """Remove what `create` has made, of a run that has written nothing else."""
+        for name in ("run.json", LEDGER):
+            (self.path / name).unlink(missing_ok=True)
+        for folder in ("problems", "ik", "line", "speed", "timing"):
+            if (self.path / folder).is_dir() and not any((self.path / folder).iterdir()):
+                (self.path / folder).rmdir()
 
     def _continued(self, manifest: dict[str, Any]) -> dict[str, Any]:
         if not (self.path / "run.json").is_file():
@@ -108,8 +137,7 @@ class RunFolder:
                 self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
             )
         compare(old.get("plugins", []), manifest.get("plugins", []))
-        later = [] if old["complete"] else [manifest["provenance"]]
-        return old | {"continued": [*old["continued"], *later]}
+        return old if old["complete"] else old | {"continued": _with(old["continued"], manifest["provenance"])}
 
     def manifest(self) -> dict[str, Any]:
         """Content of ``run.json``.
@@ -160,7 +188,14 @@ class RunFolder:
             The table.
         """
         self._make_room(name)
-        write_whole(self.path / name, lambda part: frame.write_parquet(part))
+        content = io.BytesIO()
+        frame.write_parquet(content)
+
+        def save(part: Path) -> None:
+            part.write_bytes(content.getbuffer())
+            self._ledger.note(name, content.getbuffer())  # before the file has its name: no table without its line
+
+        write_whole(self.path / name, save)
 
     def write_json(self, name: str, data: Any) -> None:
         """Write plain data as strict JSON.
@@ -226,10 +261,11 @@ class RunFolder:
         """
         if not self.has(name):
             return None
+        self._ledger.check(name)
         try:
             return pl.read_parquet(self.path / name)
         except (pl.exceptions.PolarsError, OSError):
-            raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
+            raise InvalidInput(*damaged(self.path / name)) from None
 
     def read_json(self, name: str) -> Any:
         """Read a JSON file.
@@ -254,7 +290,48 @@ class RunFolder:
         try:
             return json.loads((self.path / name).read_text(encoding="utf-8"))
         except ValueError:
-            raise InvalidInput("run", f"{self.path / name}, damaged", "whole parts; delete it and run again") from None
+            raise InvalidInput(*damaged(self.path / name)) from None
+
+    def scan(self, names: list[str]) -> pl.LazyFrame:
+        """Rows of some tables of the same columns, to be read piece by piece.
+
+        Parameters
+        ----------
+        names : list of str
+            Paths of the files, relative to the run folder; at least one.
+
+        Returns
+        -------
+        LazyFrame
+            All their rows.
+
+        Raises
+        ------
+        InvalidInput
+            A file is damaged, or was not written by this run.
+        """
+        for name in names:
+            self._ledger.check(name)
+        return pl.scan_parquet([self.path / name for name in names], low_memory=True)
+
+    # ------------------------------------------------------------ all rows of a block
+
+    def part_names(self, top: str, block: str) -> list[str]:
+        """Names of the parts of a block, ``TOP/BLOCK--….parquet``.
+
+        Parameters
+        ----------
+        top : str
+            Folder of the parts.
+        block : str
+            Id of the block.
+
+        Returns
+        -------
+        list of str
+            In order; empty where there are none.
+        """
+        return [f"{top}/{file.name}" for file in sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))]
 
     def parts(self, top: str, block: str) -> pl.DataFrame | None:
         """All rows of a block out of its parts, ``TOP/BLOCK--….parquet``.
@@ -276,8 +353,7 @@ class RunFolder:
         InvalidInput
             A part is damaged.
         """
-        files = sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))
-        frames = [part for file in files if (part := self.read(f"{top}/{file.name}")) is not None]
+        frames = [part for name in self.part_names(top, block) if (part := self.read(name)) is not None]
         return pl.concat(frames, how="vertical_relaxed") if frames else None
 
     def rows(self, block: str) -> pl.DataFrame | None:
@@ -308,6 +384,14 @@ class RunFolder:
             raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
         joined = rows.join(problems.drop("target", "start"), on="problem")
         return joined.sort("method_index", "problem", "budget")
+
+
+def _with(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[dict[str, Any]]:
+    """Sessions of a run with one more; one like the last before it is counted there, in ``sessions``."""
+    apart = ("created", "sessions")
+    if sessions and all(sessions[-1].get(key) == now[key] for key in now if key not in apart):
+        return [*sessions[:-1], sessions[-1] | {"sessions": sessions[-1].get("sessions", 1) + 1}]
+    return [*sessions, now]
 
 
 def slug(text: str) -> str:

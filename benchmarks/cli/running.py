@@ -1,0 +1,180 @@
+"""`optik bench run`: a suite is run with its progress shown, stopped by Ctrl-C, and what crashed is told."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from benchmarks.cli.shared import err_console
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, Task
+
+AllowPlugins = Annotated[
+    bool,
+    typer.Option("--allow-plugins", help="Run the code in files that the suite names; `optik bench check` lists them."),
+]
+Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
+Dask = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Do the parts on the Dask cluster of this scheduler: tls://HOST:PORT.")
+]
+PartTimeout = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS", help="A worker process without a result for so long is ended. [default: 1800 with workers]"
+    ),
+]
+
+LINE_SECONDS = 10.0
+"""Between two lines of progress where there is no bar [s]: a log of an hour then has a few hundred lines."""
+
+WIDE_ENOUGH = 70
+"""Columns of a terminal from which there is room for the rate beside the bar and the time left."""
+
+Tell = Callable[[int, int, str], None]
+"""As `benchmarks.run.session.Progress`."""
+
+
+def run_with_progress(
+    suite: str,
+    out: Path,
+    workers: int,
+    allow_plugins: bool = False,
+    dask: str = "",
+    part_timeout: float | None = None,
+) -> Any:
+    """Run a suite with its progress on the error stream.
+
+    Parameters
+    ----------
+    suite : str
+        A name or a file.
+    out : Path
+        Folder of the run.
+    workers : int
+        Processes.
+    allow_plugins : bool
+        Whether files that the suite names may be run.
+    dask : str
+        Address of a Dask scheduler; empty for none.
+    part_timeout : float, optional
+        Time within which a worker process must have done a part [s].
+
+    Returns
+    -------
+    RunFolder
+        The run; not complete where a part has failed.
+
+    Raises
+    ------
+    UnknownName, InvalidInput, OutputError
+        As `load_suite` and `run_suite`.
+    """
+    try:
+        from benchmarks.run import run_suite
+        from benchmarks.suite import load_suite
+
+        asked = load_suite(suite, allow_plugins=allow_plugins)
+        command = _command(suite, workers, allow_plugins, dask, part_timeout)
+        if dask:
+            _warn(dask)
+        with _progress() as tell:
+            folder = run_suite(
+                asked, out, workers=workers, command=command, dask=dask, part_timeout=part_timeout, progress=tell
+            )
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to stop
+        err_console.print("stopped; run the same command again to continue", style="yellow")
+        raise typer.Exit(130) from None
+    for one in folder.manifest().get("failed", []):
+        words = f"failed: {one['label']} ({one['file']}): {one['why']}, {one['times']} times"
+        err_console.print(
+            words.removesuffix(", 1 times"), style="yellow", markup=False, highlight=False, soft_wrap=True
+        )
+    return folder
+
+
+def _command(suite: str, workers: int, allow_plugins: bool, dask: str, part_timeout: float | None) -> str:
+    """The command that runs this again."""
+    words = ["optik bench run", shlex.quote(suite), "--out RUN"]
+    words += [f"--workers {workers}"] if workers != 1 else []
+    words += [f"--dask {shlex.quote(dask)}"] if dask else []
+    words += [f"--part-timeout {part_timeout:g}"] if part_timeout is not None else []
+    return " ".join(words + (["--allow-plugins"] if allow_plugins else []))
+
+
+def _warn(dask: str) -> None:
+    from benchmarks.run.cluster import warn_of_plain_text
+
+    if words := warn_of_plain_text(dask):
+        err_console.print(f"warning: {words}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
+# ---------------------------------------------------------------- progress
+
+
+@contextmanager
+def _progress() -> Iterator[Tell]:
+    """A bar with rate and time left on a terminal; elsewhere a line now and then."""
+    if not err_console.is_terminal or err_console.is_dumb_terminal:
+        yield _Lines().tell
+        return
+    with _bar() as bar:
+        task = bar.add_task("compiling", total=None)
+        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
+
+
+def _bar() -> Progress:
+    """The bar; narrow terminals get less beside it."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.table import Column
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Parts a second."""
+
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed:.3g}/s" if task.speed else "")
+
+    what = TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1))
+    wide = err_console.width >= WIDE_ENOUGH
+    between = (BarColumn(20), MofNCompleteColumn(), Rate()) if wide else (MofNCompleteColumn(),)
+    return Progress(what, *between, TimeRemainingColumn(), console=err_console, transient=True, expand=True)
+
+
+class _Lines:
+    """Lines of progress, where a bar cannot be drawn."""
+
+    def __init__(self) -> None:
+        self._begin = self._last = time.monotonic()
+        self._first: int | None = None
+
+    def tell(self, done: int, total: int, what: str) -> None:
+        now = time.monotonic()
+        if self._first is None:
+            self._first, self._begin = done, now
+        if now - self._last < LINE_SECONDS:
+            return
+        self._last = now
+        words = f"{done} of {total} parts"
+        rate = (done - self._first) / (now - self._begin) if now > self._begin else 0.0
+        if rate > 0.0:
+            words += f", {rate:.3g}/s, {_duration((total - done) / rate)} left"
+        err_console.print(f"{words}: {what}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _duration(seconds: float) -> str:
+    """A time in words: 45 s, 3 min 20 s, 2 h 5 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -1,0 +1,69 @@
+"""Who solves most at iteration budgets, and the tables that leave the report."""
+
+from __future__ import annotations
+
+import polars as pl
+
+from benchmarks.kinds.base import Table, Winner
+from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
+from benchmarks.kinds.budgets.report.default import default_table
+from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
+from benchmarks.kinds.budgets.report.methods import method_table
+from benchmarks.kinds.budgets.report.pair import pairs
+from benchmarks.kinds.budgets.rows import BudgetRows
+from benchmarks.report.run import Run
+
+
+def winners(run: Run) -> list[Winner]:
+    """Who solves most targets in one attempt, for each block that compares methods.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Winner
+        In the order of the suite.
+    """
+    return [winner for b in comparisons(run) if (winner := _winner(b)) is not None]
+
+
+def _winner(b: BudgetRows) -> Winner | None:
+    """Methods with one attempt, on the problems with a known solution that all of them were given.
+
+    Methods that were given less than half of these problems are named and left out: with them all others would be compared on
+    the few that they were given.
+    """
+    known = b.last.filter("known")
+    counts = {label: known.filter(pl.col("method") == label).height for label in b.budgeted}
+    labels = [label for label in b.budgeted if 2 * counts[label] >= max(counts.values())]
+    rows = b.given(labels)
+    if rows.is_empty():
+        return None
+    entries = [(label, *success(rows.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])) for label in labels]
+    out = ", ".join(f"{label} ({count:,})" for label, count in counts.items() if label not in labels)
+    return Winner(
+        f"Solves the most targets in one attempt: {b.block.title}", "%", "more",
+        tuple(sorted(entries, key=lambda entry: -entry[1])), "methods",
+        f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
+        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad; Wilson 95 % intervals"
+        + (f"; out of place, as given fewer: {out}" if out else ""),
+    )  # fmt: skip
+
+
+def tables(run: Run) -> list[Table]:
+    """The default beside the paper's iteration, and all methods of every block.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    list of Table
+        In the order of the page.
+    """
+    return [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in budget_blocks(run)]

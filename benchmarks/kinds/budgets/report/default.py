@@ -1,0 +1,204 @@
+"""Section: whether the default is better than the paper's iteration, on the same targets from the same start."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
+from benchmarks.kinds.budgets.report.pair import Pair, pairs
+from benchmarks.kinds.budgets.rows import BudgetRows
+from benchmarks.report.board import Board, Plot
+from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.run import Run
+
+SIGNIFICANT = 0.05
+"""Largest p-value of McNemar's test at which one method counts as better than another."""
+
+DEFAULT_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("success", "solved", "%", "more", "share"),
+    Column("alone", "solved by it, not by the paper's", show="count"),
+    Column("lost", "solved by the paper's, not by it", show="count"),
+    Column("p", "McNemar's p"),
+    Column("iterations", "iterations, solved, median", show="count"),
+    Column("solved_us", "time of a solved call, median", "µs", "less"),
+    Column("failed_us", "time of an unsolved call, median", "µs", "less"),
+    Column("both", "solved by both", show="count", aside=True),
+    Column("neither", "solved by neither", show="count", aside=True),
+)
+"""Columns of the comparison of the default with the paper's iteration."""
+
+
+def default(run: Run) -> dict[str, Any] | None:
+    """An answer, a plot and a table for the first block that has both methods.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict or None
+        What the template shows; None where no block has both methods.
+    """
+    found = pairs(run)
+    if not found:
+        return None
+    first = found[0]
+    return {
+        "lead": answer(first, run),
+        "boards": [_board(first, run)],
+        "tables": [default_table(pair, run) for pair in found],
+        "how": "",
+        "prose": [
+            "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
+            f"joint limits; {first.attempt} makes one attempt as well, {first.whole or 'the default as it comes'} restarts "
+            "from other initial guesses until it succeeds. All get the same targets and the same start.",
+            f"Solved means both errors within {level_words(SUCCESS_LEVELS[-1])} m and rad inside the joint limits, by our own "
+            "forward kinematics. McNemar's exact test asks whether the problems that only one of two methods solves "
+            f"fall on both alike; below {SIGNIFICANT} one of them is called better. Times are of whole calls from Python, "
+            "taken in turn in one process, on the problems that all of these methods were given there.",
+        ],
+    }
+
+
+def answer(pair: Pair, run: Run) -> str:
+    """Whether one attempt of the default is better than the paper's iteration, and by how much, in a few sentences.
+
+    Parameters
+    ----------
+    pair : Pair
+        The two methods on one block.
+    run : Run
+        The run, for times.
+
+    Returns
+    -------
+    str
+        With figures.
+    """
+    test = pair.against_paper(pair.attempt)
+    count = test.both + test.first + test.second + test.neither
+    word = "No difference is shown"
+    if test.p < SIGNIFICANT:
+        word = "Yes" if test.first > test.second else "No"
+    shares = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
+    text = (
+        f"{word}: of {count:,} targets with a known solution one attempt of the default ({pair.attempt}) solves "
+        f"{shares[pair.attempt]}, the paper's iteration ({pair.paper}) {shares[pair.paper]}; {test.first:,} are solved by the "
+        f"first only, {test.second:,} by the second only (McNemar's p {'=' if test.p else '<'} {number(max(test.p, 1e-300), 2)})."
+    )
+    if pair.whole:
+        text += f" As it comes, with restarts, the default ({pair.whole}) solves {shares[pair.whole]}."
+    times = pair.times(run)
+    if times:
+        mine, other = times[pair.attempt][0], times[pair.paper][0]
+        text += (
+            f" A solved call takes a median of {number(mine)} µs against {number(other)} µs, a factor of "
+            f"{number(max(mine, other) / min(mine, other), 2)} {'less' if mine < other else 'more'}."
+        )
+    return text
+
+
+def default_table(pair: Pair, run: Run) -> Table:
+    """The comparison as a table.
+
+    Parameters
+    ----------
+    pair : Pair
+        The two methods on one block.
+    run : Run
+        The run, for times.
+
+    Returns
+    -------
+    Table
+        A row for each of the methods.
+    """
+    times = pair.times(run)
+    rows = []
+    for label in pair.labels:
+        part = pair.given.filter(pl.col("method") == label)
+        took = part.filter(pl.col("status") == "solved")["iterations"].to_numpy()
+        solved, failed = times.get(label, (None, None))
+        row: dict[str, Any] = {
+            "label": label, "success": success(part, SUCCESS_LEVELS[-1]), "solved_us": solved, "failed_us": failed,
+            "iterations": float(np.median(took)) if len(took) else None,
+        }  # fmt: skip
+        if label != pair.paper:
+            test = pair.against_paper(label)
+            row |= {"both": test.both, "neither": test.neither, "alone": test.first, "lost": test.second, "p": test.p}
+        rows.append(row)
+    b = pair.rows
+    return Table(
+        f"default-{b.block.id}", f"The default and the paper's iteration: {b.block.title}", DEFAULT_COLUMNS, tuple(rows),
+        f"{len(pair.given) // len(pair.labels):,} targets with a known solution that all of these methods were given; one "
+        f"attempt has at most {b.budget} iterations. Wilson 95 % intervals.",
+    )  # fmt: skip
+
+
+def _board(pair: Pair, run: Run) -> Board:
+    """Success against the iteration budget; a line across for the default as it comes."""
+    b = pair.rows
+    plot = Plot(
+        "default-success", f"Targets solved within {level_words(SUCCESS_LEVELS[-1])} m and rad",
+        {
+            "xaxis": axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500]),
+            "yaxis": axis("targets solved [%]", range=[-2, 102]),
+        },
+    )  # fmt: skip
+    problems = pair.given["problem"].unique()
+    for label in pair.labels:
+        part = b.rows.filter((pl.col("method") == label) & pl.col("problem").is_in(problems.implode()))
+        plot.add(success_line(part, label, b, run))
+    legend = tuple(run.key(label, marked=label not in b.whole) for label in pair.labels)
+    return Board(
+        "default-board", (plot,), (), legend,
+        f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
+        + (f" {pair.whole} has no budget: the line is what it solves as it comes." if pair.whole else ""),
+    )  # fmt: skip
+
+
+def success_line(
+    rows: pl.DataFrame, label: str, b: BudgetRows, run: Run, level: float = SUCCESS_LEVELS[-1]
+) -> dict[str, Any]:
+    """Success of one method against the iteration budget, with intervals; a level line where it has no budget.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of the method.
+    label : str
+        Its name on the page.
+    b : BudgetRows
+        The block.
+    run : Run
+        The run, for the look of the method.
+    level : float
+        Tolerance of success [m and rad].
+
+    Returns
+    -------
+    dict
+        A trace of Plotly.
+    """
+    budgets, whole = b.block.budgets, label in b.whole
+    rates = [success(rows.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
+    rates *= 2 if whole else 1
+    words = "as it comes" if whole else "%{x} iterations"
+    return line(
+        x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
+        mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
+        line={"color": run.colour(label), "width": 2, "dash": run.dash(label)},
+        error_y={
+            "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,
+            "arrayminus": lean([max(r[0] - r[1], 0.0) for r in rates]), "width": 3,
+        },
+        hovertemplate=f"{label}<br>{words}: %{{y:.1f}} %{HOVER}",
+    )  # fmt: skip

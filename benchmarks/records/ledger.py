@@ -1,0 +1,150 @@
+"""Which tables a run has written, with their digests: what is damaged or foreign is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+from optik.errors import InvalidInput
+from optik.files import write_whole
+
+LEDGER = "parts.jsonl"
+"""File of the list: one line of JSON a table, added before the table gets its name."""
+
+DIGEST_BYTES = 16
+"""Length of a digest: two tables that differ have the same one by chance once in 1e38 pairs."""
+
+
+class Ledger:
+    """The list of the tables of a run.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._file = folder / LEDGER
+        self._digests: dict[str, str] = {}
+        self._read_at: tuple[int, int] | None = None
+        self._good: set[tuple[str, int, int]] = set()
+
+    def begin(self) -> None:
+        """Begin the list, where there is none, with the tables that an older version wrote without one."""
+        if not self._file.is_file():
+            tables = [f for f in self._folder.rglob("*.parquet") if not f.name.startswith(".")]
+            lines = [json.dumps([self._name(f), _digest(f)]) for f in tables]
+            write_whole(self._file, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
+
+    def note(self, name: str, content: memoryview) -> None:
+        """Add a table, on a line of its own, whatever a full disk has left of the line before.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+        content : memoryview
+            Of the file.
+
+        Raises
+        ------
+        OSError
+            The disk is full.
+        """
+        line = f"\n{json.dumps([name, _short(content)])}\n".encode()
+        with self._file.open("ab", buffering=0) as opened:
+            if opened.write(line) != len(line):
+                raise OSError(28, "No space left on device")  # what the next attempt to write would say
+
+    def check(self, name: str) -> None:
+        """Refuse a table that is not what this run wrote; a run of an older version has no list.
+
+        Parameters
+        ----------
+        name : str
+            Path of the file, relative to the run folder.
+
+        Raises
+        ------
+        InvalidInput
+            The table is damaged, or was not written by this run.
+        """
+        digests, file = self._all(), self._folder / name
+        if digests is None:
+            return
+        if name not in digests:
+            raise InvalidInput("run", f"{file}, which this run did not write", "only tables of this run; remove it")
+        stat = file.stat()
+        state = (name, stat.st_mtime_ns, stat.st_size)
+        if state not in self._good:
+            try:
+                digest = _digest(file)
+            except OSError:
+                raise InvalidInput(*damaged(file)) from None
+            if digest != digests[name]:
+                raise InvalidInput(*damaged(file))
+            self._good.add(state)
+
+    def verify(self) -> None:
+        """Check every table of the run, and that no other lies beside them.
+
+        Raises
+        ------
+        InvalidInput
+            A table is damaged, or was not written by this run.
+        """
+        for folder in sorted({(self._folder / name).parent for name in self._all() or {}}):
+            for file in sorted(folder.glob("*.parquet")):
+                self.check(self._name(file))
+
+    def _name(self, file: Path) -> str:
+        return file.relative_to(self._folder).as_posix()
+
+    def _all(self) -> dict[str, str] | None:
+        """Digests by name, read again where the list has grown; None where there is no list."""
+        try:
+            stat = self._file.stat()
+            if (stat.st_mtime_ns, stat.st_size) != self._read_at:
+                lines = self._file.read_text(encoding="utf-8", errors="replace").splitlines()
+                self._digests = dict(filter(None, map(_entry, lines)))
+                self._read_at = (stat.st_mtime_ns, stat.st_size)
+        except OSError:
+            return None
+        return self._digests
+
+
+def damaged(file: Path) -> tuple[str, str, str]:
+    """What `InvalidInput` says of a file of a run that is not as it was written.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+
+    Returns
+    -------
+    tuple of str
+        Argument, what came, and what was expected, with what to do.
+    """
+    return "run", f"{file}, damaged", "whole parts; delete it and run again"
+
+
+def _short(content: memoryview) -> str:
+    return hashlib.blake2b(content, digest_size=DIGEST_BYTES).hexdigest()
+
+
+def _digest(file: Path) -> str:
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, lambda: hashlib.blake2b(digest_size=DIGEST_BYTES)).hexdigest()
+
+
+def _entry(line: str) -> tuple[str, str] | None:
+    """Name and digest of a line; None where it is incomplete."""
+    try:
+        name, digest = json.loads(line)
+    except (ValueError, TypeError):
+        return None
+    return str(name), str(digest)

@@ -1,0 +1,100 @@
+"""One process at a time works in a run folder."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from benchmarks.records import LOCK
+from optik.errors import OutputError
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Work in a run folder as the only process; the folder is made where it does not exist.
+
+    The operating system holds the lock and releases it when the process ends, in whatever way: a lock of a dead process
+    does not exist.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+
+    Yields
+    ------
+    None
+        While the lock is held.
+
+    Raises
+    ------
+    OutputError
+        Another process works in the folder, or it cannot be written.
+    """
+    file = folder / LOCK
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        opened = _opened(file)
+    except OSError as error:
+        raise OutputError(folder, f"cannot be written ({error.strerror})") from None
+    if opened is None:
+        words = f"another process works in it{_holder(file)}; wait for its end, or name another folder"
+        raise OutputError(folder, words)
+    try:
+        yield
+    finally:
+        if sys.platform == "win32":
+            os.close(opened)  # an open file cannot be removed
+            file.unlink(missing_ok=True)
+        else:
+            file.unlink(missing_ok=True)  # before another process can hold it
+            os.close(opened)
+
+
+def _opened(file: Path) -> int | None:
+    """The lock's file, opened and locked; None where another process holds it."""
+    while True:
+        opened = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+        if not _taken(opened):
+            os.close(opened)
+            return None
+        try:
+            same = os.path.sameopenfile(opened, again := os.open(file, os.O_RDWR))
+            os.close(again)
+        except FileNotFoundError:
+            same = False
+        if same:
+            os.ftruncate(opened, 0)
+            os.write(opened, str(os.getpid()).encode())
+            return opened
+        os.close(opened)  # the holder before has removed it in the meantime
+
+
+def _taken(opened: int) -> bool:
+    """Whether this process has the lock now."""
+    try:
+        if sys.platform == "win32":
+            msvcrt.locking(opened, msvcrt.LK_NBLCK, 1)
+        else:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True
+
+
+def _holder(file: Path) -> str:
+    """Who holds a lock, in words."""
+    try:
+        return f" (process {int(file.read_text(encoding='ascii'))})"
+    except (OSError, ValueError):
+        return ""

@@ -1,0 +1,163 @@
+"""Parts of a run, given to a place as it has room; work that kills or hangs is tried again, then divided."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import polars as pl
+
+from benchmarks.kinds.base import Part
+from benchmarks.run.work import Failure, Outcome, Place
+
+MOST_CRASHES = 3
+"""Problems of one method that are singled out; work of it that fails later is recorded as crashed without being divided."""
+
+
+@dataclass
+class Done:
+    """What came of a part.
+
+    Attributes
+    ----------
+    part : Part
+        The part.
+    rows : DataFrame or None
+        Its rows; None where it failed, and its work does not say what rows it then gets.
+    crashes : list of str
+        Why some of its work, or all of it, failed.
+    """
+
+    part: Part
+    rows: pl.DataFrame | None
+    crashes: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Task:
+    """A part with what has come of its pieces so far."""
+
+    kind: str
+    part: Part
+    rows: dict[tuple[int, ...], pl.DataFrame] = field(default_factory=dict)
+    crashes: list[str] = field(default_factory=list)
+    open: int = 0
+    lost: bool = False
+
+    def done(self) -> Done:
+        frames = [self.rows[order] for order in sorted(self.rows)]
+        rows = frames[0] if len(frames) == 1 else pl.concat(frames, how="vertical_relaxed") if frames else None
+        return Done(self.part, None if self.lost else rows, self.crashes)
+
+
+@dataclass
+class _Piece:
+    """Work of a part, all of it or a half of a half …, in the order of its rows."""
+
+    task: _Task
+    work: Any
+    order: tuple[int, ...] = ()
+    tries: int = 0
+
+
+def solved(parts: Iterable[tuple[str, Part]], place: Place) -> Iterator[Done]:
+    """Do parts at a place.
+
+    Work whose process dies or hangs is tried a second time. If it fails again, or raises an error, it is divided until
+    the problems that are to blame are found; these get the rows that the work says (`crashed`), all others their own.
+
+    Parameters
+    ----------
+    parts : iterable of tuple
+        What the kind of a part is found by, and the part. No more of them are drawn than the place has room for.
+    place : Place
+        Where.
+
+    Yields
+    ------
+    Done
+        One for each part, in the order in which they end.
+
+    Raises
+    ------
+    OptikError
+        One that the work raised.
+    """
+    runner = _Runner(place)
+    source = iter(parts)
+    for kind, part in source:
+        runner.start(_Piece(_Task(kind, part), part.work))
+        while runner.full:
+            yield from runner.wait()
+    while runner.busy:
+        yield from runner.wait()
+
+
+class _Runner:
+    """Pieces of work at a place, and those that wait for room."""
+
+    def __init__(self, place: Place) -> None:
+        self._place = place
+        self._waiting: deque[_Piece] = deque()
+        self._at_work: dict[int, _Piece] = {}
+        self._tickets = 0
+        self._crashes: Counter[tuple[str, str]] = Counter()
+
+    @property
+    def busy(self) -> bool:
+        return bool(self._waiting or self._at_work)
+
+    @property
+    def full(self) -> bool:
+        return len(self._at_work) >= self._place.room or bool(self._waiting)
+
+    def start(self, piece: _Piece) -> None:
+        piece.task.open += 1
+        self._waiting.appendleft(piece)  # halves before what is larger: the problems to blame are found soon
+        self._fill()
+
+    def _fill(self) -> None:
+        while self._waiting and len(self._at_work) < self._place.room:
+            piece = self._waiting.popleft()
+            piece.tries += 1
+            self._tickets += 1
+            self._at_work[self._tickets] = piece
+            self._place.submit(self._tickets, piece.task.kind, piece.work)
+
+    def wait(self) -> Iterator[Done]:
+        for ticket, outcome in self._place.wait():
+            piece = self._at_work.pop(ticket)
+            piece.task.open -= 1
+            self._take(piece, outcome)
+            self._fill()
+            if not piece.task.open:
+                yield piece.task.done()
+
+    def _take(self, piece: _Piece, outcome: Outcome) -> None:
+        """Keep the rows of a piece, or deal with its failure."""
+        if isinstance(outcome, pl.DataFrame):
+            piece.task.rows[piece.order] = outcome
+        elif isinstance(outcome, Failure):
+            self._failed(piece, outcome)
+        else:
+            raise outcome
+
+    def _failed(self, piece: _Piece, failure: Failure) -> None:
+        """Try a piece again, divide it, or record it as crashed."""
+        if failure.again and piece.tries == 1 and not piece.order:
+            self.start(piece)
+            return
+        task, method = piece.task, (piece.task.kind, piece.task.part.label)
+        if not hasattr(piece.work, "crashed"):
+            task.lost = True
+            task.crashes.append(failure.why)
+            return
+        halves = piece.work.halves() if self._crashes[method] < MOST_CRASHES else ()
+        for index, half in reversed(list(enumerate(halves))):
+            self.start(_Piece(task, half, (*piece.order, index)))
+        if not halves:
+            self._crashes[method] += 1
+            task.rows[piece.order] = piece.work.crashed()
+            task.crashes.append(failure.why)

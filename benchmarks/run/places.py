@@ -1,0 +1,98 @@
+"""Places for work other than worker processes: this process, and any executor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from typing import Any
+
+from benchmarks.run.work import Outcome, attempt
+
+IN_FLIGHT = 64
+"""Parts that an executor has at a time: enough for as many workers, and few enough for their arrays to fit in memory."""
+
+
+class Here:
+    """The first process; one piece of work at a time."""
+
+    room = 1
+
+    def __init__(self) -> None:
+        self._work: list[tuple[int, str, Any]] = []
+
+    def submit(self, ticket: int, kind: str, work: Any) -> None:
+        """Keep a piece of work until `wait`.
+
+        Parameters
+        ----------
+        ticket : int
+            By which its outcome is told.
+        kind : str
+            What its kind is found by.
+        work : object
+            What the kind's `solve` is given.
+        """
+        self._work.append((ticket, kind, work))
+
+    def wait(self) -> Sequence[tuple[int, Outcome]]:
+        """Do the work.
+
+        Returns
+        -------
+        sequence of tuple
+            Ticket and outcome.
+        """
+        ticket, kind, work = self._work.pop(0)
+        return [(ticket, attempt(kind, work))]
+
+    def close(self) -> None:
+        """Nothing was started."""
+
+
+class OnExecutor:
+    """An executor of the caller's, such as one of `concurrent.futures`.
+
+    Parameters
+    ----------
+    executor : Executor
+        The executor; the caller's to shut down.
+    recorded : sequence of mapping
+        Plug-ins as the run has recorded them.
+    """
+
+    room = IN_FLIGHT
+
+    def __init__(self, executor: Executor, recorded: Sequence[Mapping[str, str]]) -> None:
+        self._submit: Callable[..., Future[Outcome]] = executor.submit
+        self._recorded = list(recorded)
+        self._tickets: dict[Future[Outcome], int] = {}
+
+    def submit(self, ticket: int, kind: str, work: Any) -> None:
+        """Submit a piece of work.
+
+        Parameters
+        ----------
+        ticket : int
+            By which its outcome is told.
+        kind : str
+            What its kind is found by.
+        work : object
+            What the kind's `solve` is given.
+        """
+        self._tickets[self._submit(attempt, kind, work, self._recorded)] = ticket
+
+    def wait(self) -> Sequence[tuple[int, Outcome]]:
+        """Wait for outcomes.
+
+        Returns
+        -------
+        sequence of tuple
+            Ticket and outcome.
+        """
+        done = wait(self._tickets, return_when=FIRST_COMPLETED).done
+        return [(self._tickets.pop(future), future.result()) for future in done]
+
+    def close(self) -> None:
+        """Take back what has not begun."""
+        for future in self._tickets:
+            future.cancel()

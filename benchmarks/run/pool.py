@@ -1,0 +1,202 @@
+"""Worker processes, each with a pipe of its own, so that a death or a hang is told from all other work."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+from benchmarks.run.work import Failure, Outcome, attempt
+from optik.errors import OptikError
+
+START_SECONDS = 300.0
+"""Within which a worker must have imported our packages [s]: a loaded machine may take tens of seconds."""
+
+
+class WorkerFailed(OptikError, RuntimeError):
+    """A worker process that ended before it could take any work."""
+
+
+class Workers:
+    """Worker processes; a place for work.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    recorded : sequence of mapping
+        Plug-ins as the run has recorded them.
+    limit : float
+        Time within which a piece of work must be done [s].
+    """
+
+    def __init__(self, count: int, recorded: Sequence[Mapping[str, str]], limit: float) -> None:
+        self.room = count
+        self._recorded, self._limit = list(recorded), limit
+        self._idle: list[_Worker] = []
+        self._busy: list[_Worker] = []
+
+    def submit(self, ticket: int, kind: str, work: Any) -> None:
+        """Give a piece of work to a worker that has none, or to a new one.
+
+        Parameters
+        ----------
+        ticket : int
+            By which its outcome is told.
+        kind : str
+            What its kind is found by.
+        work : object
+            What the kind's `solve` is given.
+        """
+        worker = self._idle.pop() if self._idle else _Worker(self._recorded)
+        self._busy.append(worker)
+        worker.give(ticket, (kind, work), self._limit)
+
+    def wait(self) -> Sequence[tuple[int, Outcome]]:
+        """Wait for outcomes.
+
+        Returns
+        -------
+        sequence of tuple
+            Ticket and outcome.
+
+        Raises
+        ------
+        WorkerFailed
+            A worker ended before it could take any work.
+        """
+        found: list[tuple[int, Outcome]] = []
+        while not found:
+            until = min(worker.until for worker in self._busy)
+            ready = wait([worker.pipe for worker in self._busy], timeout=max(until - time.monotonic(), 0.0))
+            for worker in list(self._busy):
+                outcome = worker.outcome() if worker.pipe in ready else worker.overdue()
+                if outcome is None:
+                    continue
+                self._busy.remove(worker)
+                if worker.process.is_alive():
+                    self._idle.append(worker)
+                found.append((worker.ticket, outcome))
+        return found
+
+    def close(self) -> None:
+        """End all workers at once; they hold no files."""
+        for worker in (*self._busy, *self._idle):
+            worker.end()
+        self._busy, self._idle = [], []
+
+
+class _Worker:
+    """One process, its pipe, and the work that it has in hand."""
+
+    def __init__(self, recorded: list[Mapping[str, str]]) -> None:
+        context = get_context("spawn")
+        self.pipe, other = context.Pipe()
+        self.process: SpawnProcess = context.Process(target=_serve, args=(other, recorded))
+        with interrupts_held_back():
+            self.process.start()
+        other.close()  # the end of the process then ends the pipe
+        self.ticket, self.ready, self._limit = -1, False, 0.0
+        self.until = time.monotonic() + START_SECONDS
+
+    def give(self, ticket: int, work: tuple[str, Any], limit: float) -> None:
+        self.ticket, self._limit = ticket, limit
+        if self.ready:
+            self.until = time.monotonic() + limit
+        with suppress(OSError):  # it has died: `outcome` says so
+            self.pipe.send(work)
+
+    def outcome(self) -> Outcome | None:
+        """What has come through the pipe; None for the word that the process has started."""
+        try:
+            came = self.pipe.recv()
+        except (EOFError, OSError):
+            self.process.join(timeout=5.0)
+            how = ending(self.process.exitcode)
+            self.end()
+            if not self.ready:
+                raise WorkerFailed(f"a worker process could not start: {how}") from None
+            return Failure(f"its process ended: {how}", again=True)
+        if self.ready:
+            return came  # type: ignore[no-any-return]
+        self.ready, self.until = True, time.monotonic() + self._limit
+        return None
+
+    def overdue(self) -> Outcome | None:
+        """End the process if its time is over."""
+        if time.monotonic() < self.until:
+            return None
+        self.end()
+        if not self.ready:
+            raise WorkerFailed(f"a worker process did not start within {START_SECONDS:.0f} s")
+        return Failure(f"no result within {self._limit:g} s", again=True)
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.join(timeout=5.0)
+        self.pipe.close()
+
+
+def ending(status: int | None) -> str:
+    """How a process ended, in words.
+
+    Parameters
+    ----------
+    status : int or None
+        Its exit status; negative where a signal ended it.
+
+    Returns
+    -------
+    str
+        The signal's name, or the status.
+    """
+    if status is not None and status < 0:
+        try:
+            return signal.Signals(-status).name
+        except ValueError:
+            return f"signal {-status}"
+    return f"exit status {status}"
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Ctrl-C does not reach a process that is started here: the first process alone answers to it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# ---------------------------------------------------------------- in the worker's process
+
+
+def _serve(pipe: Connection, recorded: Sequence[Mapping[str, str]]) -> None:
+    """Do work until the pipe ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        pipe.send("ready")
+        while True:
+            kind, work = pipe.recv()
+            pipe.send(attempt(kind, work, recorded))
+    except (EOFError, OSError):
+        return
+
+
+def _end_with_parent() -> None:
+    """End this process with the first one, in the middle of its work where that was killed."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

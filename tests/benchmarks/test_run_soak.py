@@ -1,0 +1,106 @@
+"""Long runs, by make soak: 200,000 records killed at 20 moments and stopped at 5, and no row is lost, repeated or changed."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from polars.testing import assert_frame_equal
+
+from benchmarks.records import RunFolder
+from benchmarks.run import run_suite
+from benchmarks.suite import load_suite
+from tests.oracles import REPOSITORY
+
+pytestmark = pytest.mark.soak
+
+SUITE = """
+seed = 11
+[[blocks]]
+id = "budgets"
+robot = "paper6r"
+set = "near_start"
+budgets = [1, 3, 10, 30]
+options = { count = 12500 }
+methods = [{ solver = "dls", label = "dls 0.01", options = { damping = 0.01 } }, { solver = "dls" }]
+[[answers]]
+id = "answers"
+robot = "paper6r"
+set = "near_start"
+count = 50000
+part = 2500
+methods = [{ solver = "lm", label = "one attempt", options = { max_restarts = 0 } }, { solver = "lm" }]
+"""
+"""Of iteration budgets 100,000 records in 50 parts, of recorded answers 100,000 in 40."""
+
+KILLS, INTERRUPTS = 20, 5
+"""How often it is stopped."""
+
+
+def finished(out: Path) -> dict[str, tuple[int, int]]:
+    files = [f for top in ("ik", "answers", "problems") for f in (out / top).glob("*.parquet") if f.name[0] != "."]
+    return {f"{f.parent.name}/{f.name}": (f.stat().st_ino, f.stat().st_mtime_ns) for f in files}
+
+
+def stopped_at(suite: Path, out: Path, number: int, seconds: float, workers: int) -> int:
+    """Start the command, and send a signal to all of its group after some seconds; its exit status."""
+    command = [sys.executable, "-m", "benchmarks.cli", "bench", "run", str(suite), "--out", str(out)]
+    process = subprocess.Popen(
+        [*command, "--workers", str(workers)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True, cwd=REPOSITORY, env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+    )  # fmt: skip
+    time.sleep(seconds)
+    if number == signal.SIGKILL:
+        process.kill()  # the first process alone: its workers must end by themselves
+    else:
+        os.killpg(process.pid, number)
+    words = process.communicate(timeout=60)[1]
+    assert "Traceback" not in words, words
+    return process.returncode
+
+
+def test_a_run_that_is_killed_and_stopped_equals_one_that_was_not(tmp_path: Path) -> None:
+    suite = tmp_path / "suite.toml"
+    suite.write_text(SUITE)
+    rng = random.Random(5)
+    signals = [signal.SIGKILL] * KILLS + [signal.SIGINT] * INTERRUPTS
+    rng.shuffle(signals)
+    out = tmp_path / "run"
+    seen: dict[str, tuple[int, int]] = {}
+    hits = 0
+    for turn, number in enumerate(signals):
+        moment = rng.uniform(0.3 if number == signal.SIGKILL else 2.5, 9.0)  # before, Python is still importing
+        status = stopped_at(suite, out, number, moment, 1 + turn % 2)
+        now = finished(out) if out.exists() else {}
+        assert seen.items() <= now.items(), "a finished part was lost, or done again"
+        hits += status in (-signal.SIGKILL, 130)
+        print(f"{signal.Signals(number).name}: exit status {status}, {len(now)} tables, {len(now) - len(seen)} more")
+        seen = now
+    assert hits == KILLS + INTERRUPTS, "it had ended before; make the run longer"
+    folder = run_suite(load_suite(str(suite)), out, workers=2)
+    assert seen.items() <= finished(out).items()
+    assert not list(out.rglob("*.part"))
+    assert folder.manifest()["complete"] is True
+    whole = run_suite(load_suite(str(suite)), tmp_path / "whole", workers=1)
+    compare(whole, folder)
+
+
+def compare(one: RunFolder, other: RunFolder) -> None:
+    """The tables of two runs are the same, times aside."""
+    assert finished(one.path).keys() == finished(other.path).keys()
+    count = 0
+    for name in finished(one.path):
+        left, right = one.read(name), other.read(name)
+        assert left is not None
+        assert right is not None
+        times = [column for column in left.columns if column == "seconds"]
+        assert_frame_equal(left.drop(times), right.drop(times), check_exact=True)
+        count += len(left) if not name.startswith("problems/") else 0
+    print(f"{count} records are equal")
+    assert count == 200_000

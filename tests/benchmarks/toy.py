@@ -1,0 +1,90 @@
+"""A kind of block for the tests of runs, as a plug-in: numbers and their squares, and problems that kill, hang or raise."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from benchmarks.kinds.base import Block, Kind, Part
+from benchmarks.records import RunFolder
+
+
+@dataclass(frozen=True)
+class ToyWork:
+    problems: tuple[int, ...]
+    bad: dict[int, str]
+    once: str
+
+    def rows(self) -> pl.DataFrame:
+        for problem in self.problems:
+            act(self.bad.get(problem, ""), self.once)
+        return pl.DataFrame({"problem": self.problems, "square": [float(p * p) for p in self.problems]})
+
+
+@dataclass(frozen=True)
+class Divisible(ToyWork):
+    def halves(self) -> tuple[Divisible, ...]:
+        half = len(self.problems) // 2
+        both = (self.problems[:half], self.problems[half:])
+        return tuple(replace(self, problems=p) for p in both) if half else ()
+
+    def crashed(self) -> pl.DataFrame:
+        return pl.DataFrame({"problem": self.problems, "square": [float("inf")] * len(self.problems)})
+
+
+def act(how: str, once: str) -> None:
+    if how == "dies":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "dies once" and not Path(once).exists():
+        Path(once).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if how == "hangs":
+        time.sleep(3600)
+    if how == "raises":
+        raise ZeroDivisionError("on purpose")
+    if how == "waits":
+        time.sleep(0.05)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToyBlock(Block):
+    count: int
+    part: int
+    bad: dict[int, str]
+    divisible: bool
+    once: str
+
+
+class Toy(Kind):
+    name = "toy"
+    title = "Squares"
+    alone = False
+
+    def settings(self, data: Any) -> ToyBlock:
+        bad = {int(key): how for key, how in data.get("bad", {}).items()}
+        count, part, apart = data.get("count", 12), data.get("part", 4), data.get("divisible", True)
+        return ToyBlock(
+            id=data["id"], title=data["id"], count=count, part=part, bad=bad, divisible=apart, once=data.get("once", "")
+        )
+
+    def parts(self, block: ToyBlock, prepared: Any, folder: RunFolder) -> Iterator[Part]:
+        made = Divisible if block.divisible else ToyWork
+        for number, first in enumerate(range(0, block.count, block.part)):
+            problems = tuple(range(first, min(first + block.part, block.count)))
+            yield Part(f"toy/{block.id}--{number:03d}.parquet", block.id, made(problems, block.bad, block.once))
+
+    def solve(self, work: ToyWork) -> pl.DataFrame:
+        return work.rows()
+
+    def rows(self, folder: RunFolder, block: ToyBlock) -> pl.DataFrame | None:
+        return folder.parts("toy", block.id)
+
+
+METHOD = Toy
