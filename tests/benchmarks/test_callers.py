@@ -290,7 +290,7 @@ def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_worker_that_always_ends_is_not_started_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_worker, "MOST_CRASHES", 2)
+    monkeypatch.setattr(_worker, "MOST_WORKER_CRASHES", 2)
     peer = worker(tmp_path, "crash")
     found = peer.many([GIVEN[3]] * 30)
     assert {answer.raw.outcome for answer in found} == {"crashed"}

@@ -9,7 +9,7 @@ import polars as pl
 from benchmarks.statistics import wilson
 from benchmarks.targets import Measure
 
-JUDGED_AT = {"1e-3": 1e-3, "1e-6": 1e-6, "1e-9": 1e-9}
+TOLERANCE_LABELS = {"1e-3": 1e-3, "1e-6": 1e-6, "1e-9": 1e-9}
 """Tolerances [m and rad] at which an answer is judged: coarse, a solved problem's, and near what rounding allows."""
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
@@ -40,7 +40,10 @@ def summary(rows: pl.LazyFrame) -> pl.DataFrame:
         pl.len().alias("count"),
         pl.col("solved").sum().alias("claimed"),
         (pl.col("status") == "crashed").sum().alias("crashed"),
-        *((pl.col("inside") & (worst <= tolerance)).sum().alias(f"at {name}") for name, tolerance in JUDGED_AT.items()),
+        *(
+            (pl.col("inside") & (worst <= tolerance)).sum().alias(f"at {name}")
+            for name, tolerance in TOLERANCE_LABELS.items()
+        ),
         *(
             pl.col(f"{kind}_error").quantile(level, interpolation="linear").alias(f"{kind} {name}")
             for kind in ("position", "rotation")
@@ -90,7 +93,7 @@ def _quantiles(kind: str, scale: float) -> Callable[[pl.DataFrame], tuple[float,
 
 
 MEASURES = (
-    *map(_success, JUDGED_AT),
+    *map(_success, TOLERANCE_LABELS),
     Measure("position error", "mm", _quantiles("position", 1e3), parts=tuple(QUANTILES)),
     Measure("rotation error", "rad", _quantiles("rotation", 1.0), parts=tuple(QUANTILES)),
     Measure("mean iterations", "", lambda row: row["iterations"][0]),

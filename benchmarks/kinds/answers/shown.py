@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.kinds._shown import Column, Table, Winner
-from benchmarks.kinds.answers.measures import JUDGED_AT
+from benchmarks.kinds.answers.measures import TOLERANCE_LABELS
 from benchmarks.kinds.base import BlockRows
 from benchmarks.records import slug
 from benchmarks.report.run import Run
@@ -14,7 +14,7 @@ from benchmarks.statistics import wilson
 ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
     Column("count", "problems", show="count"),
-    *(Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share") for name in JUDGED_AT),
+    *(Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share") for name in TOLERANCE_LABELS),
     Column("position median", "position error, median", "mm", "less"),
     Column("position p99", "position error, p99", "mm", "less"),
     Column("rotation median", "rotation error, median", "rad", "less"),
@@ -79,7 +79,7 @@ def _share(row: dict[str, Any], key: str) -> tuple[float, float, float]:
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:
     """Values of one method."""
-    shares = {f"at {name}": _share(row, f"at {name}") for name in JUDGED_AT}
+    shares = {f"at {name}": _share(row, f"at {name}") for name in TOLERANCE_LABELS}
     millimetres = {f"position {name}": 1e3 * row[f"position {name}"] for name in ("median", "p99")}
     rate = row["at 1e-6"] / max(row["seconds"], 1e-9)
     return row | shares | millimetres | {"label": row["method"], "rate": rate}

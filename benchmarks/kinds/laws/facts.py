@@ -28,14 +28,14 @@ COLUMNS = (
 )  # fmt: skip
 """Columns of a row, beside those of its line. Ratios are worst values over limits, exact."""
 
-COLUMN_TYPES = {
+FACT_TYPES = {
     pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in DERIVATIVES)),
     pl.Boolean: ("holds", "follows"),
     pl.Int64: ("continuous",),
 }
 """Types of the columns that are no real numbers."""
 
-SCHEMA = {name: next((kind for kind, some in COLUMN_TYPES.items() if name in some), pl.Float64) for name in COLUMNS}
+SCHEMA = {name: next((kind for kind, some in FACT_TYPES.items() if name in some), pl.Float64) for name in COLUMNS}
 """Type of every column."""
 
 RATIO_DECIMALS = 11

@@ -29,7 +29,7 @@ WORKERS = Path(__file__).resolve().parents[1] / "_workers"
 LONGEST_CALL = 60.0
 """Time limit of an answer [s]: a worker that exceeds it is ended, and the problem counts as a crash."""
 
-MOST_CRASHES = 20
+MOST_WORKER_CRASHES = 20
 """Problems in a row at which a worker may crash: starting it again costs seconds, and the rest would crash, too."""
 
 LONGEST_START = 300.0
@@ -302,7 +302,7 @@ class Worker:
                 found.append(Answer(Failed("crashed", how), took, None))
                 crashes += 1
             tried_again = not tried_again
-            if crashes == MOST_CRASHES or not self._restarted():
+            if crashes == MOST_WORKER_CRASHES or not self._restarted():
                 lost = Answer(Failed("crashed", f"not called: {how} before"), took, None)
                 found += [lost] * (len(problems) - len(found))
         return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -242,7 +241,7 @@ def ik_matters(found: LinePlans) -> str:
 def _small(micrometres: float) -> str:
     """A length; below what is a result, that."""
     floor = noise_floor("µm")
-    return f"10⁻{-round(math.log10(floor))}" if micrometres <= floor else number(micrometres, 2)
+    return number(floor, 1).removeprefix("1·") if micrometres <= floor else number(micrometres, 2)
 
 
 def _limit_words(limits: dict[str, list[float | None]]) -> str:
