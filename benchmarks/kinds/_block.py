@@ -149,10 +149,11 @@ class Section:
     template : Path or str
         A Jinja template: its file, or its text.
     order : int
-        Where it stands: smaller first. Ours: 10 single calls, 20 time laws on many lines, 30 to 60 iteration budgets, 70 to
-        90 one line planned, 100 and above what closes the page.
+        Where it stands: smaller first. Ours: 10 to 19 single calls, 20 time laws on many lines, 30 to 60 iteration budgets, 70
+        to 90 one line planned, 100 and above what closes the page.
     place : str
-        ``section``; or ``terms`` for a sentence in the first paragraph, ``summary`` for what follows the key findings.
+        ``section``; or ``top`` for a picture on the first screen, ``terms`` for what counts as solved, ``summary`` for what
+        was run.
     """
 
     title: str

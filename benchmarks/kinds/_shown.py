@@ -33,9 +33,13 @@ class Column:
     better : str
         ``more`` or ``less``, where one value is better than another; else empty.
     show : str
-        ``number`` (three digits), ``exact`` (seven), ``count``, ``share`` (a percentage) or ``text``.
+        ``number`` (three digits), ``exact`` (seven), ``count``, ``share`` (a percentage), ``text``, or ``mixed`` (a share
+        where the row's ``unit`` is %, else a number).
     aside : bool
         Whether the page shows it only on request: for columns that few readers ask for.
+    among : str
+        Key of what a row must have (a value that is neither None nor empty) to be the best in this column; any row may
+        where this is empty. A motion that breaks a limit must not be called the shortest.
     """
 
     key: str
@@ -44,6 +48,7 @@ class Column:
     better: str = ""
     show: str = "number"
     aside: bool = False
+    among: str = ""
 
 
 @dataclass(frozen=True)

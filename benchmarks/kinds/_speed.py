@@ -14,5 +14,5 @@ def _speed(run: Run) -> dict[str, Any]:
     return {}
 
 
-SPEED = Section("Speed of one call", "speed", _speed, Path(__file__).with_name("_speed.html.j2"), 10)
-"""The head of the section on speed; every kind that stands in it names it among its sections."""
+SPEED = Section("Speed of one call", "speed", _speed, Path(__file__).with_name("_speed.html.j2"), 19)
+"""The end of the section on speed; every kind that stands in it names it among its sections."""

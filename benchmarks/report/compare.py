@@ -222,9 +222,11 @@ def _spread(measure: Compared, rows: pl.DataFrame) -> float:
     """Half the relative spread of the rounds of a call, the median of all calls."""
     if not measure.rounds or not set(measure.rounds) <= set(rows.columns):
         return 0.0
-    least, most = (rows[name].to_numpy().astype(float) for name in measure.rounds)
-    found = float(np.nanmedian((most - least) / (2.0 * rows[measure.column].to_numpy())))
-    return 0.0 if math.isnan(found) else found
+    timed = rows.filter(pl.all_horizontal(pl.col(measure.column, *measure.rounds) > 0))
+    if timed.is_empty():
+        return 0.0
+    value, least, most = (timed[name].to_numpy().astype(float) for name in (measure.column, *measure.rounds))
+    return float(np.median((most - least) / (2.0 * value)))
 
 
 def _shares(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:

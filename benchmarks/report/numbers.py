@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+RATIO_ROUNDING = 5e-13
+"""Excess over a limit [1] that is not written out: it is the rounding of the polynomials' extrema."""
+
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 """Digits and the minus sign, raised."""
 
@@ -38,7 +41,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def ratio(value: float) -> str:
-    """Format a value over its limit; near 1 with as many digits as show on which side.
+    """Format a value over its limit; above 1 with as many digits as show that, but not what is rounding.
 
     Parameters
     ----------
@@ -48,11 +51,11 @@ def ratio(value: float) -> str:
     Returns
     -------
     str
-        1.00 for exactly 1, 0.99999976 or 1.0000057 beside it.
+        1.0000057 above the limit, 1.00 at it or a little below.
     """
     off = value - 1.0
-    if math.isfinite(value) and 0.0 < abs(off) < 5e-4:
-        return f"{value:.{min(1 - math.floor(math.log10(abs(off))), 12)}f}"
+    if RATIO_ROUNDING < off < 5e-4:
+        return f"{value:.{1 - math.floor(math.log10(off))}f}"
     return number(value)
 
 

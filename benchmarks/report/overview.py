@@ -26,7 +26,8 @@ def overview(run: Run) -> dict[str, Any]:
         What the template of the head shows.
     """
     begun = [b.block for b in run.begun]
-    own = [words for kind in run.suite.kinds for words in kind.findings(run)]
+    # A kind that says who wins has its findings in that table.
+    own = [words for kind in run.suite.kinds if not kind.winners(run) for words in kind.findings(run)]
     return {
         "title": run.suite.title,
         "suite": run.suite.name,

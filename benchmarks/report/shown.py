@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from benchmarks.kinds._shown import Cell, Column, Table
@@ -74,13 +74,22 @@ def shown_table(table: Table, run: Run | None = None) -> ShownTable:
     best = {column.key: _best(column, table.rows) for column in table.columns}
     rows = []
     for k, row in enumerate(table.rows):
-        cells = tuple(shown_cell(column, row.get(column.key), k in best[column.key]) for column in table.columns)
+        columns = [_own(column, row) for column in table.columns]
+        cells = tuple(shown_cell(column, row.get(column.key), k in best[column.key]) for column in columns)
         label = str(row.get(FIRST, ""))
         if run is not None and label in run.labels:
             rows.append(ShownRow(cells, run.colour(label), run.symbol(label)))
         else:
             rows.append(ShownRow(cells))
     return ShownTable(table, tuple(rows))
+
+
+def _own(column: Column, row: Mapping[str, Cell]) -> Column:
+    """A column as it is in a row that has a unit of its own."""
+    if column.show != "mixed":
+        return column
+    unit = str(row.get("unit") or "")
+    return replace(column, unit=unit, show="share" if unit == "%" else "number")
 
 
 def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
@@ -129,6 +138,8 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
     value, interval : str
         Without a unit; the interval is empty where there is none.
     """
+    if low == middle == high:
+        low = high = math.nan  # an exact value
     half = (high - low) / 2
     if show == "share":
         decimals = 1 if not half > 0 else min(max(-math.floor(math.log10(half)), 1), DECIMALS_OF_SHARES)
@@ -137,7 +148,7 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
         return text, "" if math.isnan(half) else f"{low:.{decimals}f} to {high:.{decimals}f}"
     if show == "count":
         return (f"{middle:,.0f}" if middle == round(middle) else number(middle)), _interval(low, high, 3)
-    if show == "exact":
+    if show == "exact" and math.isfinite(middle):
         return f"{middle:.7g}", "" if math.isnan(half) else f"{low:.7g} to {high:.7g}"
     digits = 3
     if half > 0 and math.isfinite(half) and middle:
@@ -147,24 +158,38 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
 
 
 def _interval(low: float, high: float, digits: int) -> str:
-    return "" if math.isnan(low) or math.isnan(high) else f"{number(low, digits)} to {number(high, digits)}"
+    if math.isnan(low) or math.isnan(high) or math.isinf(low):
+        return ""
+    return f"{number(low, digits)} to {number(high, digits)}"
 
 
 def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
-    """Rows with the best value of a column and with those that no interval tells from it; empty where it is all of them."""
+    """Rows with the best value of a column and those that an interval does not tell from it; empty where it is all.
+
+    Told apart are two values of which neither is inside the other's interval: that is less than intervals without
+    overlap, which small samples hardly ever have.
+
+    Returns
+    -------
+    set of int
+        Numbers of the rows.
+    """
     if not column.better:
         return set()
-    found: dict[int, tuple[float, float, float]] = {}
-    for k, row in enumerate(rows):
-        cell = row.get(column.key)
-        whole = cell if isinstance(cell, tuple) else (cell, cell, cell)
-        if isinstance(whole[0], float | int) and math.isfinite(whole[0]):
-            middle = float(whole[0])
-            ends = (middle if v is None or math.isnan(float(v)) else float(v) for v in whole[1:])
-            found[k] = (middle, *ends)  # type: ignore[assignment]  # two ends
-    if len(found) < 2:
+    found = {k: _ends(row.get(column.key)) for k, row in enumerate(rows) if not column.among or row.get(column.among)}
+    known = {k: ends for k, ends in found.items() if math.isfinite(ends[0])}
+    if len(known) < 2:
         return set()
     pick = max if column.better == "more" else min
-    _, low, high = pick(found.values(), key=lambda v: v[0])
-    level = {k for k, (_, a, b) in found.items() if a <= high and b >= low}
-    return level if len(level) < len(found) else set()
+    best, low, high = pick(known.values(), key=lambda ends: ends[0])
+    level = {k for k, (value, a, b) in known.items() if low <= value <= high or a <= best <= b}
+    return level if len(level) < len(known) else set()
+
+
+def _ends(cell: Cell) -> tuple[float, float, float]:
+    """A value with the ends of its interval: itself, where it has none; NaN where it is no number."""
+    if isinstance(cell, tuple):
+        middle, low, high = (float(v) for v in cell)
+        return middle, middle if math.isnan(low) else low, middle if math.isnan(high) else high
+    value = float(cell) if isinstance(cell, float | int) else math.nan
+    return value, value, value

@@ -14,11 +14,11 @@ MOST_TIED = 3
 WINNER_COLUMNS = (
     Column("question", "Question", show="text"),
     Column("best", "Best", show="text"),
-    Column("value", "Value"),
+    Column("value", "Value", show="mixed"),
     Column("unit", "Unit", show="text"),
     Column("tied", "Tied with it", show="text"),
     Column("second", "Next best", show="text"),
-    Column("second_value", "Its value"),
+    Column("second_value", "Its value", show="mixed"),
     Column("note", "On", show="text"),
 )
 """Columns of the winners as a table."""

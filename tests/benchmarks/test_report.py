@@ -119,6 +119,7 @@ def test_plotly_is_there_once_and_compressed(page: Page) -> None:
     large = [s for s in page.scripts if len(s) > 1e6]
     assert len(large) == 1
     assert b"plotly.js v" in gzip.decompress(base64.b64decode(large[0]))[:2000]
+    assert len(large[0]) < 2.2e6
 
 
 def test_every_board_is_strict_json_with_finite_numbers(page: Page) -> None:
@@ -193,7 +194,7 @@ def test_the_method_table_is_what_the_files_hold(small_run: RunFolder, block: st
 
 def test_durations_are_the_plans(page: Page, small_run: RunFolder) -> None:
     for p in small_run.read_json("line/plans.json"):
-        assert f"{p['law']} {p['duration']:.3f} s" in page.text
+        assert f" {p['law']} {p['duration']:.7g} " in page.text
 
 
 def certificate(value: list[float | None], ratio: list[float | None]) -> dict[str, Any]:
@@ -227,7 +228,7 @@ def test_a_motion_that_breaks_a_limit_is_not_ranked(small_run: RunFolder) -> Non
     assert "quintic" in breaking
     rows = shown_rows(small_run, "plans", "laws")
     assert {law for law, row in rows.items() if row["breaks"] != "none"} == breaking
-    assert {law for law, row in rows.items() if row["place"] == "–"} == breaking
+    assert {law for law, row in rows.items() if row["place"] is None} == breaking
 
 
 @pytest.mark.parametrize(

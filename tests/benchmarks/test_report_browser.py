@@ -64,7 +64,9 @@ def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path
     manifest["settings"]["blocks"][1]["title"] = EVIL
     folder.write_json("run.json", manifest)
     for file in (folder.path / "ik").glob("misprint--00*"):
-        pl.read_parquet(file).with_columns(method=pl.lit(EVIL)).write_parquet(file)
+        rows = folder.read(f"ik/{file.name}")
+        assert rows is not None
+        folder.write(f"ik/{file.name}", rows.with_columns(method=pl.lit(EVIL)))
     kind = type(load_kind("budgets"))
     with pytest.MonkeyPatch.context() as patch:
         own = tuple(load_kind("budgets").sections())

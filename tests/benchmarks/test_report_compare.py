@@ -26,11 +26,14 @@ Change = Callable[[pl.DataFrame], pl.DataFrame]
 def other(run: RunFolder, folder: Path, pattern: str, change: Change) -> RunFolder:
     """A copy of a run with some of its rows changed."""
     shutil.copytree(run.path, folder)
-    files = list((folder / "ik").glob(pattern))
+    found = RunFolder(folder)
+    files = [f"ik/{file.name}" for file in (folder / "ik").glob(pattern)]
     assert files
     for file in files:
-        change(pl.read_parquet(file)).write_parquet(file)
-    return RunFolder(folder)
+        rows = found.read(file)
+        assert rows is not None
+        found.write(file, change(rows))
+    return found
 
 
 def failing(count: int) -> Change:
@@ -40,7 +43,7 @@ def failing(count: int) -> Change:
 
 
 def slower(factor: float) -> Change:
-    return lambda rows: rows.with_columns(pl.col("seconds") * factor)
+    return lambda rows: rows.with_columns(pl.col("position_error") * factor)
 
 
 def of(found: tuple[Difference, ...], block: str, label: str, measure: str) -> Difference:
@@ -96,11 +99,15 @@ def test_a_time_must_differ_by_more_than_its_rounds(
     small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, noise: float, verdict: str
 ) -> None:
     kind = type(load_kind("budgets"))
-    monkeypatch.setattr(kind, "compared", (Compared("time", "µs", "less", "seconds", 1e6, "", ("least", "most")),))
+    monkeypatch.setattr(
+        kind, "compared", (Compared("time", "µs", "less", "position_error", 1e6, "", ("least", "most")),)
+    )
     own = kind.compared_rows
 
     def with_rounds(self: Any, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
-        spread = [(pl.col("seconds") * (1.0 + sign * noise)).alias(name) for sign, name in ((-1, "least"), (1, "most"))]
+        spread = [
+            (pl.col("position_error") * (1.0 + sign * noise)).alias(name) for sign, name in ((-1, "least"), (1, "most"))
+        ]
         return own(self, block, rows).with_columns(spread)
 
     monkeypatch.setattr(kind, "compared_rows", with_rounds)
@@ -116,12 +123,11 @@ def test_a_time_must_differ_by_more_than_its_rounds(
 
 def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> None:
     changed = other(small_run, tmp_path / "seed", "misprint--01*", failing(40))
-    manifest = changed.manifest()
-    manifest["settings"]["seed"] = 8
-    changed.write_json("run.json", manifest)
+    about = changed.read_json("problems/misprint.json")
+    changed.write_json("problems/misprint.json", about | {"sha256": "another"})
     found = compare_runs(Run(small_run), Run(changed))
-    assert any("problems differ" in words for words in found.left_out)
-    assert all(d.pairs == 0 and math.isnan(d.p) for d in found.differences)
+    assert any(words.startswith("misprint: the problems differ") for words in found.left_out)
+    assert all((d.pairs == 0 and math.isnan(d.p)) == (d.block == "misprint") for d in found.differences)
     assert of(found.differences, "misprint", "corrected", "solved").verdict == "worse"
 
 

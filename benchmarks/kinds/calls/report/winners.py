@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import polars as pl
 
 from benchmarks.kinds.base import Winner
 from benchmarks.kinds.calls.measures import shared
@@ -48,8 +50,7 @@ def block_winners(b: CallRows) -> list[Winner]:
     parts = {label: part for label in b.by_method if len(part := rows.filter(rows["method"] == label))}
     if not parts:
         return []
-    counts = ", ".join(f"{len(part):,} for {label}" for label, part in parts.items() if len(part) < b.facts["count"])
-    note = f"{b.facts['count']:,} problems{f', {counts}' if counts else ''}"
+    note = _numbers_of(parts, b.facts["count"])
     solved = [(label, *share_cell(int(part["solved"].sum()), len(part))) for label, part in parts.items()]
     most = Winner(
         f"Solves the most targets: {b.block.title}", "%", "more", tuple(sorted(solved, key=lambda e: (-e[1], -e[2]))),
@@ -63,3 +64,16 @@ def block_winners(b: CallRows) -> list[Winner]:
         "speed", f"median time of a call, all calls; {note}; bootstrap intervals",
     )  # fmt: skip
     return [most, fastest]
+
+
+def _numbers_of(parts: Mapping[str, pl.DataFrame], count: int) -> str:
+    """How many problems there are, and how many the methods were given where that is fewer."""
+    given: dict[int, list[str]] = {}
+    for label, part in parts.items():
+        given.setdefault(len(part), []).append(label)
+    if len(given) == 1:
+        (only,) = given
+        return f"{count:,} problems" if only == count else f"{only:,} of {count:,} problems"
+    most = max(given, key=lambda number: len(given[number]))
+    few = ", ".join(f"{number:,} for {', '.join(labels)}" for number, labels in given.items() if number != most)
+    return f"{count:,} problems: {most:,} for {'most' if len(given[most]) > 1 else given[most][0]}, {few}"

@@ -120,7 +120,7 @@ def ratio_words(w: Worst) -> str:
 
 LAW_COLUMNS = (
     Column("label", "Time law", show="text"),
-    Column("duration", "duration", "s", "less", "exact"),
+    Column("duration", "duration", "s", "less", "exact", among="place"),
     Column("breaks", "limits broken", show="text"),
     *(Column(field, f"{field} over limit", show="text") for field in DERIVATIVES),
     Column("distance", "path deviation", "µm", "less"),
@@ -184,7 +184,7 @@ def law_table(found: LinePlans) -> Table:
         if first
         else ""
     )
-    rows = tuple(_row(p) | {"place": ranks.get(p["law"], "–")} for p in plans)
+    rows = tuple(_row(p) | {"place": ranks.get(p["law"])} for p in plans)
     return Table("laws", "Time laws along the line", LAW_COLUMNS, rows, note)
 
 
