@@ -1,4 +1,4 @@
-"""`optik bench report` and `optik bench compare`: a run as a page, text and tables, and two runs against each other."""
+"""`optik bench report` and `optik bench compare`: what runs show, as a page, as text, and against each other."""
 
 from __future__ import annotations
 
