@@ -18,7 +18,7 @@ from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wi
 from optik.errors import InvalidInput
 from optik.types import Array
 
-BETTER, WORSE, NOISE_VERDICT = "better", "worse", "within noise"
+BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT = "better", "worse", "within noise"
 """Verdicts."""
 
 FALSE_ALARMS = 0.05
@@ -90,7 +90,7 @@ class Comparison:
         list of Difference
             Empty where nothing is.
         """
-        return [d for d in self.differences if d.verdict == WORSE and d.loss > threshold]
+        return [d for d in self.differences if d.verdict == WORSE_VERDICT and d.loss > threshold]
 
 
 def compare_runs(a: Run, b: Run) -> Comparison:
@@ -259,7 +259,7 @@ def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Differen
     loss = d.change if measure.better == "less" else -d.change
     shown = apart if math.isnan(p) else p < FALSE_ALARMS
     beyond = abs(d.change) > d.noise and d.change != 0.0
-    verdict = NOISE_VERDICT if not (shown and beyond) else (WORSE if loss > 0 else BETTER)
+    verdict = NOISE_VERDICT if not (shown and beyond) else (WORSE_VERDICT if loss > 0 else BETTER_VERDICT)
     return replace(d, p=p, loss=loss, verdict=verdict)
 
 
