@@ -21,7 +21,11 @@ CLOCK_CALLS = 2000
 
 
 def timed(
-    call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], *, keep_errors: bool = False
+    call: Callable[..., Any],
+    arguments: Sequence[tuple[Any, ...]],
+    *,
+    keep_errors: bool = False,
+    before: Callable[[int], None] | None = None,
 ) -> tuple[NDArray[np.int64], list[Any]]:
     """Time one call for each tuple of arguments.
 
@@ -33,6 +37,8 @@ def timed(
         Of each call.
     keep_errors : bool
         Whether an exception of a call takes the place of its result; otherwise it ends all calls.
+    before : callable, optional
+        Called with the number of each call before it; its time does not count.
 
     Returns
     -------
@@ -48,6 +54,8 @@ def timed(
     gc.disable()
     try:
         for i, given in enumerate(arguments):
+            if before is not None:
+                before(i)
             begin = clock()
             try:  # costs no time where nothing is raised
                 raw = call(*given)

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import optik
 from benchmarks.cli.app import app
+from benchmarks.kinds._seeds import reseed
 from benchmarks.kinds.base import Entry
 from benchmarks.kinds.calls.callers import Caller, callers_of
 from benchmarks.kinds.calls.run import timed_part
@@ -311,3 +312,24 @@ def test_rows_of_a_worker_have_the_times_that_it_took_itself(tmp_path: Path) -> 
     assert set(rows["outcome"]) == {"answered"}
     assert (rows["ns"] < 1_000_000).all()
     assert rows["claimed"].all()
+
+
+# ---------------------------------------------------------------- random numbers
+
+
+def test_random_numbers_are_keyed_by_problem_and_round_and_never_by_the_part() -> None:
+    def shifted(target: Any, q0: Any) -> Any:
+        return q0 + 1e-3 * np.random.standard_normal(6)  # noqa: NPY002
+
+    def again(seed: int, problem: int, trial: int) -> None:
+        reseed(None, seed, problem, "x", trial)
+
+    caller = Caller(
+        "x", shifted, True, lambda raw: raw[None], lambda raw: (None, None), False, None, reseed=again
+    )  # fmt: skip
+    every = np.arange(len(PROBLEMS))
+    whole = timed_part(ARM, PROBLEMS, every, [caller], 2, seed=3)["position_error"]
+    parts = [timed_part(ARM, PROBLEMS, one, [caller], 2, seed=3)["position_error"] for one in np.array_split(every, 3)]
+    other = timed_part(ARM, PROBLEMS, every, [caller], 2, seed=4)["position_error"]
+    assert whole.to_list() == pl.concat(parts).to_list()
+    assert (whole != other).all()

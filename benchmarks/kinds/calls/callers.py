@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.kinds._contest import facts_on
+from benchmarks.kinds._seeds import reseed
 from benchmarks.kinds.base import Entry
 from benchmarks.kinds.calls.settings import CallBlock
 from benchmarks.peers.ik import PEERS
@@ -46,6 +47,9 @@ class Caller:
         From what a call returned to whether the method says that it succeeded, None where it does not say.
     many : callable or None
         Calls for a list of arguments that are timed elsewhere: in a worker process.
+    reseed : callable or None
+        Sets the random numbers of one trial: (seed of the suite, number of the problem, trial). None for a method that draws
+        none, since setting them costs it its caches.
     """
 
     label: str
@@ -58,6 +62,7 @@ class Caller:
     about: dict[str, Any] = field(default_factory=dict)
     claims: Callable[[Any], bool | None] = lambda raw: None
     many: Callable[[Sequence[tuple[Any, ...]]], list[Answer]] | None = None
+    reseed: Callable[[int, int, int], None] | None = None
 
 
 def callers_of(block: CallBlock, robot: Robot) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
@@ -150,6 +155,11 @@ def _peer(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
 
     about |= {"build_seconds": seconds}
     many = peer.many if isinstance(peer, WorkerPeer) else None
+
+    def again(seed: int, problem: int, trial: int) -> None:
+        reseed(peer, seed, problem, entry.label, trial)
+
     return Caller(
-        entry.label, peer.call, peer.takes_start, peer.answers, counts, True, entry.most, about, peer.claims, many
-    )
+        entry.label, peer.call, peer.takes_start, peer.answers, counts, True, entry.most, about, peer.claims, many,
+        again if kind.random else None,
+    )  # fmt: skip

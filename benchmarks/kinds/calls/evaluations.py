@@ -54,7 +54,8 @@ def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) 
         callers, _ = callers_of(ending_after(block, budget), robot)
         for first in range(0, len(problems), CALL_PART):
             here = np.arange(first, min(first + CALL_PART, len(problems)))
-            frames.append(timed_part(robot, problems, here, callers, 1).with_columns(budget=pl.lit(budget)))
+            rows = timed_part(robot, problems, here, callers, 1, seed=seed)
+            frames.append(rows.with_columns(budget=pl.lit(budget)))
     folder.write(evaluations_file(block), pl.concat(frames))
 
 

@@ -98,7 +98,7 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
         if not folder.has(file):
             tell(f"{block.id}: {part * CALL_PART:,} of {len(problems):,}")
             here = np.arange(part * CALL_PART, min((part + 1) * CALL_PART, len(problems)))
-            folder.write(file, timed_part(robot, problems, here, callers, block.rounds))
+            folder.write(file, timed_part(robot, problems, here, callers, block.rounds, seed=seed))
 
 
 # ---------------------------------------------------------------- timing
@@ -126,7 +126,7 @@ class Round(NamedTuple):
 
 
 def timed_part(
-    robot: Robot, problems: ProblemSet, here: NDArray[np.int64], callers: list[Caller], rounds: int
+    robot: Robot, problems: ProblemSet, here: NDArray[np.int64], callers: list[Caller], rounds: int, *, seed: int = 0
 ) -> pl.DataFrame:
     """Time some problems: in every round each caller takes all of them, one after another.
 
@@ -142,6 +142,8 @@ def timed_part(
         Methods and peers.
     rounds : int
         How often each problem is solved.
+    seed : int
+        Of the suite, for methods that draw random numbers.
 
     Returns
     -------
@@ -153,9 +155,9 @@ def timed_part(
     ready = [c for c in callers if len(mine[c.label])]
     done: dict[str, list[Round]] = {c.label: [] for c in ready}
     for caller in ready:
-        one_round(caller, problems, mine[caller.label][:FIRST_CALLS])
+        one_round(caller, problems, mine[caller.label][:FIRST_CALLS], (seed, 0))
     for turn, caller in turns(ready, rounds):
-        found = one_round(caller, problems, mine[caller.label])
+        found = one_round(caller, problems, mine[caller.label], (seed, turn))
         # of later rounds only the times are kept: what calls returned would fill the memory
         done[caller.label].append(found if turn == 0 else found._replace(raws=[]))
     frames = [
@@ -167,7 +169,7 @@ def timed_part(
     return pl.concat(frames)
 
 
-def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> Round:
+def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
     """Call one caller once for each problem, with copies of its own of the target and the initial guess.
 
     Parameters
@@ -178,6 +180,8 @@ def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> 
         All problems of the block.
     mine : (k,) array of int
         Numbers of the problems that it is given.
+    trial : tuple of int
+        Seed of the suite and number of the round, which key random numbers.
 
     Returns
     -------
@@ -191,8 +195,10 @@ def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> 
         cpu = np.array([np.nan if a.cpu_ns is None else a.cpu_ns for a in answers], dtype=np.float64)
         raws = [a.raw for a in answers]
     else:
+        again, (seed, turn) = caller.reseed, trial
+        before = None if again is None else lambda i: again(seed, int(mine[i]), turn)
         begin = time.process_time_ns()
-        ns, raws = timed(caller.call, arguments, keep_errors=True)
+        ns, raws = timed(caller.call, arguments, keep_errors=True, before=before)
         cpu = np.full(len(mine), (time.process_time_ns() - begin) / max(len(mine), 1))
         raws = [_failed(raw) if isinstance(raw, Exception) else raw for raw in raws]
     fresh = _arguments(caller, problems, mine)
