@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-RATIO_ROUNDING = 5e-13
+UNWRITTEN_EXCESS = 5e-13
 """Excess over a limit [1] that is not written out: it is the rounding of the polynomials' extrema."""
 
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -54,7 +54,7 @@ def ratio(value: float) -> str:
         1.0000057 above the limit, 1.00 at it or a little below.
     """
     off = value - 1.0
-    if RATIO_ROUNDING < off < 5e-4:
+    if UNWRITTEN_EXCESS < off < 5e-4:
         return f"{value:.{1 - math.floor(math.log10(off))}f}"
     return number(value)
 
