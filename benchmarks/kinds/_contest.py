@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.kinds._block import Entry
 from benchmarks.records import RunFolder
 from optik.errors import InvalidInput
+from optik.plugins.files import is_path
 
 Item = TypeVar("Item")
 
@@ -115,6 +117,27 @@ def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
     """
     words = entry.words or "as it comes"
     return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
+
+
+def version_words(about: Mapping[str, Any]) -> str:
+    """What a report says as the version of an entry.
+
+    Parameters
+    ----------
+    about : dict
+        Facts on the entry, from `facts_on`.
+
+    Returns
+    -------
+    str
+        The version of its package, ``own file NAME.py``, ``this one`` for what comes with optik, or ``–``.
+    """
+    name = str(about.get("name", ""))
+    if about["version"]:
+        return str(about["version"])
+    if about["kind"] == "peer":
+        return "–"
+    return f"own file {Path(name).name}" if is_path(name) else "this one"
 
 
 def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:

@@ -109,8 +109,8 @@ def check_set(block: ProblemBlock) -> None:
         An option that the set does not have, or out of range.
     """
     if "count" in block.options:
-        check_count(block.options["count"], "count", TRIAL_PROBLEMS)
-        block = replace(block, options=block.options | {"count": TRIAL_PROBLEMS})
+        check_count(block.options["count"], "count", 1)
+        block = replace(block, options=block.options | {"count": min(int(block.options["count"]), TRIAL_PROBLEMS)})
     problem_set(block, 0)
 
 

@@ -129,7 +129,7 @@ def damaged(file: Path) -> tuple[str, str, str]:
     tuple of str
         Argument, what came, and what was expected, with what to do.
     """
-    return "run", f"{file}, damaged", "whole parts; delete it and run again"
+    return "run", f"{file}, damaged", "whole parts; delete this file and run again"
 
 
 def _short(content: memoryview) -> str:

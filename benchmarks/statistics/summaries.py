@@ -15,7 +15,7 @@ def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
     Parameters
     ----------
     values : (k,) array
-        Values without NaN, in any unit [as the result].
+        Values without NaN, in any unit [as the result]; infinite ones count as larger than all others.
     levels : sequence of float
         Levels of the quantiles, from 0 to 1.
 
@@ -27,7 +27,10 @@ def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
     x = np.asarray(values, dtype=float)
     if x.size == 0:
         return (float("nan"),) * len(levels)
-    return tuple(float(q) for q in np.quantile(x, levels))
+    below, above = (np.quantile(x, levels, method=method) for method in ("lower", "higher"))
+    finite = np.isfinite(below) & np.isfinite(above)
+    between = np.quantile(np.where(np.isfinite(x), x, np.finfo(float).max), levels)  # ∞ − ∞ is NaN: no sum may have one
+    return tuple(float(q) for q in np.where(finite, between, above))
 
 
 def shifted_geometric_mean(values: ArrayLike, shift: float) -> float:

@@ -10,8 +10,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from benchmarks.kinds._contest import version_words
+from benchmarks.kinds._problems import check_set
 from benchmarks.kinds.base import load_kind
 from benchmarks.kinds.budgets.report.damping import choose
+from benchmarks.kinds.calls.report.success import _conspicuous
 from benchmarks.kinds.calls.run import read_rows
 from benchmarks.records import RunFolder
 from benchmarks.report.run import Run
@@ -157,3 +160,19 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
 
 def test_a_run_without_a_damping_block_has_no_such_section() -> None:
     assert "damping" not in {b.id for b in small().of("budgets")}
+
+
+def test_a_method_that_raises_is_named_with_its_first_reason() -> None:
+    rows = {"outcome": ["answered", "raised"], "error": [None, "ValueError: singular\nmatrix"], "solved": [True, False]}
+    assert list(_conspicuous(pl.DataFrame(rows), "")) == ["raised in 1 of 2 calls, first: ValueError: singular matrix"]
+
+
+def test_a_method_from_a_file_is_not_called_one_of_ours() -> None:
+    facts = {"kind": "ours", "version": None}
+    assert version_words(facts | {"name": "lm"}) == "this one"
+    assert version_words(facts | {"name": "/somewhere/mine.py"}) == "own file mine.py"
+
+
+def test_a_set_of_fewer_problems_than_a_trial_draws_is_accepted() -> None:
+    data = {**SPEED["speed"][0], "set": "random_reachable", "options": {"count": 2}}
+    check_set(suite_of("speed", {"speed": [data]}).of("calls")[0])

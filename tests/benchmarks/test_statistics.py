@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -191,3 +192,10 @@ def test_metrics_of_no_rows_are_undefined() -> None:
         values = metric.compute(pl.DataFrame(schema=schema))
         assert len(values) == len(metric.parts)
         assert all(math.isnan(v) for v in values)
+
+
+def test_quantiles_of_infinite_values_are_finite_below_them_and_infinite_from_there() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert quantiles([1.0, 2.0, math.inf], (0.0, 0.5, 0.75, 1.0)) == (1.0, 2.0, math.inf, math.inf)
+        assert quantiles([math.inf, math.inf], (0.5, 0.95)) == (math.inf, math.inf)

@@ -313,8 +313,9 @@ def _timed_rows(
         if isinstance(motion, str):
             row |= {"status": "timing_infeasible", "reason": motion}
         else:
-            row["ms_certificate"], proof = _once_ms(
-                lambda c=c, motion=motion: certify(line.robot, line.path, motion, limits, law=c.label, keeps=c.keeps)  # type: ignore[misc]
+            row["ms_certificate"], proof = _median_ms(  # the first call of a path prepares what all later ones use
+                lambda c=c, motion=motion: certify(line.robot, line.path, motion, limits, law=c.label, keeps=c.keeps),  # type: ignore[misc]
+                1,
             )
             if c.law is None:
                 row |= facts_of(line.robot, line.path, motion, proof, limits)

@@ -151,10 +151,14 @@ def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
                 "line": {"color": "var(--alarm)", "width": 1},
             }
         ]
+    differ = ""
+    if any(b.known.group_by("method").agg(pl.col("problem").n_unique())["problem"].n_unique() > 1 for b in blocks):
+        differ = (
+            ", those of each method: the methods were not all run on the same ones (paired figures: the table above)"
+        )
     return Board(
         "by-budget", tuple(plots), (_controls(blocks),), tuple(legend),
-        "Targets with a known solution, those of each method: the methods were not all run on the same ones (see the table "
-        "above for paired figures). The thin line is the paper's 2 mm.",
+        f"Targets with a known solution{differ}. The thin line is the paper's 2 mm.",
     )  # fmt: skip
 
 

@@ -191,7 +191,7 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
     Returns
     -------
     Board or None
-        None where no block knows singular values, or nothing failed.
+        None where no block knows singular values, nothing failed, or no bin has enough problems.
     """
     known = [b for b in blocks if b.rows["sigma"].is_finite().any() and not b.rows["solved"].all()]
     if not known:
@@ -199,9 +199,10 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
     layout = {
         "xaxis": log_axis("smallest singular value at the solution", dtick=1), "yaxis": axis("problems solved [%]"),
     }  # fmt: skip
-    plot = Plot("call-sigma", "Success against the smallest singular value", layout, 380)
+    plot, some = Plot("call-sigma", "Success against the smallest singular value", layout, 380), False
     for b, label, part, look in _traces(known, run):
         shares = by_sigma(part, singular_edges(b.rows))
+        some = some or bool(shares)
         hover = f"{label}<br>%{{text}}{HOVER}"
         trace = line(
             mode="lines+markers", x=lean([s[0] for s in shares]), y=lean([s[1] for s in shares], 6), name=label, line=look,
@@ -212,7 +213,7 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
         f"In {SIGMA_BINS} bins of equal width on this axis; bins of fewer than {FEWEST_IN_BIN} problems are left out. Wilson "
         "intervals under the pointer."
     )
-    return _board("call-sigma-board", known, run, (plot,), caption)
+    return _board("call-sigma-board", known, run, (plot,), caption) if some else None
 
 
 def singular_edges(rows: pl.DataFrame) -> Array:

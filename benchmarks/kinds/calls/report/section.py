@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.kinds._contest import version_words
 from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.calls.report.plots import against_singularity, errors, profiles, success_in_time
 from benchmarks.report.run import Run
@@ -79,8 +80,7 @@ def compared(run: Run) -> Table:
     found: dict[tuple[str, str], dict[str, str]] = {}
     for b in run.of("calls"):
         for label, about in b.entries.items():
-            version = about["version"] or ("–" if about["kind"] == "peer" else "this one")
-            row = {"label": label, "version": version, "settings": about["settings"]}
+            row = {"label": label, "version": version_words(about), "settings": about["settings"]}
             found.setdefault((label, about["settings"]), row)
     columns = (
         Column("label", "Method", show="text"),

@@ -45,17 +45,17 @@ def success_and_time(b: CallRows) -> Table:
         Column("median", "median time, solved", us, "less"),
         Column("p95", "p95, solved", us, "less"),
         Column("p99", "p99, solved", us, "less"),
-        Column("failed_median", "median time, not solved", us, "less"),
+        Column("failed_median", "median time, not solved", us),
         Column("ratio", f"median over that of {b.block.reference}"),
         Column("false_claims", "claimed, not solved", "", "less", "count"),
         Column("count", "problems", show="count"),
         Column("max", "longest, solved", us, "less", aside=True),
         Column("failed", "not solved", show="count", aside=True),
-        Column("failed_p95", "p95, not solved", us, "less", aside=True),
-        Column("failed_p99", "p99, not solved", us, "less", aside=True),
-        Column("failed_max", "longest, not solved", us, "less", aside=True),
-        Column("mean", "mean time, all", us, "less", aside=True),
-        Column("shifted", f"shifted geometric mean, all (shift {SHIFT_US:g} µs)", us, "less", aside=True),
+        Column("failed_p95", "p95, not solved", us, aside=True),
+        Column("failed_p99", "p99, not solved", us, aside=True),
+        Column("failed_max", "longest, not solved", us, aside=True),
+        Column("mean", "mean time, all", us, aside=True),
+        Column("shifted", f"shifted geometric mean, all (shift {SHIFT_US:g} µs)", us, aside=True),
         Column("cpu", "processor time over wall time, all", "", "less", aside=True),
         Column("none", "no answer", show="count", aside=True),
         Column("raised", "raised", show="count", aside=True),
@@ -152,6 +152,10 @@ def _note(b: CallRows) -> str:
 def _conspicuous(part: pl.DataFrame, by: str) -> Iterable[str]:
     """What a method did that its times or rates alone do not show."""
     cells = _conduct(part)
+    if cells.get("raised") and "error" in part.columns:
+        reasons = part.filter(pl.col("outcome") == "raised")["error"].drop_nulls()
+        reason = " ".join(reasons[0].split()) if len(reasons) else "no reason recorded"
+        yield f"raised in {cells['raised']:,} of {len(part):,} calls, first: {reason}"
     claimed = cells.get("false_claims")
     if claimed:
         far = int((part["claimed"].fill_null(value=False) & ~part.select(solved_at(JUDGED_AT[0])).to_series()).sum())

@@ -60,8 +60,10 @@ def _medians(b: LawRows) -> str:
             keeps += f" on {percent(100.0 * kept / len(rows))}"
         ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
         words.append(f"{label} {number(ratio_, 4)} T* ({keeps}, {number(ms)} ms)")
+    if not words:
+        return ""
     lines = b.rows["line"].n_unique()
-    return f"{b.block.title}, {lines:,} of them, medians: " + "; ".join(words) + "." if words else ""
+    return f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''}: " + "; ".join(words) + "."
 
 
 def _block(b: LawRows, run: Run) -> dict[str, Any]:

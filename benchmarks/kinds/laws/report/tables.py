@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._contest import version_words
 from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.laws.measures import in_group
 from benchmarks.kinds.laws.rows import NEARLY, ON_PATH_M
@@ -291,7 +292,7 @@ def compared(b: LawRows) -> Table:
     rows = [
         {
             "label": label, "promises": ", ".join(k.replace("_", " ") for k in about["keeps"]) or "nothing",
-            "version": about["version"] or ("–" if about["kind"] == "peer" else "this one"), "settings": about["settings"],
+            "version": version_words(about), "settings": about["settings"],
         }
         for label, about in b.entries.items()
     ]  # fmt: skip
