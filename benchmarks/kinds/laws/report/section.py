@@ -49,7 +49,7 @@ def findings(run: Run) -> list[str]:
 
 
 def _medians(b: LawRows) -> str:
-    words = []
+    words, lines = [], b.rows["line"].n_unique()
     for label in b.entries:
         rows = b.rows.filter((pl.col("law") == label) & pl.col("solved"))
         if rows.is_empty():
@@ -59,9 +59,13 @@ def _medians(b: LawRows) -> str:
         if kept < len(rows):
             keeps += f" on {percent(100.0 * kept / len(rows))}"
         ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
-        words.append(f"{label} {number(ratio_, 4)} T* ({keeps}, {number(ms)} ms)")
-    lines = b.rows["line"].n_unique()
-    return f"{b.block.title}, {lines:,} of them, medians: " + "; ".join(words) + "." if words else ""
+        off = len(rows) - int(rows["follows"].sum())
+        if off:
+            keeps += f", leaves the path on {off:,} of {len(rows):,}"
+        asked = b.rows.filter(pl.col("law") == label)["line"].n_unique()
+        given = f" on the {asked:,} that it was given" if asked < lines else ""
+        words.append(f"{label} {number(ratio_, 4)} T*{given} ({keeps}, {number(ms)} ms)")
+    return f"{b.block.title}, {lines:,} of them, medians as the motions are: " + "; ".join(words) + "." if words else ""
 
 
 def _block(b: LawRows, run: Run) -> dict[str, Any]:
