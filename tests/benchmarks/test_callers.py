@@ -124,11 +124,11 @@ def test_a_caller_that_writes_into_its_arguments_gains_nothing_and_is_told() -> 
         return q0
 
     rows = rows_of(call)
-    assert rows["mutated"].all()
+    assert rows["changed_input"].all()
     assert not rows["solved"].any()
     for i in range(6):  # every round starts from the problem's own start
         assert all(np.array_equal(start, PROBLEMS.starts[i]) for start in starts[i::6])
-    assert not rows_of(lambda target, q0: q0)["mutated"].any()
+    assert not rows_of(lambda target, q0: q0)["changed_input"].any()
 
 
 def test_work_that_is_put_off_until_the_answer_is_read_is_timed() -> None:
@@ -153,7 +153,7 @@ def test_remembered_answers_show_in_the_first_time() -> None:
     caller = Caller("x", call, True, lambda raw: raw[None], lambda raw: (None, None), False, None)
     many = near_start(ARM, 5, count=30)  # the first 20 are called before the first round
     rows = timed_part(ARM, many, np.arange(30), [caller], 3).sort("problem")
-    assert (rows["ns_first"][20:] > 1_500_000).all()
+    assert (rows["first_ns"][20:] > 1_500_000).all()
     assert rows["ns"].median() < 500_000  # type: ignore[operator]
 
 

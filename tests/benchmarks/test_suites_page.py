@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import optik
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
-from benchmarks.kinds.answers.run import COLUMN_TYPES
+from benchmarks.kinds.answers.run import ANSWER_TYPES
 from benchmarks.kinds.batch.process import measure
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
@@ -190,7 +190,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         "`ik/": set(pl.read_parquet(small_run.path / "ik/misprint--*.parquet").columns),
         "`speed/BLOCK--": set(pl.read_parquet(own / "run/speed/ik--*.parquet").columns),
         "`speed/BLOCK.batch": set(measure(settings)[0]),
-        "`kinds/answers/": {*COLUMN_TYPES, "problem", "method", "solved"},
+        "`kinds/answers/": {*ANSWER_TYPES, "problem", "method", "solved"},
         "`timing/BLOCK--": set(pl.read_parquet(own / "run/timing/laws--*.parquet").columns),
     }
     tables = ("samples", "motion", "tool", "frames")

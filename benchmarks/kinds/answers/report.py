@@ -13,7 +13,7 @@ from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.tables import share, target_row
+from benchmarks.report.tables import share
 from optik.registry import short_name
 
 
@@ -33,11 +33,9 @@ def answers(run: Run) -> dict[str, Any] | None:
     found = run.of("answers")
     if not found:
         return None
-    ids = {b.block.id for b in found}
     return {
         "tables": [_table(run, b) for b in found],
         "board": _board(run, found),
-        "targets": [target_row(o) for o in run.outcomes if o.block in ids],
     }
 
 

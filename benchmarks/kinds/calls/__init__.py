@@ -33,8 +33,8 @@ class _Calls(Kind):
     order = 20
     compared = (
         Compared("solved", "%", "more", "solved"),
-        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("ns_min", "ns_max")),
-        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("ns_min", "ns_max")),
+        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("least_ns", "most_ns")),
+        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("least_ns", "most_ns")),
     )
 
     def settings(self, data: Any) -> CallBlock:
