@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from typing import Annotated, Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from optik.arm.robot import Robot
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
 from optik.ik import IKResult
+from optik.plugins import files
 from optik.registry import short_name
 
 app = typer.Typer(
@@ -61,6 +63,24 @@ def main() -> None:
     except OptikError as error:
         err_console.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
+    except Exception as error:
+        words = _in_a_plugin(error)
+        if not words:
+            raise
+        err_console.print(f"error: {words}", style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(2)
+
+
+def _in_a_plugin(error: Exception) -> str:
+    """What a plug-in's file raised when it was imported, with the line; empty for an error from elsewhere."""
+    frames = traceback.extract_tb(error.__traceback__)
+    loads = [k for k, frame in enumerate(frames) if frame.filename == files.__file__ and frame.name == "exec_module"]
+    if not loads:
+        return ""
+    words = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if loads[-1] + 1 < len(frames):  # a file with a syntax error runs no line, and its error names the place
+        words += f" ({frames[loads[-1] + 1].filename}, line {frames[loads[-1] + 1].lineno})"
+    return f"plug-in: expected a Python file that can be imported; got {words}"
 
 
 # ---------------------------------------------------------------- one robot, one pose

@@ -28,7 +28,8 @@ def damping_trade(folder: RunFolder) -> Finding:
     claim = "A small λ converges faster far from singular configurations; a large λ calms the iteration near them."
     rule = (
         "Smallest against largest λ. Far (stratum of the largest singular values): the median number of iterations is lower "
-        "with the smallest. Near (stratum of the smallest): the share of iterations that raise the error is lower with the "
+        "with the smallest. Near (stratum of the smallest): the mean over targets of the share of their "
+        "iterations that raise the error is lower with the "
         "largest, and of the ratio of peak error to first error both the median and the 95th percentile are. Holds if all of "
         "it is so. Holds when the worst targets are meant if near only the 95th percentile and the share are lower. Holds "
         "when only one of the two places is meant if nothing holds in the other. Else it does not hold."
@@ -54,7 +55,8 @@ def damping_trade(folder: RunFolder) -> Finding:
         (
             f"{r['group']}, {r['method']}",
             f"{100 * r['solved']:.0f} % solved, median of {_number(r['iterations'])} iterations, peak: median "
-            f"×{r['peak']:.2f}, 95th percentile ×{r['peak_95']:.1f}; {100 * r['rises']:.1f} % of iterations raise the error",
+            f"×{r['peak']:.2f}, 95th percentile ×{r['peak_95']:.1f}; "
+            f"a mean of {100 * r['rises']:.1f} % of a target's iterations raise the error",
         )
         for g in order
         for r in table.filter(pl.col("group") == g).iter_rows(named=True)

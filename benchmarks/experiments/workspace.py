@@ -107,7 +107,7 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
         return Finding("a", claim, HOLDS, text, rule, figures)
     missed = last.filter(pl.col("axis") > TWO_MM)
     text += (
-        f" {len(missed):,} miss, by a median of {1e3 * missed['position_error'].median():.0f} mm; "  # type: ignore[operator]
+        f" {len(missed):,} miss: the median of their position errors is {1e3 * missed['position_error'].median():.0f} mm; "  # type: ignore[operator]
         f"the nearest of them is {1e3 * missed['distance'][0]:.0f} mm from the start."
     )
     near = nearest_that_hold(within)

@@ -33,7 +33,8 @@ class Column:
     better : str
         ``more`` or ``less``, where one value is better than another; else empty.
     show : str
-        ``number`` (three digits), ``exact`` (seven), ``count``, ``share`` (a percentage), ``text``, or ``mixed`` (a share
+        ``number`` (three digits), ``exact`` (seven), ``p`` (a p-value), ``count``,
+        ``share`` (a percentage), ``text``, or ``mixed`` (a share
         where the row's ``unit`` is %, else a number).
     aside : bool
         Whether the page shows it only on request: for columns that few readers ask for.
@@ -94,6 +95,8 @@ class Winner:
         Section of the page that has the rest.
     note : str
         Number of problems, and what the interval is.
+    level : tuple of str, optional
+        Labels of the best and of those that a paired test does not tell from it, where one was made.
     """
 
     question: str
@@ -102,10 +105,13 @@ class Winner:
     entries: tuple[tuple[str, float, float, float], ...]
     anchor: str
     note: str = ""
+    level: tuple[str, ...] | None = None
 
     @property
     def tied(self) -> tuple[str, ...]:
-        """Labels of the best and of all whose interval overlaps with its interval."""
+        """Labels of the best and of all that the paired test does not tell from it, or whose interval overlaps with its own."""
+        if self.level is not None:
+            return self.level
         _, _, low, high = self.entries[0]
         return tuple(label for label, _, a, b in self.entries if a <= high and b >= low)
 

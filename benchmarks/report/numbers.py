@@ -7,6 +7,9 @@ import math
 UNWRITTEN_EXCESS = 5e-13
 """Excess over a limit [1] that is not written out: it is the rounding of the polynomials' extrema."""
 
+LEAST_P = 1e-6
+"""p-values below it [1] are written as less than it."""
+
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 """Digits and the minus sign, raised."""
 
@@ -57,6 +60,22 @@ def ratio(value: float) -> str:
     if UNWRITTEN_EXCESS < off < 5e-4:
         return f"{value:.{1 - math.floor(math.log10(off))}f}"
     return number(value)
+
+
+def p_value(p: float) -> str:
+    """Format a p-value: below 10⁻⁶ how small it is tells a reader no more, and depends on the test's assumptions.
+
+    Parameters
+    ----------
+    p : float
+        From 0 to 1.
+
+    Returns
+    -------
+    str
+        Two digits, or ``< 10⁻⁶``; a dash for NaN.
+    """
+    return f"< {number(LEAST_P, 1).replace('1·', '')}" if p < LEAST_P else number(p, 2)
 
 
 def percent(share: float, digits: int = 1) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.kinds._shown import Cell, Column, Table
 from benchmarks.report.figures import noise_floor
-from benchmarks.report.numbers import number
+from benchmarks.report.numbers import number, p_value
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -144,8 +144,10 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
     if show == "share":
         decimals = 1 if not half > 0 else min(max(-math.floor(math.log10(half)), 1), DECIMALS_OF_SHARES)
         step = 10.0**-decimals
-        text = "100" if middle >= 100 else f"{min(math.floor(middle / step + 1e-9) * step, 100 - step):.{decimals}f}"
+        text = "100" if middle >= 100 else f"{min(middle, 100 - step):.{decimals}f}"  # 100 means all
         return text, "" if math.isnan(half) else f"{low:.{decimals}f} to {high:.{decimals}f}"
+    if show == "p":
+        return p_value(middle), ""
     if show == "count":
         return (f"{middle:,.0f}" if middle == round(middle) else number(middle)), _interval(low, high, 3)
     if show == "exact" and math.isfinite(middle):

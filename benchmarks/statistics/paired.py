@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+SIGNIFICANT = 0.05
+"""Largest p-value of a test at which one method counts as better than another."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,33 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> McNemar:
 
         p = float(binomtest(only_a, only_a + only_b, 0.5).pvalue)
     return McNemar(int((a & b).sum()), only_a, only_b, int((~a & ~b).sum()), p)
+
+
+def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str, ...]:
+    """The best method and those that McNemar's test, corrected by Holm's procedure, does not tell from it.
+
+    Intervals of two shares may overlap although one method solves nearly all that the other solves and more: the test
+    compares problem by problem.
+
+    Parameters
+    ----------
+    best : str
+        Label of the method with the largest share solved.
+    solved : mapping of str to mapping of int to bool
+        Whether each method solved each problem that it was given, by the problem's number.
+
+    Returns
+    -------
+    tuple of str
+        Labels in the order of `solved`; each is compared on the problems that both were given.
+    """
+    others = [label for label in solved if label != best]
+    p_values = []
+    for label in others:
+        shared = sorted(solved[best].keys() & solved[label].keys())
+        p_values.append(mcnemar([solved[best][k] for k in shared], [solved[label][k] for k in shared]).p)
+    level = {label for label, p in zip(others, holm(p_values), strict=True) if not p < SIGNIFICANT}
+    return tuple(label for label in solved if label == best or label in level)
 
 
 def signed_rank(first: ArrayLike, second: ArrayLike) -> float:

@@ -109,7 +109,7 @@ def test_claim_a_holds_holds_up_to_a_distance_or_does_not(error: Callable[[Array
         d = float(found.verdict.split()[-2])
         # Wilson's lower end is 99 % with 3 of 1,500 beyond, so d is a little beyond 450 mm
         assert 450 <= d <= 458
-        assert "miss, by a median of 200 mm" in found.summary
+        assert "miss: the median of their position errors is 200 mm" in found.summary
 
 
 def test_claim_a_needs_the_lower_end_of_the_interval() -> None:

@@ -25,7 +25,7 @@ from benchmarks.report.formats.svg import draw
 from benchmarks.report.formats.tables_csv import csv_of
 from benchmarks.report.formats.tex import escaped, tex_of
 from benchmarks.report.packing import pack, unpack
-from benchmarks.report.shown import shown_cell, shown_table
+from benchmarks.report.shown import shown_cell, shown_table, written
 from benchmarks.report.winners import won
 from optik.errors import MissingDependency
 from tests.benchmarks.conftest import hide
@@ -256,6 +256,12 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
     for file in figures:
         ElementTree.parse(copied.path / file)
     assert text.count("A title &amp; more") == 1
+
+
+def test_digits_of_shares_and_p_values() -> None:
+    assert written("share", 89.6667, 88.46, 90.76)[0] == "89.7"
+    assert written("share", 99.97, 99.0, 100.0)[0] == "99.9"  # 100 only where all are solved
+    assert [written("p", p)[0] for p in (2e-112, 0.0, 0.0345)] == ["< 10⁻⁶", "< 10⁻⁶", "0.035"]
 
 
 def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ from benchmarks.statistics import (
     holm,
     mcnemar,
     median_interval,
+    not_beaten,
     performance_profile,
     quantiles,
     ratio_interval,
@@ -98,6 +99,16 @@ def test_the_signed_rank_test_is_that_of_all_signs(seed: int) -> None:
     x, y = rng.lognormal(size=(2, 11))
     assert signed_rank(x, y) == pytest.approx(signs_counted(np.log(x / y)))
     assert signed_rank(1e3 * x, 1e3 * y) == pytest.approx(signed_rank(x, y))
+
+
+def test_ties_of_the_best_are_decided_problem_by_problem_where_intervals_overlap() -> None:
+    solved = {
+        "best": {k: k < 92 for k in range(100)},
+        "nested": {k: k < 84 for k in range(100)},  # 8 against 0: p = 0.008, although the Wilson intervals overlap
+        "crossed": {k: 10 <= k < 98 for k in range(100)},  # 10 against 6
+        "few": {k: True for k in range(3)},
+    }
+    assert not_beaten("best", solved) == ("best", "crossed", "few")
 
 
 def test_a_signed_rank_test_without_differences_or_pairs() -> None:

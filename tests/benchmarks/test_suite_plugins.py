@@ -40,6 +40,17 @@ def cli(*arguments: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
+def test_a_file_that_raises_when_it_is_imported_is_named_with_its_line(folder: Path) -> None:
+    (folder / "jt.py").write_text("\nraise RuntimeError('boom')\n")
+    code, words = cli(
+        "bench", "run", str(folder / "suite.toml"), "--out", str(folder.parent / "run"), "--allow-plugins"
+    )
+    assert code == 2
+    assert "RuntimeError: boom" in words
+    assert "jt.py, line 2" in words
+    assert "Traceback" not in words
+
+
 def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_none(folder: Path) -> None:
     suite, out = str(folder / "suite.toml"), str(folder.parent / "run")
     code, words = cli("bench", "run", suite, "--out", out)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import polars as pl
 
 from benchmarks.kinds.base import Table, Winner
-from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, success
+from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, succeeded, success
 from benchmarks.kinds.budgets.report.default import default_table
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
 from benchmarks.kinds.budgets.report.methods import method_table
 from benchmarks.kinds.budgets.report.pair import pairs
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.run import Run
+from benchmarks.statistics import not_beaten
 
 
 def winners(run: Run) -> list[Winner]:
@@ -40,13 +41,18 @@ def _winner(b: BudgetRows) -> Winner | None:
     if rows.is_empty():
         return None
     entries = [(label, *success(rows.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])) for label in labels]
+    entries.sort(key=lambda entry: -entry[1])
+    judged = rows.select("problem", "method", good=succeeded(SUCCESS_LEVELS[-1]))
+    solved = {
+        label: dict(judged.filter(pl.col("method") == label).select("problem", "good").iter_rows()) for label in labels
+    }
     out = ", ".join(f"{label} ({count:,})" for label, count in counts.items() if label not in labels)
     return Winner(
         f"Solves the most targets in one attempt: {b.block.title}", "%", "more",
-        tuple(sorted(entries, key=lambda entry: -entry[1])), "methods",
+        tuple(entries), "methods",
         f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
-        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad; Wilson 95 % intervals"
-        + (f"; out of place, as given fewer: {out}" if out else ""),
+        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad; Wilson 95 % intervals, ties by McNemar's test"
+        + (f"; not ranked, as given fewer: {out}" if out else ""), not_beaten(entries[0][0], solved),
     )  # fmt: skip
 
 

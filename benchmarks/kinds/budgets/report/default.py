@@ -13,18 +13,16 @@ from benchmarks.kinds.budgets.report.pair import Pair, pairs
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
-from benchmarks.report.numbers import number, percent
+from benchmarks.report.numbers import number, p_value, percent
 from benchmarks.report.run import Run
-
-SIGNIFICANT = 0.05
-"""Largest p-value of McNemar's test at which one method counts as better than another."""
+from benchmarks.statistics import SIGNIFICANT
 
 DEFAULT_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("success", "solved", "%", "more", "share"),
     Column("alone", "solved by it, not by the paper's", show="count"),
     Column("lost", "solved by the paper's, not by it", show="count"),
-    Column("p", "McNemar's p"),
+    Column("p", "McNemar's p", show="p"),
     Column("iterations", "iterations, solved, median", show="count"),
     Column("solved_us", "time of a solved call, median", "µs", "less"),
     Column("failed_us", "time of an unsolved call, median", "µs", "less"),
@@ -89,11 +87,11 @@ def answer(pair: Pair, run: Run) -> str:
     if test.p < SIGNIFICANT:
         word = "Yes" if test.first > test.second else "No"
     shares = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
+    shown = p_value(test.p)
     text = (
         f"{word}: of {count:,} targets with a known solution one attempt of the default ({pair.attempt}) solves "
         f"{shares[pair.attempt]}, the paper's iteration ({pair.paper}) {shares[pair.paper]}; {test.first:,} are solved by the "
-        f"first only, {test.second:,} by the second only (McNemar's p {'=' if test.p else '<'} "
-        f"{number(max(test.p, 1e-300), 2)})."
+        f"first only, {test.second:,} by the second only (McNemar's p {'' if shown.startswith('<') else '= '}{shown})."
     )
     if pair.whole:
         text += f" As it comes, with restarts, the default ({pair.whole}) solves {shares[pair.whole]}."

@@ -46,9 +46,9 @@ def paired(b: CallRows) -> Table | None:
         Column("only", "only it", "", "more", "count"),
         Column("only_reference", f"only {reference}", "", "less", "count"),
         Column("neither", "neither", show="count"),
-        Column("p_solved", "p, McNemar"),
-        Column("ratio", f"median time over that of {reference}", "", "less"),
-        Column("p_time", "p, Wilcoxon"),
+        Column("p_solved", "p, McNemar", show="p"),
+        Column("ratio", f"median time, both solve, over that of {reference}", "", "less"),
+        Column("p_time", "p, Wilcoxon", show="p"),
     )
     note = (
         f"Each method against {reference} on the problems that both were given. McNemar's test is exact, on the problems that "

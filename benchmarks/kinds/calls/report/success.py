@@ -46,7 +46,7 @@ def success_and_time(b: CallRows) -> Table:
         Column("p95", "p95, solved", us, "less"),
         Column("p99", "p99, solved", us, "less"),
         Column("failed_median", "median time, not solved", us),
-        Column("ratio", f"median over that of {b.block.reference}"),
+        Column("ratio", f"median, all calls, over that of {b.block.reference}"),
         Column("false_claims", "claimed, not solved", "", "less", "count"),
         Column("count", "problems", show="count"),
         Column("max", "longest, solved", us, "less", aside=True),

@@ -11,7 +11,7 @@ from benchmarks.kinds.calls.measures import shared
 from benchmarks.kinds.calls.report.cells import share_cell
 from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.report.run import Run
-from benchmarks.statistics import median_interval
+from benchmarks.statistics import median_interval, not_beaten
 
 
 def winners(run: Run) -> Sequence[Winner]:
@@ -52,9 +52,13 @@ def block_winners(b: CallRows) -> list[Winner]:
         return []
     note = _numbers_of(parts, b.facts["count"])
     solved = [(label, *share_cell(int(part["solved"].sum()), len(part))) for label, part in parts.items()]
+    solved.sort(key=lambda e: (-e[1], -e[2]))
+    level = not_beaten(
+        solved[0][0], {label: dict(part.select("problem", "solved").iter_rows()) for label, part in parts.items()}
+    )
     most = Winner(
-        f"Solves the most targets: {b.block.title}", "%", "more", tuple(sorted(solved, key=lambda e: (-e[1], -e[2]))),
-        "speed", f"{note}; Wilson intervals",
+        f"Solves the most targets: {b.block.title}", "%", "more", tuple(solved), "speed",
+        f"{note}; Wilson 95 % intervals, ties by McNemar's test on shared problems", level,
     )  # fmt: skip
     times = [(label, *median_interval(parts[label]["ns"].to_numpy() / 1e3)) for label in most.tied]
     if len(times) < 2:

@@ -49,7 +49,7 @@ def findings(run: Run) -> list[str]:
 
 
 def _medians(b: LawRows) -> str:
-    words = []
+    words, lines = [], b.rows["line"].n_unique()
     for label in b.entries:
         rows = b.rows.filter((pl.col("law") == label) & pl.col("solved"))
         if rows.is_empty():
@@ -59,11 +59,19 @@ def _medians(b: LawRows) -> str:
         if kept < len(rows):
             keeps += f" on {percent(100.0 * kept / len(rows))}"
         ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
-        words.append(f"{label} {number(ratio_, 4)} T* ({keeps}, {number(ms)} ms)")
+        off = len(rows) - int(rows["follows"].sum())
+        if off:
+            keeps += f", leaves the path on {off:,} of {len(rows):,}"
+        asked = b.rows.filter(pl.col("law") == label)["line"].n_unique()
+        given = f" on the {asked:,} that it was given" if asked < lines else ""
+        words.append(f"{label} {number(ratio_, 4)} T*{given} ({keeps}, {number(ms)} ms)")
     if not words:
         return ""
-    lines = b.rows["line"].n_unique()
-    return f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''}: " + "; ".join(words) + "."
+    return (
+        f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''} as they are: "
+        + "; ".join(words)
+        + "."
+    )
 
 
 def _block(b: LawRows, run: Run) -> dict[str, Any]:
