@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
-from benchmarks.experiments.base import Finding
+from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.kinds._stored import kind_or_stored
 from benchmarks.kinds.base import BlockRows
 from benchmarks.records import ARMS, RunFolder
@@ -182,8 +182,9 @@ class Run:
 
     @cached_property
     def on_paper(self) -> bool:
-        """Whether any block bears on the paper's claims."""
-        return any(kind.on_paper for kind, _ in self.suite.pairs())
+        """Whether any block bears on the paper's claims, so that the run tests one of them."""
+        bears = any(kind.on_paper for kind, _ in self.suite.pairs())
+        return bears and any(finding.verdict != UNTESTED for finding in self.findings)
 
     @cached_property
     def findings(self) -> list[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from benchmarks.experiments.motion import on_the_line, smooth_joints
 from benchmarks.experiments.sweeps import damping_trade, start_and_step
 from benchmarks.experiments.workspace import fit, linear_error, more_iterations, within_two_millimetres
 from benchmarks.records import RunFolder
+from benchmarks.report import write_report
+from benchmarks.run import run_suite
+from benchmarks.suite import suite_of
 from optik.types import Array
 
 COUNT = 2000
@@ -273,3 +277,14 @@ def test_every_misprint_of_the_notes_has_evidence_with_figures(small_run: RunFol
     places = [m.place for m in evidence(small_run)]
     assert places == ["Table 1", "Eq. 5", "Eq. 9", "Eq. 6 and 12", "Eq. 14", "Eq. 16"]
     assert all(any(c.isdigit() for c in m.evidence) for m in evidence(small_run))
+
+
+def test_a_suite_that_tests_none_of_the_claims_says_nothing_of_them(tmp_path: Path) -> None:
+    block = {
+        "id": "own", "robot": "ur5e", "set": "near_start", "options": {"count": 5}, "budgets": [5],
+        "methods": [{"solver": "lm"}],
+    }  # fmt: skip
+    folder = run_suite(suite_of("own", {"blocks": [block]}), tmp_path / "run")
+    page = write_report(folder).read_text(encoding="utf-8")
+    assert "claims" not in page.partition("<script")[0]
+    assert "misprint" not in page.partition("<script")[0]
