@@ -7,6 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
+from benchmarks.records import slug
 from benchmarks.report.run import Run
 from benchmarks.report.tables import target_row
 from optik.registry import short_name
@@ -155,10 +156,22 @@ def provenance(run: Run) -> dict[str, Any]:
         ("Python", p.get("python")),
         ("machine", f"{p.get('cpu')}, {p.get('cores')} cores, {p.get('system')}"),
         ("worker processes", p.get("workers")),
+        *_problem_rows(run),
         *((f"plug-in {row['name']} ({row['group']})", _plugin_words(row)) for row in run.manifest.get("plugins", [])),
     ]
     command = run.manifest.get("command") or f"optik bench run {run.manifest['suite']} --out RUN"
     return {"rows": rows, "command": command, "report": "optik bench report RUN"}
+
+
+def _problem_rows(run: Run) -> list[tuple[str, str]]:
+    """Each block's problems: how many, and the hash by which two runs can be seen to have had the same ones."""
+    rows = []
+    for _, block in run.suite.pairs():
+        about = run.folder.read_json(f"problems/{slug(block.id)}.json")
+        if about is not None:
+            words = f"{about['problems']:,}, {about['known']:,} with a known solution, SHA-256 {about['sha256'][:16]}…"
+            rows.append((f"problems of {block.id}", words))
+    return rows
 
 
 def _plugin_words(row: Mapping[str, str]) -> str:

@@ -328,3 +328,11 @@ def draws_every_plot(folder: RunFolder, scratch: Path) -> None:
         plots = sum("plot" in a.get("class", "").split() for a in page.all("div"))
         assert browser.run("document.querySelectorAll('.js-plotly-plot .main-svg').length") >= plots > 0
         assert browser.run("document.querySelectorAll('.js-plotly-plot').length") == plots
+
+
+def test_provenance_names_every_block_s_problems_by_their_hash(copied: RunFolder) -> None:
+    text = write_report(copied).read_text(encoding="utf-8")
+    files = sorted((copied.path / "problems").glob("*.json"))
+    assert files
+    for file in files:
+        assert f"SHA-256 {json.loads(file.read_text(encoding='utf-8'))['sha256'][:16]}…" in text
