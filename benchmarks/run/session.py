@@ -251,7 +251,8 @@ class _Session:
     def _timed(self, kind: Kind, block: Any, tell: Callable[[str], None]) -> Failure | None:
         """Do what a block lacks; why it failed, where it did."""
         name, source = kind.file(block), self._suite.sources[kind.name]
-        if self._mark.deadly(name):
+        failed = any(one["file"] == name for one in self._manifest["failed"])  # so it may end this process again
+        if failed or self._mark.deadly(name):
             return run_apart(source, block, self._suite.seed, self._folder, self._recorded)
         self._mark.set(name)
         try:
