@@ -1,4 +1,4 @@
-# make demo: everything installed, the paper's line by every method, and the report.   make test, make lint: what CI runs.
+# make demo: everything installed, the paper's workspace and line by every method of ours, and the report.   make test, make lint: what CI runs.
 PYTHON ?= python3
 VENV   ?= .venv
 OUT    ?= optik-demo

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik._loop import LoopPeer
 from optik.arm.robot import Robot
 from optik.se3 import log_so3
 from optik.types import Array
@@ -19,7 +19,7 @@ MINK_DAMPING = 1e-3
 """``lm_damping`` of the frame task: without it the quadratic programme of an arm with seven joints may be singular."""
 
 
-class Mink(Peer):
+class Mink(LoopPeer):
     """``solve_ik(configuration, [frame_task], dt=1, …)`` and ``integrate_inplace`` until the error of the task is small."""
 
     distribution = "mink"
@@ -29,7 +29,6 @@ class Mink(Peer):
         f"{MINK_ITERATIONS} times, until the error is < {MINK_TOLERANCE:g}; ConfigurationLimit with a gain of 0.5, as Pink has "
         "it (with its default of 0.95 the loop stays at limits); no velocity limits, no restarts"
     )
-    budgeted = True
 
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import mink
@@ -58,52 +57,7 @@ class Mink(Peer):
             return configuration.q.copy(), i, converged
 
         self.call = call
-        self.limits = robot.limits
-
-    def answers(self, raw: Any) -> Array:
-        """The configuration at which the loop ended, clamped to the limits, which its quadratic programme keeps to rounding.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
-        return one(self.limits.clip(raw[0]))
-
-    def iterations(self, raw: Any) -> int | None:
-        """Number of quadratic programmes.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return int(raw[1])
-
-    def claims(self, raw: Any) -> bool | None:
-        """Whether the loop converged.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
-        return bool(raw[2])
+        self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:
         """Tool pose by MuJoCo.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik._loop import LoopPeer
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -18,7 +18,7 @@ PINK_DAMPING = 1e-3
 """``lm_damping`` of the frame task: without it the quadratic programme of an arm with seven joints may be singular."""
 
 
-class Pink(Peer):
+class Pink(LoopPeer):
     """``solve_ik(configuration, [frame_task], dt=1)`` and ``integrate``, repeated until the error of the task is small."""
 
     distribution = "pin-pink"
@@ -29,7 +29,6 @@ class Pink(Peer):
         "of 1 the loop stays at limits: cold 42 % solved instead of 58 %); no velocity limits, no restarts; lm_damping 1e-3 "
         "solved as many as 0 and 0.1, and more than 1"
     )
-    budgeted = True
 
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import pink
@@ -59,52 +58,7 @@ class Pink(Peer):
             return configuration.q.copy(), i, converged
 
         self.call = call
-        self.limits = robot.limits
-
-    def answers(self, raw: Any) -> Array:
-        """The configuration at which the loop ended, clamped to the limits, which its quadratic programme keeps to rounding.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
-        return one(self.limits.clip(raw[0]))
-
-    def iterations(self, raw: Any) -> int | None:
-        """Number of quadratic programmes.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return int(raw[1])
-
-    def claims(self, raw: Any) -> bool | None:
-        """Whether the loop converged.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
-        return bool(raw[2])
+        self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:
         """Tool pose by Pink's configuration.

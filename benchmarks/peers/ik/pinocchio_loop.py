@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik._loop import LoopPeer
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -16,12 +16,11 @@ CLIK_TOLERANCE = 7e-7
 """Bound on the norm of log6, so that both errors are below the 1e-6 m and rad that every method must reach."""
 
 
-class PinocchioLoop(Peer):
+class PinocchioLoop(LoopPeer):
     """The loop of the documentation, tuned: full steps instead of a tenth, and a tolerance of 7e-7."""
 
     distribution = "pin"
     package = "pinocchio"
-    budgeted = True
     settings = (
         "the CLIK loop of the documentation in Python, dt = 1 instead of 0.1 (20 times faster, and more reliable near the "
         f"solution), damping {CLIK_DAMPING:g}, at most {CLIK_ITERATIONS} iterations, until |log6| < {CLIK_TOLERANCE:g}; "
@@ -44,51 +43,6 @@ class PinocchioLoop(Peer):
             return np.asarray((data.oMi[model.njoints - 1] * tool).homogeneous)
 
         self.pose = pose
-
-    def answers(self, raw: Any) -> Array:
-        """The configuration at which the loop ended.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
-        return one(raw[0])
-
-    def iterations(self, raw: Any) -> int | None:
-        """Number of iterations of the loop.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return int(raw[1])
-
-    def claims(self, raw: Any) -> bool | None:
-        """Whether the loop converged.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
-        return bool(raw[2])
 
     def fk(self, q: Array) -> Array | None:
         """Tool pose by Pinocchio.

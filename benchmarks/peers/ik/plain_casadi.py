@@ -6,18 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik._loop import LoopPeer
 from optik.arm.robot import Robot
 from optik.se3 import log_so3
 from optik.types import Array
 
 
-class PlainCasADi(Peer):
+class PlainCasADi(LoopPeer):
     """``nlpsol("ik", "ipopt", …)`` called as ``solver(x0=…, p=…, lbx=…, ubx=…, lbg=0, ubg=0)``, without output."""
 
     distribution = "casadi"
     package = "casadi"
-    budgeted = True
     settings = (
         "nlpsol with ipopt, the pose as six equality constraints (position, and twice the vector part of the quaternion "
         "between), limits as bounds, called as solver(x0=…, p=…, …); default options of IPOPT, no output"
@@ -37,59 +36,14 @@ class PlainCasADi(Peer):
         self.pose: Any = ca.Function("pose", [q], [ca.vertcat(ca.horzcat(rotated, p), ca.DM([[0.0, 0.0, 0.0, 1.0]]))])
         lower, upper = robot.limits.lower, robot.limits.upper
 
-        def call(target: Array, q0: Array) -> tuple[Array, bool, int]:
+        def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
             p = np.concatenate([target[:3, 3], _quaternion(target[:3, :3])])
             answer = solver(x0=q0, p=p, lbx=lower, ubx=upper, lbg=0.0, ubg=0.0)
             stats = solver.stats()
-            return np.asarray(answer["x"]).ravel(), bool(stats["success"]), int(stats["iter_count"])
+            return np.asarray(answer["x"]).ravel(), int(stats["iter_count"]), bool(stats["success"])
 
         self.call = call
-        self.limits = robot.limits
-
-    def answers(self, raw: Any) -> Array:
-        """The solution, clamped to the limits, because IPOPT relaxes bounds by 1e-8.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
-        return one(self.limits.clip(raw[0]))
-
-    def iterations(self, raw: Any) -> int | None:
-        """Number of iterations of IPOPT.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return int(raw[2])
-
-    def claims(self, raw: Any) -> bool | None:
-        """Whether IPOPT ended with success.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
-        return bool(raw[1])
+        self.limits = robot.limits  # IPOPT relaxes bounds by 1e-8
 
     def fk(self, q: Array) -> Array | None:
         """Tool pose by the expression that IPOPT is given.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik._loop import LoopPeer
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -18,7 +18,7 @@ LSQ_CLAIM = 1e-6
 """Norm of the residual below which a user takes the answer as a solution."""
 
 
-class ScipyLeastSquares(Peer):
+class ScipyLeastSquares(LoopPeer):
     """``scipy.optimize.least_squares(residual, q0, jac, bounds)``."""
 
     distribution = "scipy"
@@ -29,7 +29,6 @@ class ScipyLeastSquares(Peer):
         "method trf a redundant arm takes 400 evaluations instead of 6 from a near start, and a third of the answers "
         "miss 1e-6; no restarts"
     )
-    budgeted = True
 
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         from scipy.optimize import least_squares
@@ -41,56 +40,13 @@ class ScipyLeastSquares(Peer):
             {} if iterations is None else {"max_nfev": iterations}
         )
 
-        def call(target: Array, q0: Array) -> Any:
+        def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
             start = np.clip(q0, *inside)
-            return least_squares(lambda q: robot.errors(q, target), start, jac=lambda q: -robot.jacobian(q), **options)
+            found = least_squares(lambda q: robot.errors(q, target), start, jac=lambda q: -robot.jacobian(q), **options)
+            # SciPy's own `success` only says that it converged, also away from the target
+            return found.x, int(found.nfev), bool(np.linalg.norm(found.fun) <= LSQ_CLAIM)
 
         self.call = call
-
-    def answers(self, raw: Any) -> Array:
-        """The configuration at which the optimiser ended.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
-        return one(raw.x)
-
-    def iterations(self, raw: Any) -> int | None:
-        """Number of evaluations of the residual.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return int(raw.nfev)
-
-    def claims(self, raw: Any) -> bool | None:
-        """Whether the residual at the answer is within the tolerance: SciPy's ``success`` only says that it converged.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
-        return bool(np.linalg.norm(raw.fun) <= LSQ_CLAIM)
 
 
 METHOD = ScipyLeastSquares
