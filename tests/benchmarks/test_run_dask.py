@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
+import distributed
 import pytest
 from polars.testing import assert_frame_equal
 
@@ -25,8 +26,6 @@ from tests.benchmarks.test_cli import optik_command
 from tests.benchmarks.test_run_folder import state, toy
 from tests.benchmarks.test_run_workers import until
 from tests.oracles import REPOSITORY
-
-distributed = pytest.importorskip("distributed")
 
 
 def dask(*command: str) -> subprocess.Popen[bytes]:

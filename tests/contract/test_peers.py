@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 
 import numpy as np
@@ -20,8 +21,8 @@ ROBOTS = ("paper6r", "panda", "ur5e")
 SLIDING = "irb910sc"
 """An arm with a prismatic joint and fewer than six joints."""
 
-OUTSIDE = ("drake", "optik_py", "placo")
-"""Peers in environments of their own, which only their command makes: only these may be absent here."""
+OUTSIDE = ("drake",) if "OPTIK_PEERS" in os.environ else ("drake", "optik_py", "placo")
+"""Peers in environments of their own that may be absent: ``make test`` has made those of all but Drake, and says where."""
 
 SLOW = {"ikpy": 12, "plain_casadi": 15, "scipy": 40, "drake": 40, "mink": 60, "pink": 60, "pytracik": 60}
 """Warm problems for those that take milliseconds each; the others are given 200."""
@@ -75,7 +76,7 @@ def test_it_solves_warm_problems_and_its_claims_hold(name: str, robot: str) -> N
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
     rows = judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)
     assert version_of(name)
-    assert rows["solved"].any()
+    assert rows["solved"].sum() >= 0.9 * len(rows)  # from 0.1 rad away; the measured shares are 97 % and more
     claims = [peer.claims(raw) for raw in raws]
     assert set(claims) in ({None}, {True}, {True, False})
     right = [solved for claim, solved in zip(claims, rows["solved"], strict=True) if claim]
