@@ -72,7 +72,7 @@ def known_solutions(robot: Robot, targets: Array, starts: Array, *, restarts: in
     InvalidInput
         A target that is no pose, a start outside the limits, or restarts out of range.
     """
-    digests = tuple(hashlib.sha256(np.ascontiguousarray(x)).digest() for x in (targets, starts))
+    digests = tuple(hashlib.sha256(x.tobytes()).digest() for x in (targets, starts))
     return _solved(_Asked((content(robot.to_dict()), digests, restarts), robot, targets, starts, restarts))
 
 
