@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,7 @@ from benchmarks.kinds.calls.judgement import judged
 from benchmarks.kinds.calls.settings import CallBlock
 from benchmarks.peers.ik.base import Failed
 from benchmarks.problems.base import ProblemSet, problem_set
-from benchmarks.records import RunFolder, slug
+from benchmarks.records import UNKEPT, Journal, RunFolder, slug
 from optik.arm.robot import Robot
 from optik.errors import Unsupported
 from optik.types import Array
@@ -69,7 +71,7 @@ def part_files(block: CallBlock, count: int) -> list[str]:
     return [f"speed/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // CALL_PART))]
 
 
-def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
+def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
     """Run what a block still lacks.
 
     Parameters
@@ -82,23 +84,28 @@ def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> Non
         The run.
     tell : callable
         Called with what is next.
+    journal : Journal
+        Of the block.
     """
     facts = facts_file(block)
-    count = folder.read_json(facts)["count"] if folder.has(facts) else None
+    before = folder.read_json(facts) or {"count": None, "entries": {}}
+    count = before["count"]
     if count is not None and all(folder.has(part) for part in part_files(block, count)):
         return
     tell(f"{block.id}: problems")
     robot, problems = problem_set(block, seed)
     store_problems(folder, block, robot, problems, poses=False)
     tell(f"{block.id}: building")
-    callers, absent = callers_of(block, robot)
-    entries = {c.label: c.about for c in callers} | absent
+    callers, absent = callers_of(block, robot, journal)
+    known = before["entries"]  # of a method that is not built again
+    entries = {c.label: known.get(c.label, c.about) if c.ended else c.about for c in callers} | absent
     folder.write_json(facts, {"count": len(problems), "clock_ns": clock_cost(), "entries": entries})
     for part, file in enumerate(part_files(block, len(problems))):
         if not folder.has(file):
             tell(f"{block.id}: {part * CALL_PART:,} of {len(problems):,}")
             here = np.arange(part * CALL_PART, min((part + 1) * CALL_PART, len(problems)))
-            folder.write(file, timed_part(robot, problems, here, callers, block.rounds, seed=seed))
+            kept = Rounds(journal, f"{part:04d}")
+            folder.write(file, timed_part(robot, problems, here, callers, block.rounds, seed=seed, kept=kept))
 
 
 # ---------------------------------------------------------------- timing
@@ -125,8 +132,59 @@ class Round(NamedTuple):
     changed: NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Rounds:
+    """Rounds of one part, in the journal of its block.
+
+    Attributes
+    ----------
+    journal : Journal
+        Says whose round it is while it lasts, and keeps what is finished.
+    part : str
+        Name of the part.
+    """
+
+    journal: Journal = UNKEPT
+    part: str = ""
+
+    def done(self, caller: Caller, index: int, turn: int, work: Callable[[], pl.DataFrame]) -> pl.DataFrame:
+        """Do a round, unless it is kept.
+
+        Parameters
+        ----------
+        caller : Caller
+            Whose round.
+        index : int
+            Its place.
+        turn : int
+            Number of the round.
+        work : callable
+            Does it.
+
+        Returns
+        -------
+        DataFrame
+            What the work returned.
+        """
+        name = f"{self.part}-{index:02d}-{turn:02d}"
+        rows = self.journal.kept(name)
+        if rows is None:
+            begin = time.perf_counter()
+            with self.journal.at_work(caller.label):
+                rows = work()
+            self.journal.keep(name, rows, time.perf_counter() - begin)
+        return rows
+
+
 def timed_part(
-    robot: Robot, problems: ProblemSet, here: NDArray[np.int64], callers: list[Caller], rounds: int, *, seed: int = 0
+    robot: Robot,
+    problems: ProblemSet,
+    here: NDArray[np.int64],
+    callers: list[Caller],
+    rounds: int,
+    *,
+    seed: int = 0,
+    kept: Rounds | None = None,
 ) -> pl.DataFrame:
     """Time some problems: in every round each caller takes all of them, one after another.
 
@@ -144,27 +202,36 @@ def timed_part(
         How often each problem is solved.
     seed : int
         Of the suite, for methods that draw random numbers.
+    kept : Rounds, optional
+        Rounds of this part that an earlier process has finished.
 
     Returns
     -------
     DataFrame
         One row for each problem and caller: the time of a call is the median of its rounds, the answer is that of the
-        first round.
+        first round. All calls of a caller that has ended the process count as crashed.
     """
-    mine = {c.label: np.intersect1d(here, problems.chosen(c.most)) for c in callers}
-    ready = [c for c in callers if len(mine[c.label])]
-    done: dict[str, list[Round]] = {c.label: [] for c in ready}
-    for caller in ready:
-        one_round(caller, problems, mine[caller.label][:FIRST_CALLS], (seed, 0))
-    for turn, caller in turns(ready, rounds):
-        found = one_round(caller, problems, mine[caller.label], (seed, turn))
-        # of later rounds only the times are kept: what calls returned would fill the memory
-        done[caller.label].append(found if turn == 0 else found._replace(raws=[]))
+    kept = kept or Rounds()
+    mine = [np.intersect1d(here, problems.chosen(c.most)) for c in callers]
+    given = [i for i in range(len(callers)) if len(mine[i])]
+    ready = [i for i in given if not callers[i].ended]
+    done: dict[int, list[pl.DataFrame]] = {i: [] for i in ready}
+    for i in ready:
+        with kept.journal.at_work(callers[i].label):
+            one_round(callers[i], problems, mine[i][:FIRST_CALLS], (seed, 0))
+    for turn, i in turns(ready, rounds):
+
+        def work(turn: int = turn, i: int = i) -> pl.DataFrame:
+            found = one_round(callers[i], problems, mine[i], (seed, turn))
+            # of later rounds only the times are kept: what calls returned would fill the memory
+            return _answers(robot, problems, mine[i], callers[i], found) if turn == 0 else _times(found)
+
+        done[i].append(kept.done(callers[i], i, turn, work))
     frames = [
-        _rows(robot, problems, mine[c.label], c, done[c.label]).with_columns(
-            method=pl.lit(c.label), method_index=pl.lit(callers.index(c))
+        (_rows(done[i]) if i in done else crashed_rows(mine[i], callers[i].ended)).with_columns(
+            method=pl.lit(callers[i].label), method_index=pl.lit(i)
         )
-        for c in ready
+        for i in given
     ]
     return pl.concat(frames)
 
@@ -268,11 +335,13 @@ def reading(caller: Caller, raw: Any, n: int) -> Reading:
     return Reading(q, outcome, None, claimed, iterations, restarts, took)
 
 
-def _rows(
-    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, rounds: list[Round]
-) -> pl.DataFrame:
-    """Rows of one caller: judged answers of the first round, times of all."""
-    read = [reading(caller, raw, robot.n) for raw in rounds[0].raws]
+OUTCOMES = pl.Enum(["answered", "none", "raised", "crashed", "refused"])
+"""How a call ended: with a configuration, with none, with an exception, with its process, or it was refused."""
+
+
+def _answers(robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, found: Round) -> pl.DataFrame:
+    """The first round of one caller: judged answers, and times."""
+    read = [reading(caller, raw, robot.n) for raw in found.raws]
     judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.wraps)
     return judgement.with_columns(
         problem=pl.Series(mine),
@@ -281,18 +350,72 @@ def _rows(
         claimed=pl.Series([r.claimed for r in read], dtype=pl.Boolean),
         iterations=pl.Series([r.iterations for r in read], dtype=pl.Int64),
         restarts=pl.Series([r.restarts for r in read], dtype=pl.Int64),
-        changed_input=pl.Series(np.any([r.changed for r in rounds], axis=0)),
-        ns=pl.Series(np.median([r.ns for r in rounds], axis=0)),
-        first_ns=pl.Series(rounds[0].ns),
-        least_ns=pl.Series(np.min([r.ns for r in rounds], axis=0)),
-        most_ns=pl.Series(np.max([r.ns for r in rounds], axis=0)),
-        cpu_ns=pl.Series(np.median([r.cpu_ns for r in rounds], axis=0)),
         answers_ns=pl.Series([r.answers_ns for r in read], dtype=pl.Int64),
+        **_times(found).to_dict(),
     )
 
 
-OUTCOMES = pl.Enum(["answered", "none", "raised", "crashed", "refused"])
-"""How a call ended: with a configuration, with none, with an exception, with its process, or it was refused."""
+def _times(found: Round) -> pl.DataFrame:
+    """Times of one round, and which calls changed their arguments."""
+    return pl.DataFrame({"round_ns": found.ns, "round_cpu_ns": found.cpu_ns, "changed": found.changed})
+
+
+def _rows(rounds: list[pl.DataFrame]) -> pl.DataFrame:
+    """Rows of one caller: judged answers of the first round, times of all."""
+    ns, cpu_ns, changed = (
+        np.stack([one[name].to_numpy() for one in rounds]) for name in ("round_ns", "round_cpu_ns", "changed")
+    )
+    return rounds[0].select(
+        *JUDGED,
+        changed_input=pl.Series(changed.any(axis=0)),
+        ns=pl.Series(np.median(ns, axis=0)),
+        first_ns=pl.Series(ns[0]),
+        least_ns=pl.Series(ns.min(axis=0)),
+        most_ns=pl.Series(ns.max(axis=0)),
+        cpu_ns=pl.Series(np.median(cpu_ns, axis=0)),
+        answers_ns=pl.col("answers_ns"),
+    )
+
+
+JUDGED = (
+    "solved", "inside", "position_error", "rotation_error", "problem", "outcome", "error", "claimed", "iterations",
+    "restarts",
+)  # fmt: skip
+"""Columns on the answer of a call, beside those on its times."""
+
+
+def crashed_rows(mine: NDArray[np.int64], why: str) -> pl.DataFrame:
+    """Rows of a caller that has ended the process: it answered nothing, and never returned.
+
+    Parameters
+    ----------
+    mine : (k,) array of int
+        Numbers of its problems.
+    why : str
+        How the process ended.
+
+    Returns
+    -------
+    DataFrame
+        Columns as of any other caller; the times are infinite, and missing where they are whole numbers.
+    """
+    return pl.DataFrame({"problem": pl.Series(mine)}).select(
+        solved=pl.lit(False),
+        inside=pl.lit(False),
+        position_error=pl.lit(np.nan),
+        rotation_error=pl.lit(np.nan),
+        problem=pl.col("problem"),
+        outcome=pl.lit("crashed", dtype=OUTCOMES),
+        error=pl.lit(why[:LONGEST_ERROR]),
+        claimed=pl.lit(None, dtype=pl.Boolean),
+        iterations=pl.lit(None, dtype=pl.Int64),
+        restarts=pl.lit(None, dtype=pl.Int64),
+        changed_input=pl.lit(False),
+        ns=pl.lit(np.inf),
+        **{name: pl.lit(None, dtype=pl.Int64) for name in ("first_ns", "least_ns", "most_ns")},
+        cpu_ns=pl.lit(np.inf),
+        answers_ns=pl.lit(None, dtype=pl.Int64),
+    )
 
 
 # ---------------------------------------------------------------- reading
@@ -317,6 +440,7 @@ def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
     rows = folder.parts("speed", block.id)
     if problems is None or rows is None:
         return None
-    return rows.join(problems.select("problem", "group", "sigma", "known"), on="problem").sort(
+    facts = ("problem", "group", "sigma", "known", "unreachable")  # the last is missing in runs of older versions
+    return rows.join(problems.select(name for name in facts if name in problems.columns), on="problem").sort(
         "method_index", "problem"
     )
