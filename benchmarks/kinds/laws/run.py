@@ -57,6 +57,8 @@ class Timer:
         From the joint path and what a call returned to the trajectory.
     law : TimeLaw or None
         Ours, for whole plans.
+    took_ms : callable
+        From what a call returned to its time where that was measured elsewhere [ms], else None.
     ended : str
         How it ended the process in this block; such a law is not called again. Empty where it did not.
     """
@@ -67,6 +69,7 @@ class Timer:
     call: Callable[[JointPath], Any]
     motion: Callable[[JointPath, Any], Trajectory]
     law: TimeLaw | None
+    took_ms: Callable[[Any], float | None] = lambda raw: None
     ended: str = ""
 
 
@@ -290,9 +293,9 @@ def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: J
 def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
     """A peer; None where it is not installed."""
     peer = build_timing_peer(entry.name, limits.arrays(n))
-    return (
-        None if isinstance(peer, Absent) else Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None)
-    )
+    if isinstance(peer, Absent):
+        return None
+    return Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None, peer.took_ms)
 
 
 def _crashed(entry: Entry, why: str) -> Timer:
@@ -323,7 +326,8 @@ def _times(
             # each call has a copy of its own: what another call has computed on the path must not save it time
             with journal.at_work(c.label):
                 ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
-            times[c.label].append(ms)
+            own = None if isinstance(raws[c.label], NoSolution) else c.took_ms(raws[c.label])
+            times[c.label].append(ms if own is None else own)
     return times, raws
 
 
