@@ -311,6 +311,7 @@ def test_a_name_with_a_comma_is_told_from_two_names() -> None:
     assert tied_words(("lm, one attempt", "dls")) == "“lm, one attempt”, dls"
     assert ranked({"a, b": 3, "c": 100, "d": 60}) == Ranked(("c", "d"), "; not ranked, as given fewer: “a, b” (3)")
     assert ranked({"a": 3, "c": 100}) == Ranked(("a", "c"), "")  # one alone wins nothing
+    assert ranked({"a": 100_000, "b": 999, "c": 1000}) == Ranked(("a", "c"), "; not ranked, as given fewer: b (999)")
 
 
 def test_digits_of_shares_and_p_values() -> None:
