@@ -88,8 +88,9 @@ def run_with_progress(
             _warn(dask)
         with _progress() as tell:
             folder = run_suite(
-                asked, out, workers=workers, command=command, dask=dask, part_timeout=part_timeout, progress=tell
-            )
+                asked, out, workers=workers, command=command, dask=dask, part_timeout=part_timeout,
+                progress=_begun(tell, out),
+            )  # fmt: skip
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to stop
         err_console.print("stopped; run the same command again to continue", style="yellow")
@@ -129,6 +130,21 @@ def _has_port(address: str) -> bool:
 
 
 # ---------------------------------------------------------------- progress
+
+
+def _begun(tell: Tell, out: Path) -> Tell:
+    """Progress whose first line says what to do where the process ends: a method may end it, and then it can say nothing."""
+    said = False
+
+    def first(done: int, total: int, what: str) -> None:
+        nonlocal said
+        if not said:
+            words = f"writing {out}: should this process end early, the same command goes on"
+            err_console.print(words, style="dim", markup=False, highlight=False, soft_wrap=True)
+            said = True
+        tell(done, total, what)
+
+    return first
 
 
 @contextmanager

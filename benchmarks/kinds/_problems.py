@@ -119,6 +119,44 @@ def _draw_few(block: ProblemBlock) -> None:
     problem_set(block, 0)
 
 
+def about_file(block: Block) -> str:
+    """Name of the file with the hash of the problems of a block.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+
+    Returns
+    -------
+    str
+        In the run folder.
+    """
+    return f"problems/{slug(block.id)}.json"
+
+
+def check_same(block: Block, before: str | None, now: str) -> None:
+    """Refuse to continue a run with other problems.
+
+    Parameters
+    ----------
+    block : Block
+        The block.
+    before : str or None
+        SHA-256 of its problems as the run has recorded it; None where it has not.
+    now : str
+        SHA-256 of those that were drawn now.
+
+    Raises
+    ------
+    InvalidInput
+        They differ.
+    """
+    if before is not None and before != now:
+        expected = f"{before[:16]}…, as when the run began; use another --out"
+        raise InvalidInput(f"block {block.id!r}", f"problems with SHA-256 {now[:16]}…", expected)
+
+
 def store_problems(
     folder: RunFolder, block: ProblemBlock, robot: Robot, problems: ProblemSet, *, poses: bool = True
 ) -> None:
@@ -142,12 +180,9 @@ def store_problems(
     InvalidInput
         The run was begun with other problems.
     """
-    name, about = f"problems/{slug(block.id)}.parquet", f"problems/{slug(block.id)}.json"
+    name, about = f"problems/{slug(block.id)}.parquet", about_file(block)
     before = folder.read_json(about)
-    if before is not None and before.get("sha256") != problems.sha256:
-        came = f"problems with SHA-256 {problems.sha256[:16]}…"
-        expected = f"{str(before.get('sha256'))[:16]}…, as when the run began; use another --out"
-        raise InvalidInput(f"block {block.id!r}", came, expected)
+    check_same(block, None if before is None else str(before.get("sha256")), problems.sha256)
     if not folder.has(name):
         frame = problems.frame(robot)
         folder.write(name, frame if poses else frame.drop("target", "start"))

@@ -169,7 +169,9 @@ def _problem_rows(run: Run) -> list[tuple[str, str]]:
     for _, block in run.suite.pairs():
         about = run.folder.read_json(f"problems/{slug(block.id)}.json")
         if about is not None:
-            words = f"{about['problems']:,}, {about['known']:,} with a known solution, SHA-256 {about['sha256'][:16]}…"
+            known = f", {about['known']:,} with a known solution" if "known" in about else ""
+            of = f" (of {about['sha256_of']})" if "sha256_of" in about else ""
+            words = f"{about['problems']:,}{known}, SHA-256 {about['sha256'][:16]}…{of}"
             rows.append((f"problems of {block.id}", words))
     return rows
 

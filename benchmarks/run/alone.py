@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import threading
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, NamedTuple
 
-from benchmarks.kinds.base import load_kind
-from benchmarks.records import RunFolder
-from benchmarks.run.pool import ending, interrupts_held_back
+from benchmarks.kinds.base import Tell, load_kind
+from benchmarks.records import Journal, RunFolder
+from benchmarks.run.pool import end_with_parent, ending, interrupts_held_back
 from benchmarks.run.work import Failure, words_of_error
 from optik.errors import OptikError
 from optik.plugins.files import expect
@@ -18,7 +21,7 @@ MARK = ".working"
 """File of the mark in the run folder."""
 
 DEATHS = 2
-"""How often the first process may die in the same work: once may be a kill, so it is tried a second time."""
+"""How often a process may die in the same work: once may be a kill, so it is tried a second time."""
 
 
 class Mark:
@@ -31,7 +34,7 @@ class Mark:
     """
 
     def __init__(self, folder: RunFolder) -> None:
-        self._folder = folder
+        self._folder, self._set = folder, False
         try:
             left = folder.read_json(MARK) or {}
         except OptikError:
@@ -53,6 +56,21 @@ class Mark:
         """
         return self._left[0] == work and self._left[1] >= DEATHS
 
+    def died_in(self, work: str) -> bool:
+        """Whether the first process died in some work.
+
+        Parameters
+        ----------
+        work : str
+            Name of the file that it is to write.
+
+        Returns
+        -------
+        bool
+            True where it did, if only once.
+        """
+        return self._left[0] == work
+
     def set(self, work: str) -> None:
         """Say what is begun now.
 
@@ -63,18 +81,18 @@ class Mark:
         """
         deaths = self._left[1] + 1 if self._left[0] == work else 1
         self._folder.write_json(MARK, {"work": work, "deaths": deaths})
+        self._set = True
 
     def clear(self) -> None:
-        """Say that nothing is in hand."""
-        (self._folder.path / MARK).unlink(missing_ok=True)
+        """Say that nothing is in hand, where anything was said; what an earlier process has left stays."""
+        if self._set:
+            (self._folder.path / MARK).unlink(missing_ok=True)
 
 
-def run_apart(
-    kind: str, block: Any, seed: int, folder: RunFolder, recorded: Sequence[Mapping[str, str]]
-) -> Failure | None:
-    """Do what a block lacks in a process of its own, which may die.
+class Apart(NamedTuple):
+    """A block that is done in a process of its own, which may die.
 
-    Parameters
+    Attributes
     ----------
     kind : str
         What its kind is found by.
@@ -86,6 +104,29 @@ def run_apart(
         The run.
     recorded : sequence of mapping
         Plug-ins as the run has recorded them.
+    """
+
+    kind: str
+    block: Any
+    seed: int
+    folder: RunFolder
+    recorded: Sequence[Mapping[str, str]]
+
+
+def finish_apart(work: Apart, journal: str, tell: Tell) -> Failure | None:
+    """Do what a block lacks without the methods that end their process.
+
+    A method in whose work a process ended is tried a second time, since the first may have been the machine's fault. Then
+    it is recorded as crashed, and the block goes on with the others.
+
+    Parameters
+    ----------
+    work : Apart
+        The block.
+    journal : str
+        Name of its journal, which says whose work it was.
+    tell : callable
+        Called with what is next.
 
     Returns
     -------
@@ -97,32 +138,75 @@ def run_apart(
     OptikError
         One that the work raised.
     """
+    ends = Counter([Journal(work.folder, journal).left])
+    while True:
+        failure = run_apart(work, tell)
+        if failure is None or not failure.again:
+            return failure
+        after = Journal(work.folder, journal)
+        if not after.left or after.left in after.crashed:  # in no method's work
+            return failure
+        ends[after.left] += 1
+        if ends[after.left] >= DEATHS:
+            after.blame(after.left, failure.why)
+
+
+def run_apart(work: Apart, tell: Tell) -> Failure | None:
+    """Do what a block lacks in a process of its own.
+
+    Parameters
+    ----------
+    work : Apart
+        The block.
+    tell : callable
+        Called with what is next.
+
+    Returns
+    -------
+    Failure or None
+        Why it failed; to be tried again where the process died.
+
+    Raises
+    ------
+    OptikError
+        One that the work raised.
+    """
     context = get_context("spawn")
     pipe, other = context.Pipe(duplex=False)
-    process = context.Process(target=_run, args=(other, kind, block, seed, str(folder.path), list(recorded)))
+    given = (work.kind, work.block, work.seed, str(work.folder.path), list(work.recorded))
+    process = context.Process(target=_run, args=(other, *given))
     try:
         with interrupts_held_back():
             process.start()
         other.close()
         try:
-            error = pipe.recv()
+            while isinstance(told := pipe.recv(), _Next):
+                tell(told.what)
         except EOFError:
             process.join()
-            return Failure(f"its process ended: {ending(process.exitcode)}", again=False)
+            return Failure(f"its process ended: {ending(process.exitcode)}", again=True)
     finally:
         process.kill()
         process.join()
-    if isinstance(error, OptikError):
-        raise error
-    return None if error is None else Failure(str(error), again=False)
+    if isinstance(told, OptikError):
+        raise told
+    return None if told is None else Failure(str(told), again=False)
+
+
+@dataclass(frozen=True)
+class _Next:
+    """What the process does next, for the progress bar."""
+
+    what: str
 
 
 def _run(pipe: Connection, kind: str, block: Any, seed: int, folder: str, recorded: list[Mapping[str, str]]) -> None:
-    """The process: tell the error that was raised, or None."""
+    """The process: tell what is next, and at last the error that was raised, or None."""
+    threading.Thread(target=end_with_parent, daemon=True).start()
     told: Any = None
     try:
         expect(recorded)
-        load_kind(kind).run(block, seed, RunFolder(folder), lambda what: None)
+        load_kind(kind).run(block, seed, RunFolder(folder), lambda what: pipe.send(_Next(what)))
     except OptikError as error:
         told = error
     except Exception as error:  # a method or a peer may raise any

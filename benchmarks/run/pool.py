@@ -184,7 +184,7 @@ def interrupts_held_back() -> Iterator[None]:
 def _serve(pipe: Connection, recorded: Sequence[Mapping[str, str]]) -> None:
     """Do work until the pipe ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     try:
         pipe.send("ready")
         while True:
@@ -194,7 +194,7 @@ def _serve(pipe: Connection, recorded: Sequence[Mapping[str, str]]) -> None:
         return
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """End this process with the first one, in the middle of its work where that was killed."""
     parent = parent_process()
     if parent is not None:

@@ -14,8 +14,8 @@ from typing import Any
 from benchmarks.kinds._stored import store_table
 from benchmarks.kinds.base import Kind, Part
 from benchmarks.provenance import provenance
-from benchmarks.records import ARMS, FORMAT, RunFolder
-from benchmarks.run.alone import Mark, run_apart
+from benchmarks.records import ARMS, FORMAT, JOURNAL, Journal, RunFolder
+from benchmarks.run.alone import Apart, Mark, finish_apart
 from benchmarks.run.aside import compiled_aside
 from benchmarks.run.cluster import OnDask
 from benchmarks.run.lock import locked
@@ -245,6 +245,9 @@ class _Session:
             if failure is not None:
                 self._lacking.add(kind.file(block))
             self._record(kind.file(block), block.title, [] if failure is None else [failure.why])
+            journal = Journal(self._folder, kind.file(block, JOURNAL))
+            for label, why in journal.crashed.items():
+                self._record(journal.crashes, f"{block.title}: {label}", [why])
             self._done += 1
         self._tell(self._done, self._total, "done")
 
@@ -252,10 +255,12 @@ class _Session:
         """Do what a block lacks; why it failed, where it did."""
         name, source = kind.file(block), self._suite.sources[kind.name]
         failed = any(one["file"] == name for one in self._manifest["failed"])  # so it may end this process again
-        if failed or self._mark.deadly(name):
-            return run_apart(source, block, self._suite.seed, self._folder, self._recorded)
+        apart = failed or self._mark.died_in(name)
         self._mark.set(name)
         try:
+            if apart:
+                work = Apart(source, block, self._suite.seed, self._folder, self._recorded)
+                return finish_apart(work, kind.file(block, JOURNAL), tell)
             kind.run(block, self._suite.seed, self._folder, tell)
         except OptikError:
             raise
@@ -267,7 +272,7 @@ class _Session:
 
     def _record(self, file: str, label: str, crashes: list[str]) -> None:
         """Keep in ``run.json`` what crashed."""
-        before = [one for one in self._manifest["failed"] if one["file"] != file]
+        before = [one for one in self._manifest["failed"] if (one["file"], one["label"]) != (file, label)]
         now = [{"file": file, "label": label, "why": why, "times": n} for why, n in Counter(crashes).items()]
         if now or len(before) < len(self._manifest["failed"]):
             self._manifest["failed"] = before + now

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,21 @@ def suite(**changes: Any) -> Suite:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     return run_suite(suite(), tmp_path_factory.mktemp("answers") / "run")
+
+
+def test_the_first_problems_are_recorded_by_their_hash_and_a_run_does_not_continue_with_others(
+    done: RunFolder, tmp_path: Path
+) -> None:
+    first = near_start(load("paper6r"), trial_seed(5, 0, "problems"), spreads=[1.5], count=1000)
+    assert done.read_json("problems/arm.json") == {
+        "sha256": first.sha256, "problems": 2500, "sha256_of": "the first 1,000"
+    }  # fmt: skip
+    assert f"2,500, SHA-256 {first.sha256[:16]}… (of the first 1,000)" in page_of(done).text
+    shutil.copytree(done.path, tmp_path / "run")
+    other = RunFolder(tmp_path / "run")
+    other.write_json("problems/arm.json", {"sha256": "0" * 64})
+    with pytest.raises(InvalidInput, match="as when the run began"):
+        run_suite(suite(), other.path)
 
 
 def table(folder: RunFolder) -> pl.DataFrame:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from benchmarks.kinds.laws.drawn import Motions, motion_hash
 from benchmarks.kinds.laws.lines import LINE_KINDS, LINE_LENGTHS, LINE_TURNS, draw_line
+from benchmarks.kinds.laws.motions import draw_motion
+from benchmarks.records import RunFolder
+from benchmarks.suite import suite_of
 from optik import se3
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
@@ -50,3 +57,29 @@ def test_what_cannot_be_drawn_is_said() -> None:
         draw_line("ur5", "regular", 0)
     with pytest.raises(InvalidInput, match="index"):
         draw_line("ur5e", "regular", -1)
+
+
+def test_motions_are_recorded_by_their_hash_and_a_run_does_not_continue_with_others(tmp_path: Path) -> None:
+    limits = [{"velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}]
+    lines = [{"robot": "paper6r", "kind": "joints", "count": 3}]
+    settings = {"id": "m", "lines": lines, "limits": limits, "laws": [{"law": "quintic"}]}
+    (block,) = suite_of("moves", {"timing": [settings]}).of("laws")
+    folder = RunFolder(tmp_path)
+    motions = Motions(folder, block, 7)
+    drawn = [motions.draw(number) for number in (0, 1)]
+    first = folder.read_json("problems/m.json")
+    assert (first["problems"], first["sha256_of"]) == (3, "the 2 drawn by now")
+    assert first["motions"] == {str(k): motion_hash(one) for k, one in enumerate(drawn)}
+    assert first["motions"]["0"] == motion_hash(draw_motion("paper6r", "joints", 0, seed=7))
+
+    Motions(folder, block, 7).draw(2)  # the next session
+    whole = folder.read_json("problems/m.json")
+    joined = "".join(whole["motions"][str(k)] for k in range(3))
+    assert whole["sha256"] == hashlib.sha256(joined.encode()).hexdigest()
+    assert "sha256_of" not in whole
+    assert len(set(whole["motions"].values())) == 3
+    with pytest.raises(InvalidInput, match="as when the run began"):
+        Motions(folder, block, 8)
+    folder.write_json("problems/m.json", whole | {"motions": whole["motions"] | {"1": "0" * 64}})
+    with pytest.raises(InvalidInput, match="0000"):
+        Motions(folder, block, 7).draw(1)

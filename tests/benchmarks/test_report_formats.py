@@ -200,6 +200,16 @@ def test_a_figure_is_what_the_page_shows_first_and_the_same_every_time() -> None
     assert "&lt;b&gt; $x$" in text
 
 
+def test_on_paper_each_problem_set_has_its_figure_and_every_choice_is_said() -> None:
+    first, second = board().each("k")
+    assert (first.id, first.chosen) == ("odd-a", "Drawn for K: a.")
+    assert (second.id, second.chosen) == ("odd-b", "Drawn for K: b.")
+    assert "#d55e00" in draw(first)
+    assert "#123456" in draw(second)
+    assert [one.id for one in board().each("another")] == ["odd"]
+    assert Board("one", (), (Control.of("k", "K", ("a",)),)).chosen == ""
+
+
 def test_nothing_is_drawn_below_what_is_a_result() -> None:
     data = board().plots[0].to_data()
     assert data["traces"][0]["trace"]["y"] == [1.0, 1e-6, 1e-9]
@@ -301,6 +311,7 @@ def test_a_name_with_a_comma_is_told_from_two_names() -> None:
     assert tied_words(("lm, one attempt", "dls")) == "“lm, one attempt”, dls"
     assert ranked({"a, b": 3, "c": 100, "d": 60}) == Ranked(("c", "d"), "; not ranked, as given fewer: “a, b” (3)")
     assert ranked({"a": 3, "c": 100}) == Ranked(("a", "c"), "")  # one alone wins nothing
+    assert ranked({"a": 100_000, "b": 999, "c": 1000}) == Ranked(("a", "c"), "; not ranked, as given fewer: b (999)")
 
 
 def test_digits_of_shares_and_p_values() -> None:

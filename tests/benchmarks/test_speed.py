@@ -21,6 +21,8 @@ from benchmarks.kinds.batch.measures import judge as judge_batch
 from benchmarks.kinds.calls.callers import Caller
 from benchmarks.kinds.calls.judgement import judged, wrapped
 from benchmarks.kinds.calls.measures import MEASURES, judge, median_ratio, shared
+from benchmarks.kinds.calls.report.success import success_and_time
+from benchmarks.kinds.calls.report.winners import winners
 from benchmarks.kinds.calls.run import facts_file, read_rows, timed_part
 from benchmarks.kinds.first_use import run as first_use_module
 from benchmarks.peers.ik import PEERS
@@ -29,6 +31,7 @@ from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
+from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.settings import Target
 from benchmarks.suite import suite_of
@@ -155,6 +158,24 @@ def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None
     (tmp_path / "run" / "speed" / "warm.json").unlink()
     with pytest.raises(InvalidInput, match="warm"):
         load_kind("calls").read(RunFolder(tmp_path / "run"), suite_of("quick", copy.deepcopy(QUICK)).of("calls")[0])
+
+
+def test_where_no_target_has_a_solution_nobody_wins_and_the_table_says_so(tmp_path: Path) -> None:
+    methods = [{"solver": "dls", "label": label} for label in ("a", "b")]
+    block = {
+        "robot": "paper6r",
+        "set": "beyond_reach",
+        "options": {"count": 2, "excesses_m": [0.1]},
+        "methods": methods,
+    }
+    suite = suite_of(
+        "s", {"speed": [block | {"id": "far"}, block | {"id": "near", "set": "near_start", "options": {"count": 2}}]}
+    )
+    far, near = Run(run_suite(suite, tmp_path / "run")).of("calls")
+    assert (far.unreachable, near.unreachable) == (True, False)
+    assert {winner.question.partition(": ")[2] for winner in winners(Run(far.folder))} == {"near"}
+    assert "no target of this block has a solution" in success_and_time(far).note
+    assert "no target" not in success_and_time(near).note
 
 
 # ---------------------------------------------------------------- timing and judgement

@@ -6,6 +6,7 @@ import copy
 import math
 import shutil
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from benchmarks.kinds.laws.lines import DrawnLine, draw_line
 from benchmarks.kinds.laws.measures import judge
 from benchmarks.kinds.laws.report.winners import kind_winners
 from benchmarks.kinds.laws.rows import read_rows
-from benchmarks.kinds.laws.run import example_file, facts_file, part_files
+from benchmarks.kinds.laws.run import example_file, facts_file, line_rows, part_files
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer
@@ -263,12 +264,60 @@ def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
 
 
 @pytest.mark.parametrize("name", names(TIMING_PEERS))
-def test_a_peer_says_what_it_is_without_its_package(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_peer_says_what_it_is_without_its_package(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kind = load_method(TIMING_PEERS, name, "peer")
     assert kind.settings
     monkeypatch.setitem(sys.modules, kind.package, None)
+    monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))  # no environments
     absent = build_timing_peer(name, LIMITS.arrays(6))
-    assert absent == Absent(f"not installed: pip install {kind.distribution}")
+    apart = f"no environment in {tmp_path / 'drake'}: optik bench peer drake --install"
+    assert absent == Absent(apart if name == "drake_toppra" else f"not installed: pip install {kind.distribution}")
+
+
+def test_drake_finds_the_optimum_that_toppra_finds_and_takes_its_own_time() -> None:
+    theirs, drake = (build_timing_peer(name, LIMITS.arrays(6)) for name in ("toppra_const_accel", "drake_toppra"))
+    assert isinstance(theirs, TimingPeer)
+    if isinstance(drake, Absent):
+        pytest.skip(drake.why)
+    joints = joints_of(draw_line("paper6r", "near_singular", 1, seed=4))
+    begin = time.perf_counter()
+    raw = drake.call(joints)
+    took = drake.took_ms(raw)
+    assert took is not None
+    assert 0.0 < took < 1e3 * (time.perf_counter() - begin)
+    motions = [peer.trajectory(joints, peer.call(joints)) for peer in (theirs, drake)]
+    assert motions[1].duration == pytest.approx(motions[0].duration, rel=5e-3)  # two splines through the samples
+
+
+def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Elsewhere(TimingPeer):
+        settings, keeps = "", ()
+
+        def __init__(self, limits: Any) -> None:
+            pass
+
+        def call(self, joint_path: JointPath) -> Any:
+            return joint_path.end
+
+        def took_ms(self, raw: Any) -> float | None:
+            return 1234.0 * float(raw)
+
+        def trajectory(self, joint_path: JointPath, raw: Any) -> Any:
+            raise InvalidInput("motion", "none", "one")
+
+    monkeypatch.setattr("benchmarks.kinds.laws.run.build_timing_peer", lambda name, limits: Elsewhere(limits))
+    settings = copy.deepcopy(QUICK)
+    settings["timing"][0] |= {
+        "laws": [{"law": "quintic"}],
+        "peers": [{"peer": "copp"}],
+        "plan": "quintic",
+    }
+    for key in ("reference", "targets"):
+        settings["timing"][0].pop(key)
+    line = draw_line("paper6r", "regular", 0, seed=4)
+    rows = {row["law"]: row for row in line_rows(suite_of("quick", settings).of("laws")[0], line)}
+    assert rows["copp"]["ms_law"] == pytest.approx(1234.0 * joints_of(line).end)
+    assert rows["quintic"]["ms_law"] < 100.0
 
 
 @pytest.mark.parametrize("name", names(TIMING_PEERS))

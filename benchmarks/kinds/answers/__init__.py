@@ -9,7 +9,7 @@ import polars as pl
 
 from benchmarks.kinds._shown import Table, Winner
 from benchmarks.kinds.answers.measures import MEASURES, compared_answers, distribution, summary
-from benchmarks.kinds.answers.run import AnswersWork, check, parts, solve
+from benchmarks.kinds.answers.run import AnswersWork, check, parts, solve, store_hash
 from benchmarks.kinds.answers.settings import AnswersBlock, read_block
 from benchmarks.kinds.base import BlockRows, Compared, Kind, Part, Section, Target
 from benchmarks.records import RunFolder
@@ -44,12 +44,13 @@ class _Answers(Kind):
     def settings(self, data: Any) -> AnswersBlock:
         return read_block(data)
 
-    def prepare(self, block: AnswersBlock, seed: int) -> int:
-        check(block, seed)
-        return seed
+    def prepare(self, block: AnswersBlock, seed: int) -> tuple[int, str]:
+        return seed, check(block, seed)
 
-    def parts(self, block: AnswersBlock, prepared: int, folder: RunFolder) -> Iterable[Part]:
-        return parts(block, prepared, self.folder)
+    def parts(self, block: AnswersBlock, prepared: tuple[int, str], folder: RunFolder) -> Iterable[Part]:
+        seed, sha256 = prepared
+        store_hash(folder, block, sha256)
+        return parts(block, seed, self.folder)
 
     def solve(self, work: AnswersWork) -> pl.DataFrame:
         return solve(work)

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._problems import about_file, check_same
 from benchmarks.kinds._seeds import reseed, trial_seed
 from benchmarks.kinds.answers.settings import DRAWN_AT_ONCE, AnswersBlock
 from benchmarks.kinds.base import Entry, Part
-from benchmarks.problems.base import SETS
-from benchmarks.records import slug
+from benchmarks.problems.base import SETS, ProblemSet
+from benchmarks.records import RunFolder, slug
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -95,7 +96,7 @@ class AnswersWork:
         )
 
 
-def check(block: AnswersBlock, seed: int) -> None:
+def check(block: AnswersBlock, seed: int) -> str:
     """Check the options of every method and of the set, by drawing problems.
 
     Parameters
@@ -105,6 +106,11 @@ def check(block: AnswersBlock, seed: int) -> None:
     seed : int
         Of the suite.
 
+    Returns
+    -------
+    str
+        SHA-256 of the first problems.
+
     Raises
     ------
     InvalidInput
@@ -113,10 +119,37 @@ def check(block: AnswersBlock, seed: int) -> None:
     robot = load(block.robot)
     for method in block.methods:
         make_solver(robot, method.name, **method.options)
-    drawn = len(_drawn(robot, block.set, block.options, seed, 0)[0])
-    if drawn != DRAWN_AT_ONCE:
+    drawn = _drawn(robot, block.set, block.options, seed, 0)
+    if len(drawn) != DRAWN_AT_ONCE:
         expected = f"a set of which {DRAWN_AT_ONCE} problems can be drawn at a time"
-        raise InvalidInput(f"answers {block.id!r}: set", f"{block.set}, which gave {drawn}", expected)
+        raise InvalidInput(f"answers {block.id!r}: set", f"{block.set}, which gave {len(drawn)}", expected)
+    return drawn.sha256
+
+
+def store_hash(folder: RunFolder, block: AnswersBlock, sha256: str) -> None:
+    """Record the hash of the first problems, or check that those of a continued run are the same.
+
+    The workers draw all others when they solve them, each thousand from a seed of its own.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+    block : AnswersBlock
+        The block.
+    sha256 : str
+        Of the first problems, as drawn now.
+
+    Raises
+    ------
+    InvalidInput
+        The run was begun with other problems.
+    """
+    before = folder.read_json(about_file(block))
+    check_same(block, None if before is None else str(before.get("sha256")), sha256)
+    if before is None:
+        about = {"sha256": sha256, "problems": block.count, "sha256_of": f"the first {DRAWN_AT_ONCE:,}"}
+        folder.write_json(about_file(block), about)
 
 
 def parts(block: AnswersBlock, seed: int, top: str) -> Iterator[Part]:
@@ -213,12 +246,12 @@ def _problems(robot: Robot, work: AnswersWork) -> tuple[Array, Array]:
     draws = range(work.first // DRAWN_AT_ONCE, (last - 1) // DRAWN_AT_ONCE + 1)
     drawn = [_drawn(robot, work.set, work.options, work.seed, number) for number in draws]
     here = slice(work.first - draws[0] * DRAWN_AT_ONCE, last - draws[0] * DRAWN_AT_ONCE)
-    targets, starts = (np.concatenate([one[i] for one in drawn])[here] for i in (0, 1))
-    return np.ascontiguousarray(targets), np.ascontiguousarray(starts)
+    targets, starts = ([getattr(one, name) for one in drawn] for name in ("targets", "starts"))
+    return np.ascontiguousarray(np.concatenate(targets)[here]), np.ascontiguousarray(np.concatenate(starts)[here])
 
 
-def _drawn(robot: Robot, name: str, options: dict[str, Any], seed: int, number: int) -> tuple[Array, Array]:
-    """Targets and starts of one draw."""
+def _drawn(robot: Robot, name: str, options: dict[str, Any], seed: int, number: int) -> ProblemSet:
+    """The problems of one draw."""
     own = trial_seed(seed, number, "problems")
-    drawn = build_method(SETS, name, "problem set", robot, own, **options, count=DRAWN_AT_ONCE)
-    return drawn.targets, drawn.starts
+    drawn: ProblemSet = build_method(SETS, name, "problem set", robot, own, **options, count=DRAWN_AT_ONCE)
+    return drawn

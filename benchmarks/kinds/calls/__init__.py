@@ -17,7 +17,7 @@ from benchmarks.kinds.calls.rounds import without_memory
 from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.kinds.calls.run import facts_file, read_rows, run_calls
 from benchmarks.kinds.calls.settings import CallBlock, read_block
-from benchmarks.records import RunFolder
+from benchmarks.records import JOURNAL, Journal, RunFolder
 from optik.arm.library import load
 
 if TYPE_CHECKING:
@@ -46,8 +46,9 @@ class _Calls(Kind):
             build_ours(entry, load(block.robot))
 
     def run(self, block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
-        run_calls(block, seed, folder, tell)
-        run_evaluations(block, seed, folder, tell)
+        with Journal(folder, self.file(block, JOURNAL)) as journal:
+            run_calls(block, seed, folder, tell, journal)
+            run_evaluations(block, seed, folder, tell, journal)
 
     def rows(self, folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
         rows = read_rows(folder, block)

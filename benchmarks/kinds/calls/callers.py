@@ -14,6 +14,7 @@ from benchmarks.kinds.calls.settings import CallBlock
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik._worker import WorkerPeer
 from benchmarks.peers.ik.base import Absent, Answer, build_peer, version_of
+from benchmarks.records import UNKEPT, Journal
 from optik.arm.robot import Robot
 from optik.errors import MissingDependency, Unsupported
 from optik.ik import IKSolver, make_solver
@@ -50,6 +51,8 @@ class Caller:
     reseed : callable or None
         Sets the random numbers of one trial: (seed of the suite, number of the problem, trial). None for a method that draws
         none, since setting them costs it its caches.
+    ended : str
+        How it ended the process in this block; such a method is not called again. Empty where it did not.
     """
 
     label: str
@@ -63,9 +66,12 @@ class Caller:
     claims: Callable[[Any], bool | None] = lambda raw: None
     many: Callable[[Sequence[tuple[Any, ...]]], list[Answer]] | None = None
     reseed: Callable[[int, int, int], None] | None = None
+    ended: str = ""
 
 
-def callers_of(block: CallBlock, robot: Robot) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
+def callers_of(
+    block: CallBlock, robot: Robot, journal: Journal = UNKEPT
+) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
     """Build every method and peer.
 
     Parameters
@@ -74,23 +80,39 @@ def callers_of(block: CallBlock, robot: Robot) -> tuple[list[Caller], dict[str, 
         The block.
     robot : Robot
         The arm.
+    journal : Journal
+        Of the block.
 
     Returns
     -------
     ready : list of Caller
-        All that could be built.
+        All that could be built, and those that have ended the process.
     absent : dict
         Facts on those that could not, by label.
     """
     ready: list[Caller] = []
     absent: dict[str, dict[str, Any]] = {}
     for entry, build in [*((e, _ours) for e in block.methods), *((e, _peer) for e in block.peers)]:
-        built = build(entry, robot)
+        if entry.label in journal.crashed:
+            ready.append(_crashed(entry, journal.crashed[entry.label]))
+            continue
+        with journal.at_work(entry.label):
+            built = build(entry, robot)
         if isinstance(built, Caller):
             ready.append(built)
         else:
             absent[entry.label] = built
     return ready, absent
+
+
+def _crashed(entry: Entry, why: str) -> Caller:
+    """A method that has ended the process: it is not even built again, since it may have been that."""
+
+    def never(*given: Any) -> Any:
+        raise AssertionError(f"{entry.label} is not called again")
+
+    about = facts_on(entry) | {"clocked": False, "random": False}
+    return Caller(entry.label, never, True, never, never, False, entry.most, about, ended=why)
 
 
 def build_ours(entry: Entry, robot: Robot) -> IKSolver | Absent:

@@ -9,10 +9,10 @@ import polars as pl
 
 from benchmarks.kinds.base import Entry, Tell
 from benchmarks.kinds.calls.callers import callers_of
-from benchmarks.kinds.calls.run import CALL_PART, timed_part
+from benchmarks.kinds.calls.run import CALL_PART, Rounds, timed_part
 from benchmarks.kinds.calls.settings import CallBlock
 from benchmarks.problems.base import problem_set
-from benchmarks.records import RunFolder, slug
+from benchmarks.records import Journal, RunFolder, slug
 
 
 def evaluations_file(block: CallBlock) -> str:
@@ -31,7 +31,7 @@ def evaluations_file(block: CallBlock) -> str:
     return f"speed/{slug(block.id)}.iterations.parquet"
 
 
-def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
+def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
     """Answer every problem at every number of iterations, unless that is done already or not asked for.
 
     Parameters
@@ -44,6 +44,8 @@ def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) 
         The run.
     tell : callable
         Called with what is next.
+    journal : Journal
+        Of the block.
     """
     if not block.evaluation_budgets or folder.has(evaluations_file(block)):
         return
@@ -51,10 +53,11 @@ def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell) 
     frames = []
     for budget in block.evaluation_budgets:
         tell(f"{block.id}: {budget} iterations")
-        callers, _ = callers_of(ending_after(block, budget), robot)
+        callers, _ = callers_of(ending_after(block, budget), robot, journal)
         for first in range(0, len(problems), CALL_PART):
             here = np.arange(first, min(first + CALL_PART, len(problems)))
-            rows = timed_part(robot, problems, here, callers, 1, seed=seed)
+            kept = Rounds(journal, f"{budget}-{first // CALL_PART:04d}")
+            rows = timed_part(robot, problems, here, callers, 1, seed=seed, kept=kept)
             frames.append(rows.with_columns(budget=pl.lit(budget)))
     folder.write(evaluations_file(block), pl.concat(frames))
 

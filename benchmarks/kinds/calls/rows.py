@@ -21,6 +21,11 @@ class CallRows(BlockRows):
         parts = {str(key[0]): part for key, part in self.rows.partition_by("method", as_dict=True).items()}
         return {label: parts[label] for label in self.entries if label in parts}
 
+    @property
+    def unreachable(self) -> bool:
+        """Whether it is proved that no problem of the block has a solution: then nobody can win by solving."""
+        return "unreachable" in self.rows.columns and bool(self.rows["unreachable"].all())
+
     @cached_property
     def evaluations(self) -> pl.DataFrame | None:
         """Answers at equal numbers of iterations; None where none were asked for, or they were not run yet."""

@@ -14,7 +14,7 @@ from benchmarks.kinds.laws.measures import MEASURES, judge
 from benchmarks.kinds.laws.rows import LawRows, read_rows
 from benchmarks.kinds.laws.run import check_laws, facts_file, run_laws
 from benchmarks.kinds.laws.settings import LawBlock, read_block
-from benchmarks.records import RunFolder
+from benchmarks.records import JOURNAL, Journal, RunFolder
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -46,7 +46,8 @@ class _Laws(Kind):
         check_laws(block)
 
     def run(self, block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
-        run_laws(block, seed, folder, tell)
+        with Journal(folder, self.file(block, JOURNAL)) as journal:
+            run_laws(block, seed, folder, tell, journal)
 
     def rows(self, folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
         return read_rows(folder, block)

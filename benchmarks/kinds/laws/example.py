@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kinds.laws.lines import DrawnLine
 from benchmarks.kinds.laws.settings import LawBlock
-from benchmarks.records import RunFolder
+from benchmarks.records import Journal, RunFolder
 from optik.ik import make_solver
 from optik.types import Array
 from planners.following.follow import JointPath, follow
@@ -28,7 +28,9 @@ MOST_SPEED = 1e9
 """Bounds on the path speed above this [m/s] are written as this: a file has no infinity."""
 
 
-def write_example(block: LawBlock, line: DrawnLine, folder: RunFolder, name: Callable[[str], str]) -> None:
+def write_example(
+    block: LawBlock, line: DrawnLine, folder: RunFolder, name: Callable[[str], str], journal: Journal
+) -> None:
     """Write the motions of all laws, their active constraints, and last the curves over s, which mark the end.
 
     Parameters
@@ -41,13 +43,18 @@ def write_example(block: LawBlock, line: DrawnLine, folder: RunFolder, name: Cal
         The run.
     name : callable
         From ``motions``, ``binding`` or ``curve`` to the name of a file.
+    journal : Journal
+        Of the block: laws that have ended the process are left out.
     """
     limits = next(part.limits for part in block.limits if part.label == block.example.limits)
     solver = make_solver(line.robot, block.ik)
     motions, bindings = [], []
-    for entry in block.laws:
-        law = make_law(entry.name, **entry.options)
-        planned = plan(line.robot, line.path, line.q_start, ik=solver, timing=law, limits=limits, samples=block.samples)
+    for entry in (one for one in block.laws if one.label not in journal.crashed):
+        with journal.at_work(entry.label):
+            law = make_law(entry.name, **entry.options)
+            planned = plan(
+                line.robot, line.path, line.q_start, ik=solver, timing=law, limits=limits, samples=block.samples
+            )
         if planned:
             motions.append(motion_frame(planned, limits).with_columns(law=pl.lit(entry.label)))
             bindings.append(binding_frame(planned).with_columns(law=pl.lit(entry.label)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,15 +13,16 @@ import polars as pl
 
 from benchmarks.kinds._contest import clock_cost, facts_on, timed, turns
 from benchmarks.kinds.base import Entry, Tell
+from benchmarks.kinds.laws.drawn import Motions, all_lines
 from benchmarks.kinds.laws.example import write_example
 from benchmarks.kinds.laws.facts import SCHEMA, blank, facts_of
 from benchmarks.kinds.laws.lines import DrawnLine
 from benchmarks.kinds.laws.motions import draw_motion, motion_in_file
-from benchmarks.kinds.laws.settings import LawBlock, LineSet
+from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.peers.laws.base import build_timing_peer
-from benchmarks.records import RunFolder, slug
+from benchmarks.peers.laws.base import TimingPeer, build_timing_peer
+from benchmarks.records import UNKEPT, Journal, RunFolder, slug
 from benchmarks.settings import naming
 from optik import se3
 from optik.arm.library import load
@@ -56,6 +58,10 @@ class Timer:
         From the joint path and what a call returned to the trajectory.
     law : TimeLaw or None
         Ours, for whole plans.
+    took_ms : callable
+        From what a call returned to its time where that was measured elsewhere [ms], else None.
+    ended : str
+        How it ended the process in this block; such a law is not called again. Empty where it did not.
     """
 
     label: str
@@ -64,25 +70,11 @@ class Timer:
     call: Callable[[JointPath], Any]
     motion: Callable[[JointPath, Any], Trajectory]
     law: TimeLaw | None
+    took_ms: Callable[[Any], float | None] = lambda raw: None
+    ended: str = ""
 
 
 # ---------------------------------------------------------------- parts
-
-
-def all_lines(block: LawBlock) -> list[tuple[LineSet, int]]:
-    """The set and the index of every motion.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-
-    Returns
-    -------
-    list of tuple
-        In their order.
-    """
-    return [(part, index) for part in block.lines for index in range(part.count)]
 
 
 def part_files(block: LawBlock) -> list[str]:
@@ -164,7 +156,7 @@ def check_laws(block: LawBlock) -> None:
                 motion_in_file(part.robot, part.path)
 
 
-def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
+def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
     """Run what a block still lacks.
 
     Parameters
@@ -177,35 +169,45 @@ def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
         The run.
     tell : callable
         Called with what is next.
+    journal : Journal
+        Of the block.
     """
-    lines = all_lines(block)
     if not folder.has(facts_file(block)):
-        folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block)})
-    for part, file in enumerate(part_files(block)):
-        if folder.has(file):
-            continue
-        rows: list[dict[str, Any]] = []
-        for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, len(lines))):
-            drawn, index = lines[number]
-            tell(f"{block.id}: line {number + 1:,} of {len(lines):,}")
-            line = draw_motion(drawn.robot, drawn.kind, index, seed=seed, path=drawn.path)
-            rows += [row | {"line": number} for row in line_rows(block, line)]
-        folder.write(file, pl.DataFrame(rows, schema_overrides=SCHEMA, infer_schema_length=None))
+        folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
+    lacking = [(part, file) for part, file in enumerate(part_files(block)) if not folder.has(file)]
+    motions, count = Motions(folder, block, seed) if lacking else None, len(all_lines(block))
+    for part, file in lacking:
+        assert motions is not None
+        rows: list[pl.DataFrame] = []
+        for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, count)):
+            tell(f"{block.id}: line {number + 1:,} of {count:,}")
+            kept = journal.kept(f"{number:06d}")
+            if kept is None:
+                begin = time.perf_counter()
+                line = motions.draw(number)
+                found = [row | {"line": number} for row in line_rows(block, line, journal)]
+                kept = pl.DataFrame(found, schema_overrides=SCHEMA, infer_schema_length=None)
+                journal.keep(f"{number:06d}", kept, time.perf_counter() - begin)
+            rows.append(kept)
+        folder.write(file, pl.concat(rows))
     if not folder.has(example_file(block, "curve")):
         tell(f"{block.id}: the example")
         chosen = block.example
         line = draw_motion(chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path)
-        write_example(block, line, folder, lambda name: example_file(block, name))
+        write_example(block, line, folder, lambda name: example_file(block, name), journal)
 
 
-def _facts(block: LawBlock) -> dict[str, dict[str, Any]]:
+def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
     """Facts on every law and peer by label, for the report."""
     found: dict[str, dict[str, Any]] = {}
     for entry in (*block.laws, *([block.reference] if block.reference else [])):
         found[entry.label] = facts_on(entry, keeps=list(make_law(entry.name, **entry.options).keeps))
     for entry in block.peers:
         peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
-        built = build_timing_peer(entry.name, block.limits[0].limits.arrays(load(block.robots[0]).n))
+        built: TimingPeer | Absent | None = None
+        if entry.label not in journal.crashed:
+            with journal.at_work(entry.label):
+                built = build_timing_peer(entry.name, block.limits[0].limits.arrays(load(block.robots[0]).n))
         absent = {"absent": built.why} if isinstance(built, Absent) else {}
         about = {"version": version_of(entry.name, TIMING_PEERS), "settings": peer.settings, "keeps": list(peer.keeps)}
         found[entry.label] = facts_on(entry) | about | absent
@@ -215,7 +217,7 @@ def _facts(block: LawBlock) -> dict[str, dict[str, Any]]:
 # ---------------------------------------------------------------- one line
 
 
-def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
+def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
     """Rows of one line.
 
     Parameters
@@ -224,6 +226,8 @@ def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
         The block.
     line : DrawnLine
         The line.
+    journal : Journal
+        Of the block.
 
     Returns
     -------
@@ -244,7 +248,7 @@ def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
     }  # fmt: skip
     rows = []
     for limits in block.limits:
-        timers = timers_of(block, line, limits.limits)
+        timers = timers_of(block, line, limits.limits, journal)
         if followed.stop is not None:
             found = [
                 blank(c.label, c.role) | {"status": str(followed.stop.status), "reason": followed.stop.reason}
@@ -252,12 +256,12 @@ def line_rows(block: LawBlock, line: DrawnLine) -> list[dict[str, Any]]:
             ]
         else:
             assert followed.joint_path is not None
-            found = _timed_rows(block, line, limits.limits, solver, followed.joint_path, timers)
+            found = _timed_rows(block, line, limits.limits, solver, followed.joint_path, timers, journal)
         rows += [row | about | {"limits": limits.label} for row in found]
     return rows
 
 
-def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits) -> list[Timer]:
+def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: Journal = UNKEPT) -> list[Timer]:
     """All laws, the peers that are installed and are given this line, and the reference.
 
     Parameters
@@ -268,19 +272,41 @@ def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits) -> list[Ti
         The line.
     limits : MotionLimits
         Within which they time it.
+    journal : Journal
+        Of the block.
 
     Returns
     -------
     list of Timer
         In the order of the suite.
     """
-    found = [_ours(entry, limits) for entry in block.laws]
-    for entry in block.peers:
-        if entry.most is None or line.index < entry.most:
-            peer = build_timing_peer(entry.name, limits.arrays(line.robot.n))
-            if not isinstance(peer, Absent):
-                found.append(Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None))
-    return found + ([_ours(block.reference, limits)] if block.reference else [])
+    found: list[Timer | None] = []
+    for entry in (*block.laws, *block.peers, *([block.reference] if block.reference else [])):
+        if entry.role == "peer" and entry.most is not None and line.index >= entry.most:
+            continue
+        if entry.label in journal.crashed:
+            found.append(_crashed(entry, journal.crashed[entry.label]))
+            continue
+        with journal.at_work(entry.label):
+            found.append(_peer(entry, limits, line.robot.n) if entry.role == "peer" else _ours(entry, limits))
+    return [timer for timer in found if timer is not None]
+
+
+def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
+    """A peer; None where it is not installed."""
+    peer = build_timing_peer(entry.name, limits.arrays(n))
+    if isinstance(peer, Absent):
+        return None
+    return Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None, peer.took_ms)
+
+
+def _crashed(entry: Entry, why: str) -> Timer:
+    """A law or a peer that has ended the process, and is not called again."""
+
+    def never(*given: Any) -> Any:
+        raise AssertionError(f"{entry.label} is not called again")
+
+    return Timer(entry.label, entry.role, (), never, never, None, ended=why)
 
 
 def _ours(entry: Entry, limits: MotionLimits) -> Timer:
@@ -288,7 +314,9 @@ def _ours(entry: Entry, limits: MotionLimits) -> Timer:
     return Timer(entry.label, entry.role, law.keeps, lambda q: law.run(q, limits), lambda q, raw: raw, law)
 
 
-def _times(timers: Sequence[Timer], joints: JointPath, rounds: int) -> tuple[dict[str, list[float]], dict[str, Any]]:
+def _times(
+    timers: Sequence[Timer], joints: JointPath, rounds: int, journal: Journal
+) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Times of all calls [ms], and what each law or peer returned last; the first round is not one of those that count."""
     times: dict[str, list[float]] = {c.label: [] for c in timers}
     raws: dict[str, Any] = {}
@@ -298,33 +326,51 @@ def _times(timers: Sequence[Timer], joints: JointPath, rounds: int) -> tuple[dic
             c.role != "reference" or turn == rounds
         ):  # the reference is slow, and its time is not compared
             # each call has a copy of its own: what another call has computed on the path must not save it time
-            ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
-            times[c.label].append(ms)
+            with journal.at_work(c.label):
+                ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
+            own = None if isinstance(raws[c.label], NoSolution) else c.took_ms(raws[c.label])
+            times[c.label].append(ms if own is None else own)
     return times, raws
 
 
 def _timed_rows(
-    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, timers: Sequence[Timer]
+    block: LawBlock,
+    line: DrawnLine,
+    limits: MotionLimits,
+    solver: IKSolver,
+    joints: JointPath,
+    timers: Sequence[Timer],
+    journal: Journal,
 ) -> list[dict[str, Any]]:
     """Rows of one line within some limits."""
-    times, raws = _times(timers, joints, block.rounds)
+    times, raws = _times([c for c in timers if not c.ended], joints, block.rounds, journal)
     rows = []
     for c in timers:
-        row = blank(c.label, c.role) | {"ms_law": float(np.median(times[c.label][1:] or times[c.label]))}
-        motion = _motion(c, joints, raws[c.label])
-        if isinstance(motion, str):
-            row |= {"status": "timing_infeasible", "reason": motion}
-        else:
-            row["ms_certificate"], proof = _median_ms(  # the first call of a path prepares what all later ones use
-                lambda c=c, motion=motion: certify(line.robot, line.path, motion, limits, law=c.label, keeps=c.keeps),  # type: ignore[misc]
-                1,
-            )
-            if c.law is None:
-                row |= facts_of(line.robot, line.path, motion, proof, limits)
-            else:  # what `plan` returns: slowed until it keeps what the law promises
-                row |= _planned_row(block, line, limits, solver, c)
-        rows.append(row)
+        row = blank(c.label, c.role)
+        if c.ended:
+            rows.append(row | {"status": "crashed", "reason": c.ended})
+            continue
+        row["ms_law"] = float(np.median(times[c.label][1:] or times[c.label]))
+        with journal.at_work(c.label):
+            rows.append(row | _judged(block, line, limits, solver, joints, c, raws[c.label]))
     return rows
+
+
+def _judged(
+    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, c: Timer, raw: Any
+) -> dict[str, Any]:
+    """Columns on the motion that a law or a peer returned, by its certificate."""
+    motion = _motion(c, joints, raw)
+    if isinstance(motion, str):
+        return {"status": "timing_infeasible", "reason": motion}
+    ms, proof = _median_ms(  # the first call of a path prepares what all later ones use
+        lambda: certify(line.robot, line.path, motion, limits, law=c.label, keeps=c.keeps), 1
+    )
+    if c.law is None:
+        facts = facts_of(line.robot, line.path, motion, proof, limits)
+    else:  # what `plan` returns: slowed until it keeps what the law promises
+        facts = _planned_row(block, line, limits, solver, c)
+    return {"ms_certificate": ms} | facts
 
 
 def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, c: Timer) -> dict[str, Any]:

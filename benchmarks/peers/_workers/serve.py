@@ -1,9 +1,10 @@
-"""Serve one IK method of another package: requests on standard input, answers on standard output, one JSON value a line.
+"""Serve one method of another package: requests on standard input, answers on standard output, one JSON value a line.
 
 Run as ``python -I serve.py METHOD_FILE`` by the interpreter of the environment that has the package. This file and METHOD_FILE
 import nothing of ours: one of the packages has the import name ``optik``, too. METHOD_FILE defines ``METHOD``, a class that is
-built from a model (``urdf``, and ``iterations`` or None), and raises ValueError for an arm that it does not support, with the
-methods ``prepared(target, q0)``, ``call``, the timed part, ``answer(raw)`` and ``fk(q)``.
+built from a model (for IK ``urdf``, and ``iterations`` or None), and raises ValueError for an arm that it does not support,
+with the methods ``prepared(target, q0)``, ``call``, the timed part, ``answer(raw)`` and ``fk(q)``. ``answer`` returns
+configuration, claim and iterations; or, of a time law, a dictionary of plain data.
 """
 
 import gc
@@ -41,10 +42,10 @@ def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         return None, {"error": f"{type(error).__name__}: {error}"}
 
 
-def _solved(method: Any, target: list[Any], q0: list[float]) -> dict[str, Any]:
+def _solved(method: Any, *problem: Any) -> dict[str, Any]:
     """Time one call alone: reading the request and writing the answer are outside."""
     clock, cpu = time.perf_counter_ns, time.process_time_ns
-    given = method.prepared(target, q0)
+    given = method.prepared(*problem)
     gc.disable()
     begin_cpu, begin = cpu(), clock()
     try:
@@ -54,11 +55,11 @@ def _solved(method: Any, target: list[Any], q0: list[float]) -> dict[str, Any]:
     finally:
         end, end_cpu = clock(), cpu()
         gc.enable()
-    q, claimed, iterations = method.answer(raw)
-    return {
-        "q": None if q is None else [float(x) for x in q], "claimed": claimed, "iterations": iterations,
-        "ns": end - begin, "cpu_ns": end_cpu - begin_cpu,
-    }  # fmt: skip
+    answer, times = method.answer(raw), {"ns": end - begin, "cpu_ns": end_cpu - begin_cpu}
+    if isinstance(answer, dict):
+        return answer | times
+    q, claimed, iterations = answer
+    return {"q": None if q is None else [float(x) for x in q], "claimed": claimed, "iterations": iterations} | times
 
 
 def _pose(method: Any, q: list[float]) -> dict[str, Any]:

@@ -67,6 +67,21 @@ class TimingPeer(ABC):
             The peer found no motion.
         """
 
+    def took_ms(self, raw: Any) -> float | None:
+        """Time of a call that was measured elsewhere, in a worker process.
+
+        Parameters
+        ----------
+        raw : Any
+            Return value of `call`.
+
+        Returns
+        -------
+        float or None
+            [ms]; None where the call itself is to be timed.
+        """
+        return None
+
     @abstractmethod
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Trajectory of the motion that a call has returned. Not timed.

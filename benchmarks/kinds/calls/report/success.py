@@ -141,6 +141,11 @@ def _note(b: CallRows) -> str:
         "Wilson's, 95 %. A call's time is the median of its "
         f"{block.rounds} round{'s' if block.rounds != 1 else ''}; timing itself adds {b.facts['clock_ns']:.0f} ns to all."
     )
+    if b.unreachable:
+        sentences.append(
+            "It is proved that no target of this block has a solution, so that not solving is right: what counts is that "
+            "nobody claims to have solved, and the time until it ends."
+        )
     for label in b.entries:
         word, reason = b.why_not(label)
         if word:
@@ -157,6 +162,9 @@ def _conspicuous(part: pl.DataFrame, by: str) -> Iterable[str]:
         reasons = part.filter(pl.col("outcome") == "raised")["error"].drop_nulls()
         reason = " ".join(reasons[0].split()) if len(reasons) else "no reason recorded"
         yield f"raised in {cells['raised']:,} of {len(part):,} calls, first: {reason}"
+    if cells.get("crashed") and "error" in part.columns:
+        reasons = part.filter(pl.col("outcome") == "crashed")["error"].drop_nulls()
+        yield f"crashed in {cells['crashed']:,} of {len(part):,} calls: {reasons[0] if len(reasons) else 'no reason recorded'}"
     claimed = cells.get("false_claims")
     if claimed:
         far = int((part["claimed"].fill_null(value=False) & ~part.select(solved_at(JUDGED_AT[0])).to_series()).sum())

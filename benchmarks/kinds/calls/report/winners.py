@@ -28,7 +28,8 @@ def winners(run: Run) -> Sequence[Winner]:
     sequence of Winner
         In the order of the suite.
     """
-    return [winner for b in run.of("calls") if len(b.by_method) > 1 for winner in block_winners(b)]
+    blocks = [b for b in run.of("calls") if len(b.by_method) > 1 and not b.unreachable]
+    return [winner for b in blocks for winner in block_winners(b)]
 
 
 def block_winners(b: CallRows) -> list[Winner]:
