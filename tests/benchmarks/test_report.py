@@ -194,7 +194,7 @@ def test_the_method_table_is_what_the_files_hold(small_run: RunFolder, block: st
 
 def test_durations_are_the_plans(page: Page, small_run: RunFolder) -> None:
     for p in small_run.read_json("line/plans.json"):
-        assert f" {p['law']} {p['duration']:.7g} " in page.text
+        assert f" {p['law']} {number(p['duration'], 4)} " in page.text
 
 
 def certificate(value: list[float | None], ratio: list[float | None]) -> dict[str, Any]:

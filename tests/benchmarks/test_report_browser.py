@@ -51,7 +51,7 @@ def tables(run: Any) -> list[Table]:
 def winners(run: Any) -> list[Winner]:
     a, b = run.labels[:2]
     entries = ((a, 90.0, 85.0, 94.0), (b, 40.0, 30.0, 50.0))
-    return [Winner("Solves the most", "%", "more", entries, "question", "100 targets")]
+    return [Winner("Solves the most", "%", "more", entries, "question", "100 targets", "by tossing")]
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_names_with_tags_stay_text(opened: Browser) -> None:
 
 
 def test_tables_sort_by_click_and_show_more_on_request(opened: Browser) -> None:
-    table = "document.querySelector('.table table')"
+    table = "document.querySelector('main .table table')"
     first = f"{table}.tBodies[0].rows[0].cells[0].textContent.trim()"
     names = opened.run(f"[...{table}.tBodies[0].rows].map(r => r.cells[0].textContent.trim())")
     opened.run(f"{table}.querySelector('[data-sort=\"1\"]').click()")
@@ -167,7 +167,7 @@ def test_tables_sort_by_click_and_show_more_on_request(opened: Browser) -> None:
     assert opened.run(f"{table}.tBodies[0].rows[2].cells[0].textContent.trim()") == "none"
     hidden = f"getComputedStyle({table}.querySelector('td.aside')).display"
     assert opened.run(hidden) == "none"
-    opened.run("document.querySelector('.table .more').click()")
+    opened.run("document.querySelector('main .table .more').click()")
     assert opened.run(hidden) == "table-cell"
     assert opened.run(f"[...{table}.querySelectorAll('td.best')].map(c => c.textContent.trim())") == [
         "90.0 85.0 to 94.0",
@@ -177,6 +177,10 @@ def test_tables_sort_by_click_and_show_more_on_request(opened: Browser) -> None:
 
 def test_the_winners_come_first_and_lead_to_their_section(opened: Browser) -> None:
     assert opened.run("document.querySelector('#winners').getBoundingClientRect().bottom < 900")
+    how = "getComputedStyle(document.querySelector('#winners small.how')).display"
+    assert opened.run(how) == "none"
+    opened.run("document.querySelector('#more-winners').click()")
+    assert opened.run(how) == "block"
     assert opened.run("document.querySelector('#winners td.best').textContent").strip() == "dls λ=0.01"
     target = opened.run("document.querySelector('#winners a').getAttribute('href')")
     assert opened.run(f"document.querySelectorAll('section{target}').length") == 1
@@ -197,6 +201,13 @@ def test_keys_reach_the_content_first_and_every_control(opened: Browser) -> None
 def test_nothing_is_wider_than_a_phone(opened: Browser) -> None:
     opened.emulate(width=390)
     opened.until("document.documentElement.scrollWidth <= 390", 10)
+
+
+def test_a_plot_is_as_wide_as_its_place_also_where_the_window_stays(opened: Browser) -> None:
+    plot = "document.querySelector('.plot.js-plotly-plot')"
+    opened.run(f"{plot}.parentElement.style.width = '300px'")
+    opened.until(f"{plot}.querySelector('.main-svg').getBoundingClientRect().width <= 301", 10)
+    opened.run(f"{plot}.parentElement.style.width = ''")
 
 
 def test_print_says_what_was_chosen_and_shows_everything(opened: Browser, tmp_path: Path) -> None:
