@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from benchmarks.report.words import quoted
 
 ENOUGH = 1000
-"""Problems that are enough to be ranked on: Wilson's interval of a share is then 6 points wide, and 0.4 beside 100 %."""
+"""Problems that are enough to be ranked on: Wilson's interval of a share is then 6 points wide, 0.4 beside 100 %."""
 
 
 @dataclass(frozen=True)
