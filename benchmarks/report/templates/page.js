@@ -72,6 +72,12 @@
 
   const logarithm = matrix => matrix.map(row => row.map(value => (value === null ? null : Math.log10(Math.max(value, 1e-12)))));
 
+  // The library follows the window; a plot's place also changes where a scroll bar appears or its column gets narrower.
+  const fitted = new ResizeObserver(entries => {
+    if (printing()) return;
+    for (const { target } of entries) if (target.clientWidth && target._fullLayout && Math.abs(target._fullLayout.width - target.clientWidth) > 1) Plotly.Plots.resize(target);
+  });
+
   class BoardView {
     constructor(figure) {
       this.figure = figure;
@@ -120,6 +126,7 @@
         if (layout.height) place.style.height = `${layout.height}px`;
         if (printing()) Object.assign(layout, { width: place.clientWidth, height: place.clientHeight }); // paper is not resized
         Plotly.react(plot.id, data, layout, config(plot));
+        fitted.observe(place);
       }
       if (this.player) this.player.reset();
     }

@@ -23,8 +23,8 @@ PLOT_ROOM = 0.03
 LEAST_ERROR = 1e-12
 """Errors below this [m, rad] are drawn here: they are rounding, not a result."""
 
-PROFILE_RATIOS = np.geomspace(1.0, 1e4, 121)
-"""Multiples of the least time at which a performance profile is drawn."""
+PROFILE_POINTS = 200
+"""Multiples of the least time at which a performance profile is drawn, evenly on its logarithmic axis."""
 
 SIGMA_BINS = 12
 """Bins of the smallest singular value, each as wide as the others on a logarithmic axis."""
@@ -119,20 +119,26 @@ def profiles(blocks: list[CallRows], run: Run) -> Board:
     for b in blocks:
         labels = tuple(b.by_method)
         costs = profile_costs(b.rows, labels)
-        shares = performance_profile(costs, PROFILE_RATIOS) if len(costs) else np.empty((0, 0))
+        ratios = _profile_ratios(costs)
+        shares = performance_profile(costs, ratios) if len(costs) else np.empty((0, 0))
         for j, (_, label, _, look) in enumerate(_traces([b], run)):
             if not len(costs):
                 continue
             hover = f"{label}<br>%{{y:.4~g}} % within %{{x:.3g}} times the least, of {len(costs):,}{HOVER}"
-            trace = line(
-                x=lean(PROFILE_RATIOS), y=lean(100.0 * shares[:, j], 5), name=label, line=look, hovertemplate=hover
-            )
+            trace = line(x=lean(ratios), y=lean(100.0 * shares[:, j], 5), name=label, line=look, hovertemplate=hover)
             plot.add(trace, {"block": [b.block.id]})
     caption = (
         "On the problems that all methods were given (Dolan and Moré 2002). At 1: where a method is the fastest that solves; "
         "to the right: how many it solves at all. It ranks the best against all, not the others among themselves."
     )
     return _board("call-profile-board", blocks, run, (plot,), caption)
+
+
+def _profile_ratios(costs: Array) -> Array:
+    """Multiples of the least time, up to the largest one at which a problem was solved."""
+    best = costs.min(axis=1, keepdims=True, initial=np.inf)
+    solved = np.isfinite(costs)
+    return np.geomspace(1.0, 1.0001 * max((costs / best)[solved].max(initial=1.0), 10.0), PROFILE_POINTS)
 
 
 def profile_costs(rows: pl.DataFrame, labels: tuple[str, ...]) -> Array:
