@@ -84,6 +84,8 @@ def _head(run: Run, winners: Table | None) -> str:
     words = [f"# {marked(head['title'])}\n"]
     if not head["complete"]:
         words.append("**This run is incomplete.**\n")
+    if head["failed"]:
+        words.append(f"**{marked(head['failed'])}**\n")
     if winners is not None:
         words.append(markdown_of(winners))
     words += [f"- {marked(finding)}" for finding in head["findings"]]
