@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,12 +37,18 @@ def ran(folder: Path) -> list[str]:
     return sorted(file.stem for file in folder.glob("*.ran"))
 
 
-def cli(*arguments: str) -> tuple[int, str]:
-    done = optik_command(*arguments)
-    return done.returncode, done.stdout + done.stderr
+@pytest.fixture
+def cli(typed: Any) -> Callable[..., tuple[int, str]]:
+    """A command in this process: its exit status, and its words on one line, whatever the width of the terminal."""
+
+    def run(*arguments: str) -> tuple[int, str]:
+        status, out, said = typed(*arguments)
+        return status, " ".join((out + said).split())
+
+    return run
 
 
-def test_a_file_that_raises_when_it_is_imported_is_named_with_its_line(folder: Path) -> None:
+def test_a_file_that_raises_when_it_is_imported_is_named_with_its_line(folder: Path, cli: Any) -> None:
     (folder / "jt.py").write_text("\nraise RuntimeError('boom')\n")
     code, words = cli(
         "bench", "run", str(folder / "suite.toml"), "--out", str(folder.parent / "run"), "--allow-plugins"
@@ -51,7 +59,7 @@ def test_a_file_that_raises_when_it_is_imported_is_named_with_its_line(folder: P
     assert "Traceback" not in words
 
 
-def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_none(folder: Path) -> None:
+def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_none(folder: Path, cli: Any) -> None:
     suite, out = str(folder / "suite.toml"), str(folder.parent / "run")
     code, words = cli("bench", "run", suite, "--out", out)
     assert code == 2
@@ -65,8 +73,8 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     words = cli("bench", "check", suite)[1]
     assert "the files were not run, so the settings of their kinds of block were not checked: fk_time" in words
 
-    code, words = cli("bench", "run", suite, "--out", out, "--allow-plugins", "--workers", "2")
-    assert code == 0, words
+    done = optik_command("bench", "run", suite, "--out", out, "--allow-plugins", "--workers", "2")
+    assert done.returncode == 0, done.stdout + done.stderr
     assert ran(folder) == ["beside", "fk_time", "jt"]
     recorded = {row["name"]: row for row in RunFolder(out).manifest()["plugins"]}
     assert recorded["jt"]["sha256"] == digest(folder / "jt.py")
@@ -80,7 +88,7 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     code, words = cli("bench", "run", suite, "--out", out, "--allow-plugins")
     assert code == 2
     assert "plug-in jt (optik.ik)" in words
-    assert f"got {folder / 'jt.py'} with SHA-256" in " ".join(words.split())
+    assert f"got {folder / 'jt.py'} with SHA-256" in words
     shutil.rmtree(folder)
     code, words = cli("bench", "report", out)
     assert code == 0, words
