@@ -203,9 +203,8 @@ def test_a_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(method):
 
 def test_restarts_solve_more_and_the_same_in_every_solver(method):
     problems = [p for i, p in enumerate(anywhere(30, 76)) if i % 3]
-    once = [method.build(max_restarts=0).solve(T, q) for T, q in problems]
-    often = [method.build(max_restarts=20).solve(T, q) for T, q in problems]
-    again = [method.build(max_restarts=20).solve(T, q) for T, q in problems]
+    solvers = [method.build(max_restarts=most) for most in (0, 20, 20)]
+    once, often, again = ([solver.solve(T, q) for T, q in problems] for solver in solvers)
     for (target, _), one, many, repeated in zip(problems, once, often, again, strict=True):
         check(many, target)
         same(many, repeated)
