@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -80,6 +81,31 @@ def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
     if not isinstance(data.get("goal", False), bool):
         raise InvalidInput(f"{where}: goal", repr(data["goal"])[:60], "true or false")
     return found | {"goal": data.get("goal", False)}
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Say in errors of misuse where the wrong value stands: of several blocks a reader must know which.
+
+    Parameters
+    ----------
+    where : str
+        Such as ``block 'warm': options``.
+
+    Yields
+    ------
+    None
+        What is checked.
+
+    Raises
+    ------
+    InvalidInput
+        What came, with the place before the argument.
+    """
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error.argument}", error.got, error.expected) from error
 
 
 def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = None) -> None:

@@ -28,8 +28,24 @@ def copy_vector(a: Array, out: Array) -> None:
     out : (n,) array
         The copy [as a]; overwritten.
     """
-    for i in range(a.shape[0]):
+    for i in range(a.shape[0]):  # a slice assignment would bring Numba's messages about shapes, seconds to compile
         out[i] = a[i]
+
+
+@compiled
+def copy_matrix(A: Array, out: Array) -> None:
+    """Copy a matrix.
+
+    Parameters
+    ----------
+    A : (m, n) array
+        Matrix [as given].
+    out : (m, n) array
+        The copy [as A]; overwritten.
+    """
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[i, j] = A[i, j]
 
 
 @compiled

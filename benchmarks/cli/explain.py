@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 from benchmarks.kinds._block import Entry
 from benchmarks.kinds._problems import ProblemBlock, check_set
 from benchmarks.kinds.base import Block, Kind
-from benchmarks.kinds.laws.settings import Example, LineSet
-from benchmarks.settings import NAMED_KEYS, Target
+from benchmarks.kinds.laws.motions import path_in_file
+from benchmarks.kinds.laws.settings import Example, LawBlock, LineSet
+from benchmarks.settings import NAMED_KEYS, Target, naming
 from benchmarks.suite import ALIASES, Suite
+from optik.arm.library import load
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import is_path
 from optik.plugins.options import NO_DEFAULT, Described, defaults, described, nearest
@@ -135,6 +137,10 @@ def _block(kind: Kind, block: Block, table: dict[str, Any], at: str, unread: Seq
             yield from _inside(kind, table, key, value, f"{at}.{key}")
     if isinstance(block, ProblemBlock) and not _code(block.set) and not _code(block.robot):
         check_set(block)
+    for line in block.lines if isinstance(block, LawBlock) else ():
+        if line.path and not _code(line.robot):
+            with naming(f"block {block.id!r}"):
+                path_in_file(load(line.robot), Path(line.path))
 
 
 def _taken(kind: Kind, table: dict[str, Any], key: str) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import urlsplit
 
 import typer
 
@@ -113,8 +114,18 @@ def _command(suite: str, workers: int, allow_plugins: bool, dask: str, part_time
 def _warn(dask: str) -> None:
     from benchmarks.run.cluster import warn_of_plain_text
 
+    if not _has_port(dask):
+        return  # nothing can answer there: the error says so
     if words := warn_of_plain_text(dask):
         err_console.print(f"warning: {words}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
+def _has_port(address: str) -> bool:
+    """Whether an address can be one of a scheduler."""
+    try:
+        return urlsplit(address if "://" in address else f"tcp://{address}").port is not None
+    except ValueError:
+        return False
 
 
 # ---------------------------------------------------------------- progress

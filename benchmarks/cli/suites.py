@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.padding import Padding
 from rich.table import Column, Table
 
 from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, command, out_console, print_json
@@ -16,8 +18,14 @@ from optik.errors import InvalidInput, OutputError
 from optik.plugins.files import is_path
 from optik.plugins.used import record
 
+if TYPE_CHECKING:
+    from benchmarks.cli.explain import Explained
+
 ALL_SHOWN = 60
 """Characters of a value that the table shows; `--json` has all."""
+
+BESIDE_KEYS = 70
+"""Columns of a terminal that the value, default, unit and meaning of a key need beside it to be read in a table."""
 
 NEW_SUITE = """\
 # A comparison on {name}. What each key means: optik bench check {file}
@@ -173,10 +181,7 @@ def bench_check(
         about = {"suite": asked.name, "fingerprint": asked.fingerprint, "plugins": rows}
         print_json(about | {"keys": [key._asdict() for key in shown]})
         return
-    table = Table(Column("key", overflow="fold"), "value", "default", "unit", "meaning")
-    for key in shown:
-        table.add_row(*(_cell(part) for part in (key.key, _value(key), key.default, key.unit, key.meaning)))
-    out_console.print(table)
+    _print_keys(shown)
     words = f"the settings of {asked.name} are right"
     if any(str(row.get("path", "")).endswith(".py") for row in rows):
         words += "; the files were not run"
@@ -186,6 +191,24 @@ def bench_check(
     for row in rows:
         what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
         out_console.print(f"{row['group']} {row['name']}: {what}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _print_keys(keys: Sequence[Explained]) -> None:
+    """Keys as a table where it has room for the longest of them, else one below another: a key is never broken."""
+    longest = max((len(key.key) for key in keys), default=0)
+    if out_console.width >= longest + BESIDE_KEYS:
+        table = Table(Column("key", no_wrap=True), "value", "default", "unit", "meaning")
+        for key in keys:
+            table.add_row(*(_cell(part) for part in (key.key, _value(key), key.default, key.unit, key.meaning)))
+        out_console.print(table)
+        return
+    for key in keys:
+        words = f"{key.key} = {_value(key)}{f' {key.unit}' if key.unit else ''}"
+        out_console.print(_cell(words), soft_wrap=True)
+        default = f" Default: {key.default}." if key.default and key.default != "required" else ""
+        about = f"{'Required. ' if key.default == 'required' else ''}{key.meaning}{default}".strip()
+        if about:
+            out_console.print(Padding(_cell(about), (0, 0, 0, 4)), highlight=False)
 
 
 def _value(key: Any) -> str:

@@ -142,7 +142,10 @@ def _within_figures(rows: pl.DataFrame, last: pl.DataFrame, most: int) -> tuple[
         last.select(ok=(pl.col("axis") <= TWO_MM) & (pl.col("rotation_error") <= ROTATION_RAD))["ok"].to_numpy().mean()
     )
     return (
-        *((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows()),
+        *(
+            (f"within 2 mm after {b} iteration{'s' if b != 1 else ''}", f"{100 * ok:.1f} %")
+            for b, ok in share.iter_rows()
+        ),
         (f"within 2 mm and 0.1° after {most} iterations", f"{100 * turned:.1f} %"),
     )
 
@@ -305,6 +308,4 @@ def _range(budgets: list[int]) -> str:
 
 
 def _solved(rows: pl.DataFrame) -> pl.DataFrame:
-    return rows.filter(
-        (pl.col("budget") == pl.col("budget").max()) & (pl.col("status") == "solved") & (pl.col("distance") > 0.0)
-    )
+    return rows.filter((pl.col("budget") == pl.col("budget").max()) & (pl.col("status") == "solved"))

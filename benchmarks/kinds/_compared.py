@@ -25,6 +25,8 @@ class Compared:
         Column of truth values: problems are compared where it is true in both runs; all where empty.
     rounds : tuple of str
         Columns of the least and the largest value of the rounds of a timed call; empty where there are none.
+    exact : bool
+        Whether every run gives the same value, rounding aside: then any change is better or worse, without a test.
     """
 
     words: str
@@ -34,6 +36,7 @@ class Compared:
     scale: float = 1.0
     only: str = ""
     rounds: tuple[str, str] | tuple[()] = ()
+    exact: bool = False
 
     @property
     def is_share(self) -> bool:

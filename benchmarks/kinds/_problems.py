@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.kinds.base import Block
 from benchmarks.problems.base import SETS, ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import check_keys, check_known, check_table
+from benchmarks.settings import check_keys, check_known, check_table, naming
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -106,8 +106,13 @@ def check_set(block: ProblemBlock) -> None:
     Raises
     ------
     InvalidInput
-        An option that the set does not have, or out of range.
+        An option that the set does not have, or out of range; the block is named.
     """
+    with naming(f"block {block.id!r}: options"):
+        _draw_few(block)
+
+
+def _draw_few(block: ProblemBlock) -> None:
     if "count" in block.options:
         check_count(block.options["count"], "count", 1)
         block = replace(block, options=block.options | {"count": min(int(block.options["count"]), TRIAL_PROBLEMS)})

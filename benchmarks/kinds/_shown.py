@@ -33,8 +33,8 @@ class Column:
     better : str
         ``more`` or ``less``, where one value is better than another; else empty.
     show : str
-        ``number`` (three digits), ``exact`` (seven), ``p`` (a p-value), ``count``,
-        ``share`` (a percentage), ``text``, or ``mixed`` (a share
+        ``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with as
+        many digits as show it), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, or ``mixed`` (a share
         where the row's ``unit`` is %, else a number).
     aside : bool
         Whether the page shows it only on request: for columns that few readers ask for.
@@ -94,7 +94,9 @@ class Winner:
     anchor : str
         Section of the page that has the rest.
     note : str
-        Number of problems, and what the interval is.
+        Which problems, how many, and who is not ranked and why.
+    how : str
+        What the intervals are, and by which test ties are found; the page shows it on request.
     level : tuple of str, optional
         Labels of the best and of those that a paired test does not tell from it, where one was made.
     """
@@ -105,6 +107,7 @@ class Winner:
     entries: tuple[tuple[str, float, float, float], ...]
     anchor: str
     note: str = ""
+    how: str = ""
     level: tuple[str, ...] | None = None
 
     @property

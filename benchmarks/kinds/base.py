@@ -264,6 +264,11 @@ class Kind(Shown, ABC):
         """Its folder in a run."""
         return f"kinds/{slug(self.name)}"
 
+    @property
+    def parts_folder(self) -> str:
+        """Folder of its parts in a run, by which failures are told from those of another kind's block of the same name."""
+        return self.folder
+
     def file(self, block: Any, ending: str = "parquet") -> str:
         """Name of a file of a block in the run folder.
 
@@ -297,6 +302,24 @@ class Kind(Shown, ABC):
             None where nothing was run.
         """
         return folder.read(self.file(block))
+
+    def rows_to_compare(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
+        """Rows of a block as two runs are compared on them.
+
+        Parameters
+        ----------
+        folder : RunFolder
+            The run.
+        block : Block
+            The block.
+
+        Returns
+        -------
+        DataFrame or None
+            As `compared_rows` has them; None where nothing was run.
+        """
+        rows = self.rows(folder, block)
+        return None if rows is None else self.compared_rows(block, rows)
 
     def read(self, folder: RunFolder, block: Any) -> BlockRows | None:
         """A block with its rows for the report.

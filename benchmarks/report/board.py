@@ -6,7 +6,7 @@ import html
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from benchmarks.report.packing import pack
@@ -189,6 +189,38 @@ class Board:
     def state(self) -> dict[str, str]:
         """The value of every control that is chosen at first."""
         return {c.key: c.value for c in self.controls}
+
+    @property
+    def chosen(self) -> str:
+        """What is chosen at first, in words, for a figure on paper; empty where there is no choice."""
+        here = [c for c in self.shown if all(self.state.get(key) in values for key, values in c.when.items())]
+        named = "; ".join(f"{c.label}: {dict(c.options)[c.value]}" for c in here)
+        return f"Drawn for {named}." if named else ""
+
+    def each(self, key: str) -> tuple[Board, ...]:
+        """One board for each value of a control, to be drawn one after another.
+
+        Parameters
+        ----------
+        key : str
+            The control.
+
+        Returns
+        -------
+        tuple of Board
+            This board alone where it has no such control, or no choice there.
+        """
+        if all(c.key != key for c in self.shown):
+            return (self,)
+        values = [value for c in self.controls if c.key == key for value, _ in c.options]
+        return tuple(
+            replace(
+                self,
+                id=f"{self.id}-{value}",
+                controls=tuple(replace(c, initial=value) if c.key == key else c for c in self.controls),
+            )
+            for value in values
+        )
 
     def packed(self, labels: Sequence[str] = ()) -> str:
         """Everything the page's script needs to draw the plots, compressed.

@@ -14,6 +14,7 @@ import polars as pl
 from benchmarks.kinds.base import Block, Compared, Kind
 from benchmarks.records import slug
 from benchmarks.report.run import Run
+from benchmarks.report.words import quoted
 from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -24,7 +25,10 @@ BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT = "better", "worse", "within noise"
 FALSE_ALARMS = 0.05
 """Probability that a comparison of two runs without any difference calls anything better or worse."""
 
-SAME_PROBLEMS = ("robot", "set", "options", "lines", "limits")
+UNCHANGED = 1e-6
+"""Relative difference of two values that is no change: laws that iterate stop within it."""
+
+SAME_PROBLEMS = ("robot", "set", "options", "lines", "limits", "start_deg", "move_m", "samples")
 """Keys of a block that decide its problems, with the suite's seed, where a run has stored no hash of them."""
 
 
@@ -140,18 +144,17 @@ def _of_block(
     kind: Kind, first: tuple[Run, Block], second: tuple[Run, Block], left_out: list[str]
 ) -> Iterator[tuple[Difference, Compared, bool]]:
     (a, block), (b, other) = first, second
-    rows = [kind.rows(run.folder, one) for run, one in (first, second)]
-    if rows[0] is None or rows[1] is None:
+    x, y = (kind.rows_to_compare(run.folder, one) for run, one in (first, second))
+    if x is None or y is None:
         left_out.append(f"{block.id}: not run in both")
         return
-    x, y = (kind.compared_rows(one, part) for one, part in zip((block, other), rows, strict=True) if part is not None)
     paired = same_problems(a, block, b, other)
     if not paired:
         left_out.append(f"{block.id}: the problems differ, so nothing is paired and only large differences show")
     labels = x["label"].unique(maintain_order=True).to_list()
     theirs = set(y["label"])
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
-    left_out += [f"{block.id}: {label} is in one run only" for label in missing]
+    left_out += [f"{block.id}: {quoted(label)} is in one run only" for label in missing]
     for label in (label for label in labels if label in theirs):
         for measure in kind.compared:
             mine, other_rows = (frame.filter(pl.col("label") == label) for frame in (x, y))
@@ -202,6 +205,8 @@ def _difference(measure: Compared, a: pl.DataFrame, b: pl.DataFrame, paired: boo
         return None
     x, y = (frame[column].to_numpy() for frame in (a, b))
     pairs = len(a) if paired and not repeated else 0
+    if measure.exact:
+        return _exact(measure, measure.scale * x.astype(float), measure.scale * y.astype(float), pairs)
     if measure.is_share:
         return _shares(measure, x, y, pairs)
     x, y = measure.scale * x.astype(float), measure.scale * y.astype(float)
@@ -248,6 +253,14 @@ def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float) -> 
     ratio = b / a if a else math.nan
     apart = float(y.min()) > float(x.max()) or float(y.max()) < float(x.min())
     return replace(base, change=_percent(ratio)), apart and len(x) > 1 and len(y) > 1
+
+
+def _exact(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
+    """Values without noise: a change beyond rounding counts."""
+    a, b = (100.0 * float(v.mean()) if measure.is_share else float(np.median(v)) for v in (x, y))
+    change = b - a if measure.is_share else _percent(b / a if a else math.nan)
+    base = Difference("", "", measure.words, measure.unit, a, b, change, pairs=pairs)
+    return base, not math.isclose(a, b, rel_tol=UNCHANGED)
 
 
 def _percent(ratio: float) -> float:

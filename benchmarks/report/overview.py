@@ -6,6 +6,7 @@ from collections import Counter
 from typing import Any
 
 from benchmarks.experiments.base import PARTLY
+from benchmarks.report.failures import failure_words
 from benchmarks.report.run import Run
 from benchmarks.report.winners import won
 from optik.errors import UnknownName
@@ -32,6 +33,7 @@ def overview(run: Run) -> dict[str, Any]:
         "title": run.suite.title,
         "suite": run.suite.name,
         "complete": bool(run.manifest.get("complete")),
+        "failed": failure_words(run),
         "created": run.manifest["provenance"].get("created", ""),
         "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
         "subjects": _subjects(run),

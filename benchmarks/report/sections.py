@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kinds.base import Section
+from benchmarks.report.failures import failure_section, home_of
 from benchmarks.report.findings import asked, claims, limitations, misprints, provenance
 from benchmarks.report.rows import section_of
 from benchmarks.report.run import Run
@@ -39,7 +40,9 @@ def all_sections(run: Run) -> list[Section]:
     """
     found: dict[Section, None] = {}
     for kind in run.suite.kinds:
-        found |= dict.fromkeys(kind.sections() or (section_of(kind),))
+        own = list(kind.sections() or (section_of(kind),))
+        failed = failure_section(kind, home_of(kind, own), run)
+        found |= dict.fromkeys([*own, *([] if failed is None else [failed])])
     return sorted((*found, *CLOSING), key=lambda section: section.order)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.kinds._shown import Cell, Column, Table
 from benchmarks.report.figures import noise_floor
-from benchmarks.report.numbers import number, p_value
+from benchmarks.report.numbers import number, p_value, ratio
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -150,9 +150,11 @@ def written(show: str, middle: float, low: float = math.nan, high: float = math.
         return p_value(middle), ""
     if show == "count":
         return (f"{middle:,.0f}" if middle == round(middle) else number(middle)), _interval(low, high, 3)
+    if show == "limit":
+        return ratio(middle), ""
     if show == "exact" and math.isfinite(middle):
         return f"{middle:.7g}", "" if math.isnan(half) else f"{low:.7g} to {high:.7g}"
-    digits = 3
+    digits = 4 if show == "precise" else 3
     if half > 0 and math.isfinite(half) and middle:
         digits = 1 + math.floor(math.log10(abs(middle))) - math.floor(math.log10(half))
         digits = min(max(digits, LEAST_DIGITS), MOST_DIGITS)

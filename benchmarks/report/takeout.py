@@ -1,4 +1,4 @@
-"""Every table of a run that leaves the report: those of its kinds, the winners, and what the project asked of itself."""
+"""Every table of a run that leaves the report: of its kinds, what failed, the winners, and what this project asked."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from benchmarks.kinds._shown import Cell, Column, Table
 from benchmarks.kinds._stored import tables as tables_of_rows
 from benchmarks.kinds.base import Kind
 from benchmarks.records import slug
+from benchmarks.report.failures import failure_table
 from benchmarks.report.run import Run
 from benchmarks.report.winners import winners_table
 
@@ -38,11 +39,12 @@ def all_tables(run: Run) -> list[Table]:
     Returns
     -------
     list of Table
-        The winners first, then those of the kinds in their order, then the targets.
+        The winners first, then those of the kinds in their order with what failed of each, then the targets.
     """
     found = [winners_table(run)]
     for kind in run.suite.kinds:
         found += kind.tables(run) or (() if kind.sections() else rows_tables(kind, run))
+        found.append(failure_table(kind, run))
     found.append(asked_table(run))
     return list({table.id: table for table in found if table is not None}.values())
 

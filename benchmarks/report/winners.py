@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from benchmarks.kinds._shown import Cell, Column, Table, Winner
 from benchmarks.report.run import Run
 from benchmarks.report.shown import written
+from benchmarks.report.words import listed
 
 MOST_TIED = 3
 """Ties that are named one by one; of more, their number is."""
@@ -41,6 +42,7 @@ class Won:
     question: str
     anchor: str
     note: str
+    how: str
     best: Place
     tied: tuple[str, ...]
     second: Place | None
@@ -82,7 +84,13 @@ def _won(winner: Winner, run: Run) -> Won:
     places = [_place(winner, entry, run) for entry in winner.entries]
     tied, second = _order(winner)
     return Won(
-        winner.question, winner.anchor, winner.note, places[0], tied, places[second] if second is not None else None
+        winner.question,
+        winner.anchor,
+        winner.note,
+        winner.how,
+        places[0],
+        tied,
+        places[second] if second is not None else None,
     )
 
 
@@ -97,7 +105,7 @@ def _order(winner: Winner) -> tuple[tuple[str, ...], int | None]:
 def _place(winner: Winner, entry: tuple[str, float, float, float], run: Run) -> Place:
     label, middle, low, high = entry
     share = winner.unit == "%"
-    value, interval = written("share" if share else "number", middle, low, high)
+    value, interval = written("share" if share else "precise" if low == high else "number", middle, low, high)
     unit = f" {winner.unit}" if winner.unit else ""
     return Place(label, run.colour(label) if label in run.labels else "", f"{value}{unit}", interval)
 
@@ -115,7 +123,7 @@ def tied_words(labels: tuple[str, ...]) -> str:
     str
         Empty where there are none.
     """
-    return ", ".join(labels) if len(labels) <= MOST_TIED else f"{', '.join(labels[:2])} and {len(labels) - 2} more"
+    return listed(labels) if len(labels) <= MOST_TIED else f"{listed(labels[:2])} and {len(labels) - 2} more"
 
 
 def winners_table(run: Run) -> Table | None:
@@ -137,7 +145,7 @@ def winners_table(run: Run) -> Table | None:
         tied, second = _order(winner)
         row: dict[str, Cell] = {
             "question": winner.question, "best": label, "value": (value[0], value[1], value[2]), "unit": winner.unit,
-            "tied": ", ".join(tied), "note": winner.note,
+            "tied": listed(tied), "note": "; ".join(words for words in (winner.note, winner.how) if words),
         }  # fmt: skip
         if second is not None:
             other, *ends = winner.entries[second]

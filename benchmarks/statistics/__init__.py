@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from benchmarks.statistics.intervals import median_interval, ratio_interval, wilson
-from benchmarks.statistics.paired import SIGNIFICANT, McNemar, holm, mcnemar, not_beaten, signed_rank
+from benchmarks.statistics.paired import (
+    SIGNIFICANT,
+    McNemar,
+    holm,
+    mcnemar,
+    mcnemar_p,
+    not_beaten,
+    not_longer,
+    not_told_apart,
+    signed_rank,
+)
 from benchmarks.statistics.profiles import performance_profile
 from benchmarks.statistics.summaries import binned, quantiles, shifted_geometric_mean
 
 __all__ = [
-    "SIGNIFICANT", "McNemar", "binned", "holm", "mcnemar", "median_interval", "not_beaten", "performance_profile", "quantiles",
-    "ratio_interval", "shifted_geometric_mean", "signed_rank", "wilson",
+    "SIGNIFICANT", "McNemar", "binned", "holm", "mcnemar", "mcnemar_p", "median_interval", "not_beaten", "not_longer",
+    "not_told_apart", "performance_profile", "quantiles", "ratio_interval", "shifted_geometric_mean", "signed_rank", "wilson",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Paired tests of two methods on the same problems, and Holm's correction where several pairs are tested."""
+"""Paired tests of two methods on the same problems, Holm's correction for several, and who ties with the best."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from benchmarks.statistics.intervals import STANDS_FOR_INFINITY
 
 SIGNIFICANT = 0.05
 """Largest p-value of a test at which one method counts as better than another."""
@@ -47,12 +49,27 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> McNemar:
     """
     a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
-    p = 1.0
-    if only_a + only_b:
-        from scipy.stats import binomtest
+    return McNemar(int((a & b).sum()), only_a, only_b, int((~a & ~b).sum()), mcnemar_p(only_a, only_b))
 
-        p = float(binomtest(only_a, only_a + only_b, 0.5).pvalue)
-    return McNemar(int((a & b).sum()), only_a, only_b, int((~a & ~b).sum()), p)
+
+def mcnemar_p(only_first: int, only_second: int) -> float:
+    """Two-sided p-value of McNemar's exact test.
+
+    Parameters
+    ----------
+    only_first, only_second : int
+        Problems that only the first method solved, and only the second.
+
+    Returns
+    -------
+    float
+        p-value; 1 where there are none.
+    """
+    if not only_first + only_second:
+        return 1.0
+    from scipy.stats import binomtest
+
+    return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
 
 
 def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str, ...]:
@@ -71,15 +88,53 @@ def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str
     Returns
     -------
     tuple of str
-        Labels in the order of `solved`; each is compared on the problems that both were given.
+        Labels, the best first, then in the order of `solved`; each is compared on the problems that both were given.
     """
-    others = [label for label in solved if label != best]
-    p_values = []
-    for label in others:
+    p_values = {}
+    for label in (label for label in solved if label != best):
         shared = sorted(solved[best].keys() & solved[label].keys())
-        p_values.append(mcnemar([solved[best][k] for k in shared], [solved[label][k] for k in shared]).p)
-    level = {label for label, p in zip(others, holm(p_values), strict=True) if not p < SIGNIFICANT}
-    return tuple(label for label in solved if label == best or label in level)
+        p_values[label] = mcnemar([solved[best][k] for k in shared], [solved[label][k] for k in shared]).p
+    return not_told_apart(best, p_values)
+
+
+def not_longer(best: str, values: Mapping[str, ArrayLike]) -> tuple[str, ...]:
+    """The best and those whose times Wilcoxon's test, corrected by Holm's procedure, does not show to be longer.
+
+    Parameters
+    ----------
+    best : str
+        Label of the one with the least median.
+    values : mapping of str to (k,) array
+        Times or durations above 0 of each on the same problems in the same order [as each other]; infinity for a failure.
+
+    Returns
+    -------
+    tuple of str
+        Labels, the best first.
+    """
+    mine = np.asarray(values[best], dtype=float)
+    p_values = {label: signed_rank(x, mine) for label, x in values.items() if label != best}
+    shorter = {label: 1.0 for label in p_values if np.sum(values[label] > mine) <= np.sum(values[label] < mine)}
+    return not_told_apart(best, p_values | shorter)
+
+
+def not_told_apart(best: str, p_values: Mapping[str, float]) -> tuple[str, ...]:
+    """The best and those that a test, corrected by Holm's procedure, does not tell from it.
+
+    Parameters
+    ----------
+    best : str
+        Label of the best.
+    p_values : mapping of str to float
+        Of the test of each other with the best, by label.
+
+    Returns
+    -------
+    tuple of str
+        Labels, the best first.
+    """
+    corrected = holm(list(p_values.values()))
+    return (best, *(label for label, p in zip(p_values, corrected, strict=True) if not p < SIGNIFICANT))
 
 
 def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
@@ -90,14 +145,14 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
     Parameters
     ----------
     first, second : (k,) array
-        Values above 0 of both, in the same order of problems [as each other].
+        Values above 0 of both, in the same order of problems [as each other]; infinity is longer than all else.
 
     Returns
     -------
     float
         p-value; 1 where no pair differs, NaN where there are no pairs.
     """
-    x, y = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    x, y = (np.minimum(np.asarray(sample, dtype=float), STANDS_FOR_INFINITY) for sample in (first, second))
     if x.size == 0:
         return float("nan")
     difference = np.log(x) - np.log(y)

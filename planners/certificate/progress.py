@@ -90,7 +90,8 @@ def _grown(x: Indices, count: int) -> Indices:
     if count <= x.shape[0]:
         return x
     more = np.empty(2 * count, np.int64)
-    more[: x.shape[0]] = x
+    for i in range(x.shape[0]):
+        more[i] = x[i]
     return more
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from optik.compiled import compiled
 from optik.kinematics import Chain, Range, frames, tool_motion, tool_pose
+from optik.linear import copy_vector
 from optik.newton import derivatives_at, put_on
 from optik.types import Array
 from planners.curve import bell
@@ -216,7 +217,7 @@ def pieces_bound(
     b, left, right = np.empty((q.shape[1], 6)), np.empty(4), np.empty(4)
     misfit(chain, q[0], dq[0], poses[0], twists[0], right)
     for i in range(s.shape[0] - 1):
-        left[:] = right
+        copy_vector(right, left)
         misfit(chain, q[i + 1], dq[i + 1], poses[i + 1], twists[i + 1], right)
         h = s[i + 1] - s[i]
         control_points(h, q[i], dq[i], q[i + 1], dq[i + 1], b)
@@ -248,7 +249,7 @@ def first_exit(points: Array, low: float, high: float) -> float:
         return 2.0
     stack, ends = np.empty((64, 6)), np.empty((64, 2))
     left, right = np.empty(6), np.empty(6)
-    stack[0, :] = points
+    copy_vector(points, stack[0])
     ends[0, 0], ends[0, 1] = 0.0, 1.0
     top = 1
     while top > 0:
@@ -268,9 +269,9 @@ def first_exit(points: Array, low: float, high: float) -> float:
                 right[j] = 0.5 * (right[j] + right[j + 1])
         middle = 0.5 * (a + c)
         # right now holds, backwards, the points of the second half
-        stack[top, :] = right
+        copy_vector(right, stack[top])
         ends[top, 0], ends[top, 1] = middle, c
-        stack[top + 1, :] = left
+        copy_vector(left, stack[top + 1])
         ends[top + 1, 0], ends[top + 1, 1] = a, middle
         top += 2
     return 2.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.compiled import compiled
 from optik.kinematics import Chain, frames, jacobian_from, tool_pose
-from optik.linear import cholesky_solve, damped_step
+from optik.linear import cholesky_solve, copy_matrix, copy_vector, damped_step
 from optik.se3 import pose_error
 from optik.types import Array
 
@@ -72,9 +72,10 @@ def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
         for i in range(6):
             error = max(error, abs(e[i]))
         if not error < worst:
-            q[:] = best  # rounding, or no progress; J is that of one step before
+            copy_vector(best, q)  # rounding, or no progress; J is that of one step before
             break
-        worst, best[:] = error, q
+        worst = error
+        copy_vector(q, best)
         jacobian_from(chain, frame, T, J)
         if error < 1e-14 or not damped_step(J, e, 0.0, A, y, dq):
             break
@@ -203,7 +204,7 @@ def carry(
                 return k
         if free_directions(J, N, on) == 0.0:
             continue
-        N[:] = on
+        copy_matrix(on, N)
         largest = 1e-12
         for i in range(n):
             other[i] = 0.0
@@ -271,8 +272,8 @@ def solve_blocks(D: Array, C: Array, b: Array) -> None:
     column, work = np.empty(d), np.empty((d, d))
     for i in range(1, k):
         for c in range(d):  # D[i] − C D[i − 1]⁻¹ Cᵀ, column by column
-            column[:] = C[i, c]
-            work[:] = D[i - 1]
+            copy_vector(C[i, c], column)
+            copy_matrix(D[i - 1], work)
             cholesky_solve(work, column)
             for r in range(d):
                 b[i, c] -= column[r] * b[i - 1, r]

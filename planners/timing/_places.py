@@ -72,8 +72,10 @@ def _graded(breaks: Array, count: int, per_piece: int, first: float) -> Array:
     (m,) array
         The places.
     """
-    pieces = np.diff(breaks)
-    k, most = pieces.shape[0], breaks[-1] / count
+    k, most = breaks.shape[0] - 1, breaks[-1] / count
+    pieces = np.empty(k)
+    for i in range(k):
+        pieces[i] = breaks[i + 1] - breaks[i]
     size = np.empty(k + 1)
     size[0], size[k] = first * min(most, pieces[0] / per_piece), first * min(most, pieces[k - 1] / per_piece)
     for i in range(1, k):

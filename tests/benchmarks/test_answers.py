@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,14 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from benchmarks.kinds._seeds import trial_seed
-from benchmarks.kinds.answers.measures import distribution, summary
+from benchmarks.kinds.answers.measures import distribution, solved_by_all, summary
 from benchmarks.kinds.answers.run import AnswersWork, parts, solve
 from benchmarks.kinds.base import Entry, load_kind
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
-from benchmarks.statistics import wilson
+from benchmarks.statistics import mcnemar_p, wilson
 from benchmarks.suite import Suite, load_suite, suite_of
 from optik import load
 from optik.errors import InvalidInput
@@ -141,6 +142,14 @@ def test_the_page_has_a_table_and_a_plot(done: RunFolder) -> None:
     assert all(set(row) >= {column.key for column in shown.columns} for row in shown.rows)
     (best,) = kind.winners(Run(done))
     assert best.entries[0][0] == "lm"
+    solved = solved_by_all(done.scan(done.part_names("answers", "arm")), ["dls <weak>", "lm"])
+    good = pl.col("inside") & (pl.max_horizontal("position_error", "rotation_error") <= 1e-6)
+    both = table(done).filter(pl.col("problem") < 1200).sort("problem")
+    for label, found in solved.items():
+        assert found.tolist() == both.filter(pl.col("method") == label).select(good).to_series().to_list()
+    only = [int((x & ~y).sum()) for x, y in itertools.permutations((solved["lm"], solved["dls <weak>"]))]
+    assert best.tied == (("lm",) if mcnemar_p(*only) < 0.05 else ("lm", "dls <weak>"))
+    assert best.note == "the same 1,200 problems for all"
 
 
 def test_random_numbers_are_keyed_by_problem_method_and_trial(tmp_path: Path) -> None:

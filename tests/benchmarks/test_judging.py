@@ -20,6 +20,7 @@ from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder
 from benchmarks.report.run import Run
+from benchmarks.report.shown import shown_table
 from benchmarks.run import run_suite
 from benchmarks.statistics import wilson
 from benchmarks.suite import suite_of
@@ -276,9 +277,14 @@ def test_success_and_times_are_what_numpy_finds(block: CallRows, raw: dict[str, 
             for key, level in (("median", 50), ("p95", 95), ("p99", 99), ("max", 100)):
                 value = found[label][prefix + key]
                 assert value == pytest.approx(np.percentile(part, level)) if len(part) else math.isnan(value)
-        both = np.intersect1d(c["problem"], raw["lm"]["problem"])
+        both = np.intersect1d(c["problem"][ok], raw["lm"]["problem"][raw["lm"]["solved"]])
+        if not len(both):
+            assert math.isnan(found[label]["ratio"])
+            continue
         medians = [np.median(m["ns"][np.isin(m["problem"], both)]) for m in (c, raw["lm"])]
         assert found[label]["ratio"] == pytest.approx(medians[0] / medians[1])
+        if label != "lm":
+            assert found[label]["ratio"] == pytest.approx(table(block, "-pairs")[label]["ratio"][0])
 
 
 def test_equal_time_tolerances_and_iterations_are_counted(
@@ -294,7 +300,7 @@ def test_equal_time_tolerances_and_iterations_are_counted(
             k = int((c["inside"] & (c["position_error"] <= level) & (c["rotation_error"] <= level)).sum())
             assert at[label][f"at{name}"] == pytest.approx(plain_wilson(k, len(c["ns"])), abs=1e-6)
         if label in BODIES:
-            assert steps[label] == {"label": label, "n3": "cannot be told"}
+            assert steps[label] == {"label": label, "n3": "cannot be told", "given": ""}
             continue
         for budget in (3, 30):
             part = answers.filter((pl.col("method") == label) & (pl.col("budget") == budget))
@@ -431,22 +437,47 @@ def test_methods_that_vary_are_marked(block: CallRows) -> None:
     assert "dls differs between runs by the clock, random numbers." in found.tables[0].note
 
 
-def test_the_winners_are_those_that_none_surely_beats(block: CallRows) -> None:
+def test_winners_are_decided_problem_by_problem_on_those_that_all_were_given(block: CallRows) -> None:
     most, fastest = _winners(block)
     assert most.entries[0][1] == 100.0
     assert [entry[1] for entry in most.entries] == sorted((entry[1] for entry in most.entries), reverse=True)
+    given = len(block.by_method["few"])
+    assert 2 * given < COUNT
+    assert "few" not in [entry[0] for entry in (*most.entries, *fastest.entries)]
+    assert (
+        most.note
+        == f"the same {COUNT} problems for all, each with a known solution; not ranked, as given fewer: few ({given})"
+    )
     assert {entry[0] for entry in fastest.entries} == set(most.tied)
+    ok = [set(block.by_method[label].filter("solved")["problem"]) for label in most.tied]
+    both = pl.col("problem").is_in(list(set.intersection(*ok)))
     for label, value, low, high in fastest.entries:
-        assert value == pytest.approx(np.median(block.by_method[label]["ns"].to_numpy()) / 1e3)
+        assert value == pytest.approx(np.median(block.by_method[label].filter(both)["ns"].to_numpy()) / 1e3)
         assert low <= value <= high
 
 
-def test_where_no_solution_is_known_winners_share_their_problems(block: CallRows) -> None:
-    rows = block.rows.with_columns(known=pl.col("problem") > 0)
-    most = _winners(CallRows(block.block, rows, block.folder, block.facts))[0]
-    shared = set(rows.filter(pl.col("method") == "few")["problem"])
-    lm = rows.filter((pl.col("method") == "dls") & pl.col("problem").is_in(shared))["solved"]
-    assert dict((e[0], e[1]) for e in most.entries)["dls"] == pytest.approx(100.0 * lm.mean())  # type: ignore[operator]
+def test_intervals_that_overlap_are_no_tie_where_each_pair_shows_the_same(block: CallRows) -> None:
+    spread = 10.0 ** (3.0 + pl.col("problem") % 7)  # each method's times overlap with the other's: only pairs tell
+    factor = pl.when(pl.col("method") == "lm").then(1.0).otherwise(1.05)
+    rows = block.rows.filter(pl.col("method").is_in(["lm", "dls"]))
+    rows = rows.with_columns(solved=pl.lit(value=True), ns=factor * spread)
+    most, fastest = _winners(CallRows(block.block, rows, block.folder, block.facts))
+    assert set(most.tied) == {"lm", "dls"}
+    assert fastest.tied == ("lm",)
+    assert fastest.entries[1][2] <= fastest.entries[0][3]  # the intervals do overlap
+    unknown = rows.with_columns(known=pl.col("problem") >= 10)
+    note = _winners(CallRows(block.block, unknown, block.folder, block.facts))[0].note
+    assert note == f"the same {COUNT} problems for all, {COUNT - 10} of them with a known solution"
+
+
+def test_the_best_is_marked_among_methods_that_were_given_the_same(block: CallRows) -> None:
+    rows = block.rows.with_columns(solved=pl.col("method") == "few")
+    for found in CallRows(block.block, rows, block.folder, block.facts).tables[:2]:
+        shown = {row.cells[0].text: row for row in shown_table(found).rows}
+        assert not any(cell.best for cell in shown["few"].cells)
+        assert {row["label"]: row.get("given") for row in found.rows} == {
+            label: "" if label == "few" else "yes" for label in block.by_method
+        }
 
 
 def test_every_table_has_an_id_of_its_own_and_cells_of_its_columns(run: RunFolder) -> None:

@@ -14,9 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
+from benchmarks.kinds.answers.measures import compared_answers
 from benchmarks.kinds.base import Compared, load_kind
 from benchmarks.records import RunFolder
-from benchmarks.report.compare import Difference, compare_runs
+from benchmarks.report.compare import Difference, _difference, compare_runs
 from benchmarks.report.run import Run
 from optik.errors import InvalidInput
 
@@ -119,6 +120,41 @@ def test_a_time_must_differ_by_more_than_its_rounds(
     assert d.noise == pytest.approx(100.0 * noise)
     assert d.p < 0.05  # Wilcoxon's test alone would call even 5 % a difference
     assert of(found, "misprint", "as printed", "time").verdict == "within noise"
+
+
+def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(small_run.path, tmp_path / "longer")
+    longer = RunFolder(tmp_path / "longer")
+    plans = longer.read_json("line/plans.json")
+    plans[0]["duration"] *= 1.001
+    longer.write_json("line/plans.json", plans)
+    found = compare_runs(Run(small_run), Run(longer))
+    changed = [d for d in found.differences if d.verdict != "within noise"]
+    assert [(d.label, d.measure) for d in changed] == [(f"{plans[0]['law']} with {plans[0]['ik']}", "duration")]
+    assert changed[0].loss == pytest.approx(0.1)
+    assert not any("does not say what to compare" in words for words in found.left_out)
+    assert of(found.differences, changed[0].block, "all plans", "time of a whole plan").pairs == len(plans)
+
+
+def test_fresh_processes_and_recorded_answers_are_compared() -> None:
+    first_use, answers = load_kind("first_use"), load_kind("answers")
+    rows = pl.DataFrame({"measure": ["import", "import", "first"], "seconds": [1.0, 1.1, 3.0]})
+    x = first_use.compared_rows(None, rows)
+    y = first_use.compared_rows(None, rows.with_columns(pl.col("seconds") * 2.0))
+    (measure,) = first_use.compared
+    found = [_difference(measure, *(frame.filter(label="import") for frame in (x, z)), True) for z in (x, y)]
+    assert [one is not None and one[1] for one in found] == [
+        False,
+        True,
+    ]  # apart: no process of one is as slow as any other
+    part = {"inside": True, "position_error": 1e-9, "rotation_error": 1e-9, "seconds": 2e-6, "method": "lm"}
+    data = pl.DataFrame([part | {"problem": k, "position_error": 10.0 ** -(k + 2)} for k in range(6)])
+    frame = compared_answers(data.lazy(), 4)
+    assert frame.filter(pl.col("good").is_not_null()).sort("problem")["good"].to_list() == [False] * 4 + [True] * 2
+    assert frame.filter(pl.col("seconds").is_not_null()).sort("problem").select("problem", "seconds").rows() == [
+        (-2, pytest.approx(2e-6)), (-1, pytest.approx(2e-6)),
+    ]  # fmt: skip
+    assert {measure.column for measure in answers.compared} <= set(frame.columns)
 
 
 def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> None:

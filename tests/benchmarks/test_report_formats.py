@@ -16,6 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
+from benchmarks.kinds._ranked import Ranked, ranked
 from benchmarks.kinds.base import Column, Table, Winner
 from benchmarks.records import RunFolder
 from benchmarks.report.board import Board, Control, Key, Plot
@@ -25,8 +26,12 @@ from benchmarks.report.formats.svg import draw
 from benchmarks.report.formats.tables_csv import csv_of
 from benchmarks.report.formats.tex import escaped, tex_of
 from benchmarks.report.packing import pack, unpack
+from benchmarks.report.page import render
+from benchmarks.report.run import Run
 from benchmarks.report.shown import shown_cell, shown_table, written
-from benchmarks.report.winners import won
+from benchmarks.report.steps import steps_of
+from benchmarks.report.winners import tied_words, won
+from benchmarks.report.words import listed
 from optik.errors import MissingDependency
 from tests.benchmarks.conftest import hide
 
@@ -74,6 +79,10 @@ TABLE = Table("odd", "A title & more", COLUMNS, ROWS, "A note: 50 %.")
         (COLUMNS[4], float("inf"), "∞", ""),
         (Column("x", "x", show="exact"), 1.000000000000, "1", ""),
         (Column("x", "x", show="exact"), 1.00000571, "1.000006", ""),
+        (Column("x", "x", "s", show="precise"), 0.603215, "0.6032", ""),
+        (Column("x", "x", show="limit"), 1.0000057, "1.0000057", ""),
+        (Column("x", "x", show="limit"), 457.987654, "458", ""),
+        (Column("x", "x", show="limit"), 0.99999999, "1.00", ""),
     ],
 )
 def test_values_have_the_digits_that_they_deserve(column: Column, value: Any, text: str, interval: str) -> None:
@@ -191,6 +200,16 @@ def test_a_figure_is_what_the_page_shows_first_and_the_same_every_time() -> None
     assert "&lt;b&gt; $x$" in text
 
 
+def test_on_paper_each_problem_set_has_its_figure_and_every_choice_is_said() -> None:
+    first, second = board().each("k")
+    assert (first.id, first.chosen) == ("odd-a", "Drawn for K: a.")
+    assert (second.id, second.chosen) == ("odd-b", "Drawn for K: b.")
+    assert "#d55e00" in draw(first)
+    assert "#123456" in draw(second)
+    assert [one.id for one in board().each("another")] == ["odd"]
+    assert Board("one", (), (Control.of("k", "K", ("a",)),)).chosen == ""
+
+
 def test_nothing_is_drawn_below_what_is_a_result() -> None:
     data = board().plots[0].to_data()
     assert data["traces"][0]["trace"]["y"] == [1.0, 1e-6, 1e-9]
@@ -236,18 +255,29 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
     winner = Winner(
         "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
     )
+    failed = [
+        {"file": f"ik/{block}--01-corrected--{part:03d}.parquet", "label": "corrected <b>, x", "why": why, "times": 2}
+        for block, part, why in (("misprint", 0, "SIGSEGV"), ("misprint", 1, "SIGSEGV"), ("damping", 0, "it hung"))
+    ]
+    copied.write_json("run.json", copied.manifest() | {"failed": failed})
     monkeypatch.setattr(kind, "winners", lambda self, run: [winner])
     monkeypatch.setattr(type(load_kind("plans")), "tables", lambda self, run: [])
     monkeypatch.setattr(type(load_kind("plans")), "winners", lambda self, run: [])
     for name, files in (
-        ("csv", ["tables/winners.csv", "tables/odd.csv"]),
-        ("tex", ["tables/winners.tex", "tables/odd.tex"]),
+        ("csv", ["tables/winners.csv", "tables/odd.csv", "tables/failed-budgets.csv"]),
+        ("tex", ["tables/winners.tex", "tables/odd.tex", "tables/failed-budgets.tex"]),
     ):
         done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", name, "--json"])
         assert done.exit_code == 0, done.output
         assert [str(Path(f).relative_to(copied.path)) for f in json.loads(done.stdout)["files"]] == files
     winners = pl.read_csv(copied.path / "tables/winners.csv").row(0, named=True)
     assert (winners["best"], winners["value"], winners["tied"], winners["second"]) == ("a", 90.0, "b", "c")
+    crashes = pl.read_csv(copied.path / "tables/failed-budgets.csv").rows()
+    titles = {block.id: block.title for _, block in Run(copied).suite.pairs()}
+    first = ("corrected <b>, x", titles["misprint"], 4, "SIGSEGV", 2)
+    assert crashes[0] == first
+    if "damping" in titles:
+        assert crashes[1] == ("corrected <b>, x", titles["damping"], 2, "it hung", 1)
     done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", "md", "--json"])
     assert done.exit_code == 0, done.output
     text = (copied.path / "report.md").read_text(encoding="utf-8")
@@ -256,6 +286,31 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
     for file in figures:
         ElementTree.parse(copied.path / file)
     assert text.count("A title &amp; more") == 1
+    assert text.index("## Methods") < text.index("Methods: what failed") < text.index("SIGSEGV")
+    assert "Failures or crashes: “corrected &lt;b&gt;, x”." in text
+    page = render(Run(copied))
+    assert page.index('<section id="methods">') < page.index("Methods: what failed") < page.index("SIGSEGV")
+    assert page.index("SIGSEGV") < page.index("<section", page.index('<section id="methods">') + 1)
+
+
+def test_a_distribution_is_drawn_from_every_value_and_exact_at_its_ends() -> None:
+    x, share = steps_of([3.0, 1.0, 2.0, 2.0], 5)  # the fifth has failed
+    assert (x.tolist(), share.tolist()) == ([1.0, 1.0, 2.0, 3.0], [0.0, 20.0, 60.0, 80.0])
+    values = np.random.default_rng(1).lognormal(size=20_000)
+    x, share = steps_of(values, 25_000)
+    assert len(x) <= 302
+    assert (x[0], x[-1], share[0], share[-1]) == (values.min(), values.max(), 0.0, 80.0)
+    for value, percent in zip(x[1:], share[1:], strict=True):
+        assert percent == pytest.approx(100.0 * np.count_nonzero(values <= value) / 25_000)
+    assert share[1] == 100.0 / 25_000  # not the first whole percent
+    assert np.diff(share).max() < 1.0
+
+
+def test_a_name_with_a_comma_is_told_from_two_names() -> None:
+    assert listed(["lm", "lm, one attempt"]) == "lm, “lm, one attempt”"
+    assert tied_words(("lm, one attempt", "dls")) == "“lm, one attempt”, dls"
+    assert ranked({"a, b": 3, "c": 100, "d": 60}) == Ranked(("c", "d"), "; not ranked, as given fewer: “a, b” (3)")
+    assert ranked({"a": 3, "c": 100}) == Ranked(("a", "c"), "")  # one alone wins nothing
 
 
 def test_digits_of_shares_and_p_values() -> None:
@@ -266,18 +321,24 @@ def test_digits_of_shares_and_p_values() -> None:
 
 def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     from benchmarks.kinds.base import load_kind
-    from benchmarks.report.run import Run
 
     entries = (("ipopt", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0))
     monkeypatch.setattr(
         type(load_kind("budgets")), "winners", lambda self, run: [Winner("Who?", "%", "more", entries, "methods")]
     )
     found = won(Run(small_run))[0]
+    exact = [
+        Winner("Who?", "s", "less", (("a", 0.60321, 0.60321, 0.60321), ("b", 0.60333, 0.60333, 0.60333)), "methods")
+    ]
     assert (found.best.label, found.best.value, found.best.interval) == ("ipopt", "90.0 %", "80.0 to 95.0")
     assert found.tied == ("b",)
     assert found.second is not None
     assert found.second.label == "c"
     assert found.best.colour.startswith("var(--m")
+    monkeypatch.setattr(type(load_kind("budgets")), "winners", lambda self, run: exact)
+    found = won(Run(small_run))[0]
+    assert found.second is not None
+    assert (found.best.value, found.second.value) == ("0.6032 s", "0.6033 s")
 
 
 def test_without_matplotlib_one_line_names_the_extra(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:

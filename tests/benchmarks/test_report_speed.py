@@ -156,6 +156,13 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     percent = 100 * near.filter(pl.col("status") == "solved").height / 12
     assert f"worst is λ=0.3 with {percent:.1f} %" in page.text
     assert "half steps has" in page.text
+    (found,) = [t for t in load_kind("budgets").tables(Run(folder)) if t.id == "damping"]
+    assert [column.words for column in found.columns if not column.aside] == [
+        "Damping", "solved, 0 ≤ σ < 0.03", "solved, 0.03 ≤ σ < 1",
+    ]  # fmt: skip
+    row = {row["label"]: row for row in found.rows}["λ=0.3"]
+    assert row["share 0 ≤ σ < 0.03"][0] == pytest.approx(percent)  # type: ignore[index]
+    assert row["p95 0 ≤ σ < 0.03"] == pytest.approx(1e3 * np.quantile(near["position_error"].to_numpy(), 0.95))
 
 
 def test_a_run_without_a_damping_block_has_no_such_section() -> None:

@@ -19,6 +19,7 @@ from benchmarks.statistics import (
     mcnemar,
     median_interval,
     not_beaten,
+    not_longer,
     performance_profile,
     quantiles,
     ratio_interval,
@@ -109,6 +110,15 @@ def test_ties_of_the_best_are_decided_problem_by_problem_where_intervals_overlap
         "few": {k: True for k in range(3)},
     }
     assert not_beaten("best", solved) == ("best", "crossed", "few")
+
+
+def test_ties_of_the_shortest_are_decided_in_pairs() -> None:
+    base = np.geomspace(1.0, 100.0, 20)
+    wobble = np.where(np.arange(20) % 2, 1.1, 0.9)
+    times = {"same": base * wobble, "best": base, "longer": 1.01 * base, "fails": np.where(base > 2, np.inf, base)}
+    assert not_longer("best", times) == ("best", "same")
+    assert not_longer("longer", times) == ("longer", "same", "best")  # what is shorter is not shown to be longer
+    assert signed_rank(times["fails"], times["fails"]) == 1.0
 
 
 def test_a_signed_rank_test_without_differences_or_pairs() -> None:

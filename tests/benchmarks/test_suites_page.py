@@ -29,8 +29,8 @@ from tests.oracles import REPOSITORY
 PAGE = (REPOSITORY / "docs/suites.md").read_text(encoding="utf-8")
 
 
-def optik_bench(*arguments: str) -> str:
-    done = CliRunner().invoke(app, ["bench", *arguments], env={"COLUMNS": "200"}, catch_exceptions=False)
+def optik_bench(*arguments: str, columns: int = 200) -> str:
+    done = CliRunner().invoke(app, ["bench", *arguments], env={"COLUMNS": str(columns)}, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.output
 
@@ -108,6 +108,14 @@ def test_every_key_of_our_suites_is_explained_with_the_default_that_the_code_has
     assert "line.id" not in paper
 
 
+@pytest.mark.parametrize("columns", [80, 150])
+def test_no_key_is_broken_however_narrow_the_terminal(columns: int) -> None:
+    lines = optik_bench("check", "ik-speed-quick", columns=columns).splitlines()
+    keys = [row.key for row in explain(load_suite("ik-speed-quick"), Path()) if row.given]
+    found = [line.replace("│", " ").split() for line in lines]
+    assert [words[0] for words in found if words and words[0] in keys] == keys
+
+
 def suite_with(folder: Path, text: str) -> str:
     (folder / "s.toml").write_text(text)
     return str(folder / "s.toml")
@@ -123,6 +131,13 @@ BLOCK = 'id = "a"\nrobot = "paper6r"\nset = "at_limits"\nmethods = [{ solver = "
         ("[[blocks]]\n" + BLOCK + "options = { coutn = 3 }\n", r"a\.options.*expected 'count', .*the option 'coutn'"),
         ("[[blocks]]\n" + BLOCK + "options = { joints = [9] }\n", "joints"),
         ("[[blocks]]\n" + BLOCK.replace('"lm"', '"lm", options = { gian = 1 }'), r"expected 'gain', .*'gian'"),
+        ("[[blocks]]\n" + BLOCK + "options = { count = 0 }\n", r"^block 'a': options: count: expected .*; got 0$"),
+        (
+            '[[timing]]\nid = "b"\nlines = [{ robot = "paper6r", kind = "file", path = "one.csv" }]\n'
+            'laws = [{ law = "smooth" }]\n'
+            "limits = [{ velocity = 2.0, acceleration = 10.0, jerk = 100.0 }]\n",
+            r"^block 'b': .*one\.csv: expected two waypoints or more; got one row$",
+        ),
         ("[[block]]\n" + BLOCK, "blocks"),
         ("[[blocks]]\n" + BLOCK + "[[blocks]]\n" + BLOCK.replace('"a"', '"A"'), "differ in more than case"),
         ("[[blocks]]\nid = = 1\n", r"at line 2, column 6"),
@@ -131,6 +146,7 @@ BLOCK = 'id = "a"\nrobot = "paper6r"\nset = "at_limits"\nmethods = [{ solver = "
 )
 def test_a_mistake_is_one_line_that_names_it_and_what_was_meant(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "s.urdf").write_text("no robot")
+    (tmp_path / "one.csv").write_text("x_m,y_m,z_m,qw,qx,qy,qz\n0.3,0,0.4,1,0,0,0\n")
     with pytest.raises((InvalidInput, UnknownName, optik.errors.RobotModelError), match=says) as caught:
         optik_bench("check", suite_with(tmp_path, text))
     assert "\n" not in str(caught.value)

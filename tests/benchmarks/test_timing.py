@@ -434,8 +434,8 @@ def test_an_absent_peer_stays_in_the_tables_and_verdicts_are_shown(page: Page, q
 def test_laws_with_a_bounded_jerk_are_ranked_after_the_slow_down(quick: RunFolder) -> None:
     block = Run(quick).of("laws")[0]
     assert kind_winners(block, "near_singular") == []  # one line says nothing of a median
-    rows = block.rows.filter(pl.col("law") != "splines")  # which was given fewer lines
-    shortest, fastest = kind_winners(replace(block, rows=rows), "regular")
+    rows = block.rows
+    shortest, fastest = kind_winners(block, "regular")
     assert [entry[0] for entry in shortest.entries] == ["optimal", "quintic"]
     assert "jerk unbounded, not ranked: toppra" in shortest.note
     for label, value, low, high in shortest.entries:
@@ -443,6 +443,11 @@ def test_laws_with_a_bounded_jerk_are_ranked_after_the_slow_down(quick: RunFolde
         assert value == pytest.approx(np.median(own["kept_over_optimum"]))
         assert low <= value <= high
     assert {entry[0] for entry in fastest.entries} == {"optimal", "quintic"}
+    twice = pl.concat([rows, *(rows.with_columns(line=pl.col("line") + 1000 * k) for k in range(1, 4))])
+    times = pl.col("ms_law") * 0 + pl.col("line") % 5 + pl.when(pl.col("law") == "optimal").then(1.0).otherwise(1.2)
+    many = kind_winners(replace(block, rows=twice.with_columns(ms_law=times)), "regular")
+    assert [winner.tied for winner in many] == [("optimal",), ("optimal",)]  # in pairs, where intervals overlap
+    assert many[1].entries[1][2] <= many[1].entries[0][3]
 
 
 def test_a_motion_that_is_20_ppm_over_is_no_infinite_jerk(tmp_path: Path) -> None:

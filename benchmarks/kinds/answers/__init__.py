@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from benchmarks.kinds._shown import Table, Winner
-from benchmarks.kinds.answers.measures import MEASURES, distribution, summary
+from benchmarks.kinds.answers.measures import MEASURES, compared_answers, distribution, summary
 from benchmarks.kinds.answers.run import AnswersWork, check, parts, solve
 from benchmarks.kinds.answers.settings import AnswersBlock, read_block
-from benchmarks.kinds.base import BlockRows, Kind, Part, Section, Target
+from benchmarks.kinds.base import BlockRows, Compared, Kind, Part, Section, Target
 from benchmarks.records import RunFolder
 
 if TYPE_CHECKING:
@@ -26,6 +26,15 @@ class _Answers(Kind):
     measures = MEASURES
     order = 15
     alone = False
+    compared = (
+        Compared("solved within 1e-6", "%", "more", "good"),
+        Compared("time of a problem, part by part", "µs", "less", "seconds", 1e6),
+    )
+
+    def rows_to_compare(self, folder: RunFolder, block: AnswersBlock) -> pl.DataFrame | None:
+        """Every answer, and the time of every part."""
+        answers = self._answers(folder, block)
+        return None if answers is None else compared_answers(answers, block.part)
 
     @property
     def folder(self) -> str:
@@ -53,7 +62,7 @@ class _Answers(Kind):
         answers = self._answers(folder, block)
         if answers is None:
             return None
-        return BlockRows(block, summary(answers), folder, {"distribution": distribution(answers)})
+        return BlockRows(block, summary(answers), folder, {"distribution": distribution(answers), "answers": answers})
 
     def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
         value, note = super().judge(rows, target)

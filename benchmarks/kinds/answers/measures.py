@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+import numpy as np
 import polars as pl
 
 from benchmarks.statistics import wilson
 from benchmarks.targets import Measure
+from optik.types import Flags
 
 TOLERANCE_LABELS = {"1e-3": 1e-3, "1e-6": 1e-6, "1e-9": 1e-9}
 """Tolerances [m and rad] at which an answer is judged: coarse, a solved problem's, and near what rounding allows."""
@@ -76,6 +78,59 @@ def distribution(rows: pl.LazyFrame) -> pl.DataFrame:
     found = usable.group_by("method", step=step).agg(pl.len().alias("count")).sort("method", "step")
     upper = pl.lit(10.0).pow(pl.col("step") / BINS_A_DECADE)
     return found.collect(engine="streaming").select(pl.col("method").cast(pl.String), upper.alias("upper"), "count")
+
+
+GOOD = pl.col("inside") & (pl.max_horizontal("position_error", "rotation_error") <= TOLERANCE_LABELS["1e-6"])
+"""Whether an answer solves its problem."""
+
+
+def compared_answers(rows: pl.LazyFrame, part: int) -> pl.DataFrame:
+    """Answers as two runs are compared on them.
+
+    Parameters
+    ----------
+    rows : LazyFrame
+        All answers of a block.
+    part : int
+        Problems of one part, which are timed together.
+
+    Returns
+    -------
+    DataFrame
+        ``label``, ``problem`` and ``good`` of every answer; then for every part, whose ``problem`` is below 0, ``seconds`` of
+        one of its problems.
+    """
+    number, label = pl.col("problem").cast(pl.Int64), pl.col("method").cast(pl.String).alias("label")
+    each = rows.select(label, number, good=GOOD, seconds=pl.lit(None, dtype=pl.Float64))
+    times = rows.group_by(label, problem=-1 - number // part).agg(seconds=pl.col("seconds").cast(pl.Float64).mean())
+    times = times.select("label", "problem", good=pl.lit(None, dtype=pl.Boolean), seconds="seconds")
+    return pl.concat([each, times]).collect(engine="streaming")
+
+
+def solved_by_all(rows: pl.LazyFrame, labels: Sequence[str]) -> dict[str, Flags]:
+    """Which problems each method solved within 1e-6, of those that all of them were given.
+
+    Parameters
+    ----------
+    rows : LazyFrame
+        All answers of a block.
+    labels : sequence of str
+        Of the methods.
+
+    Returns
+    -------
+    dict
+        A (k,) array of truth values for each method, in the order of the problems; one byte a problem.
+    """
+    found = {}
+    for label in labels:
+        own = rows.filter(pl.col("method") == label).select("problem", good=GOOD).collect(engine="streaming")
+        number = own["problem"].to_numpy()
+        found[label] = np.full(int(number.max(initial=0)) + 1, -1, dtype=np.int8)  # -1: not given, or not run yet
+        found[label][number] = own["good"].to_numpy()
+    count = min(map(len, found.values()))
+    given = np.logical_and.reduce([x[:count] >= 0 for x in found.values()])
+    return {label: x[:count][given] == 1 for label, x in found.items()}
 
 
 def _success(name: str) -> Measure:

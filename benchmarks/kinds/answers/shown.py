@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.kinds._ranked import ranked
 from benchmarks.kinds._shown import Column, Table, Winner
-from benchmarks.kinds.answers.measures import TOLERANCE_LABELS
+from benchmarks.kinds.answers.measures import TOLERANCE_LABELS, solved_by_all
 from benchmarks.kinds.base import BlockRows
 from benchmarks.records import slug
 from benchmarks.report.run import Run
-from benchmarks.statistics import wilson
+from benchmarks.statistics import mcnemar, not_told_apart, wilson
 
 ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
@@ -65,16 +66,30 @@ def winners(run: Run) -> list[Winner]:
 
 
 def _winner(b: BlockRows) -> Winner:
-    entries = [(str(row["method"]), *_share(row, "at 1e-6")) for row in b.rows.iter_rows(named=True)]
-    best_first = tuple(sorted(entries, key=lambda entry: -entry[1]))
-    count = f"{int(b.rows['count'].max()):,} problems; Wilson, 95 %"  # type: ignore[arg-type]
-    return Winner(f"Solves the most, {b.block.title}, within 1e−6 m and rad", "%", "more", best_first, "answers", count)
+    """Methods on the problems that all of them were given."""
+    who = ranked({str(label): int(count) for label, count in b.rows.select("method", "count").iter_rows()})
+    solved = solved_by_all(b.facts["answers"], who.labels)
+    count = len(next(iter(solved.values())))
+    entries = [(label, *_of(int(x.sum()), count)) for label, x in solved.items()]
+    entries.sort(key=lambda entry: -entry[1])
+    best = entries[0][0]
+    level = not_told_apart(best, {label: mcnemar(solved[best], x).p for label, x in solved.items() if label != best})
+    note = f"the same {count:,} problems for all{who.left_out}"
+    question = f"Solves the most, {b.block.title}, within 1e−6 m and rad"
+    return Winner(
+        question, "%", "more", tuple(entries), "answers", note, "Wilson 95 % intervals, ties by McNemar's test", level
+    )
+
+
+def _of(solved: int, count: int) -> tuple[float, float, float]:
+    """A share and its interval [%]; NaN where there are no problems."""
+    low, high = wilson(solved, count)
+    return (100.0 * solved / count if count else float("nan")), 100.0 * low, 100.0 * high
 
 
 def _share(row: dict[str, Any], key: str) -> tuple[float, float, float]:
     """A share of the problems and its interval [%]."""
-    low, high = wilson(row[key], row["count"])
-    return 100.0 * row[key] / row["count"], 100.0 * low, 100.0 * high
+    return _of(row[key], row["count"])
 
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:

@@ -34,6 +34,11 @@ class _Budgets(Kind):
         Compared("iterations (both solved)", "", "less", "iterations", only="solved"),
     )
 
+    @property
+    def parts_folder(self) -> str:
+        """Folder of its parts in a run."""
+        return "ik"
+
     def compared_rows(self, block: BudgetBlock, rows: pl.DataFrame) -> pl.DataFrame:
         """Rows at the largest budget."""
         last = rows.filter(pl.col("budget") == block.budgets[-1])

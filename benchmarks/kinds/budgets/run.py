@@ -17,6 +17,7 @@ from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS
 from benchmarks.kinds.budgets.settings import BudgetBlock
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
+from benchmarks.settings import naming
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKStatus, make_solver
@@ -138,7 +139,8 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
     robot = load(block.robot)
     for method in block.methods:
         make_solver(robot, method.name, **_options(method, block.budgets))
-    return (*problem_set(block, seed), seed)
+    with naming(f"block {block.id!r}: options"):
+        return (*problem_set(block, seed), seed)
 
 
 def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: ProblemSet, seed: int) -> Iterator[Part]:

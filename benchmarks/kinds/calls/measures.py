@@ -37,7 +37,9 @@ def shared(rows: pl.DataFrame, labels: tuple[str, ...]) -> pl.DataFrame:
 
 
 def median_ratio(rows: pl.DataFrame, method: str, to: str) -> float:
-    """Median time of one method over that of another, on the problems that both were given.
+    """Median time of all calls of one method over that of another, on the problems that both were given.
+
+    A target asks for it; tables show the ratio on the problems that both solved (`ratio_where_solved`).
 
     Parameters
     ----------
@@ -54,6 +56,24 @@ def median_ratio(rows: pl.DataFrame, method: str, to: str) -> float:
     both = shared(rows, (method, to))
     mine, other = (both.filter(pl.col("method") == label)["ns"].to_numpy() for label in (method, to))
     return float(np.median(mine) / np.median(other)) if len(mine) and len(other) else float("nan")
+
+
+def ratio_where_solved(rows: pl.DataFrame, method: str, to: str) -> float:
+    """Median time of one method over that of another, on the problems that both were given and both solved.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+    method, to : str
+        Their labels.
+
+    Returns
+    -------
+    float
+        The ratio [1]; NaN where they have solved no problem in common.
+    """
+    return median_ratio(rows.filter("solved"), method, to)
 
 
 def _solved(rows: pl.DataFrame) -> float:
@@ -86,7 +106,7 @@ MEASURES = (
         "sgm_us", "µs", _us(lambda us: shifted_geometric_mean(us, SHIFT_US)), "shifted geometric mean time of a call"
     ),
     Measure("max_us", "µs", _us(np.max), "longest call"),
-    Measure("median_ratio", "", median_ratio, "median time over that of", relative=True),
+    Measure("median_ratio", "", median_ratio, "median time of all calls, over that of", relative=True),
 )
 """What a target of single calls may ask for."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import Block, Kind, Section, Table, Target, Tell, read_target
+from benchmarks.kinds.base import Block, Compared, Kind, Section, Table, Target, Tell, read_target
 from benchmarks.kinds.first_use.measures import MEASURES, median
 from benchmarks.kinds.first_use.run import FILE, run_first_use
 from benchmarks.records import RunFolder
@@ -52,6 +52,11 @@ class _FirstUse(Kind):
     measures = MEASURES
     single = True
     order = 50
+    compared = (Compared("time in a fresh process", "s", "less", "seconds"),)
+
+    def compared_rows(self, block: FirstUse, rows: pl.DataFrame) -> pl.DataFrame:
+        """Processes by what they measured."""
+        return rows.with_columns(label="measure", problem=pl.lit("a process"))
 
     def settings(self, data: Any) -> FirstUse:
         where = "first_use"

@@ -174,8 +174,7 @@ def motion_in_file(robot: str, path: str) -> DrawnLine:
         A file that is neither, one of another arm, or a path that the arm cannot follow.
     """
     arm, file = load(robot), FilePath(path)
-    read = _waypoints if _holds_waypoints(file) else _saved
-    tool_path, q = read(arm, file)
+    tool_path, q = path_in_file(arm, file)
     followed = follow(make_solver(arm, "lm"), tool_path, q)
     joints = followed.joint_path
     if followed.stop is not None or joints is None:
@@ -184,6 +183,31 @@ def motion_in_file(robot: str, path: str) -> DrawnLine:
     start = joints(np.zeros(1))[0] if q is None else q
     sigma = float(joints.singular_values.min())
     return DrawnLine(arm, file.name, 0, start, tool_path, sigma, 1, short_name(robot))
+
+
+def path_in_file(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
+    """Read the path of a motion from a file, as `motion_in_file` does, without following it.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    file : Path
+        The file.
+
+    Returns
+    -------
+    path : Path
+        Of the tool.
+    start : (n,) array or None
+        Configuration at its start [rad, m]; None where the file has none.
+
+    Raises
+    ------
+    InvalidInput
+        A file that is neither waypoints nor a motion, or of another arm.
+    """
+    return (_waypoints if _holds_waypoints(file) else _saved)(arm, file)
 
 
 def _holds_waypoints(file: FilePath) -> bool:
@@ -205,6 +229,8 @@ def _holds_waypoints(file: FilePath) -> bool:
 def _waypoints(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
     """Path through the waypoints of a table, and the start in its first row."""
     poses = read_poses(file, arm)
+    if len(poses.targets) < 2:
+        raise InvalidInput(str(file), "one row", "two waypoints or more")
     path = Polyline(poses.targets, blend=SEAM_BLEND, blend_rotation=SEAM_BLEND_ROTATION)
     return path, None if poses.starts is None else poses.starts[0]
 

@@ -21,6 +21,7 @@ from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.records import RunFolder, slug
+from benchmarks.settings import naming
 from optik import se3
 from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution
@@ -159,7 +160,8 @@ def check_laws(block: LawBlock) -> None:
         load_method(TIMING_PEERS, peer.name, "peer of timing")
     for part in block.lines:
         if part.path:
-            motion_in_file(part.robot, part.path)
+            with naming(f"block {block.id!r}"):
+                motion_in_file(part.robot, part.path)
 
 
 def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:

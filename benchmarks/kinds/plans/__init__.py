@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.kinds.base import Block, BlockRows, Kind, Section, Table, Tell, Winner
-from benchmarks.kinds.plans.rows import LinePlans
+from benchmarks.kinds.base import Block, BlockRows, Compared, Kind, Section, Table, Tell, Winner
+from benchmarks.kinds.plans.rows import LinePlans, compared_plans
 from benchmarks.kinds.plans.run import PLANS, check_line, plan_once, run_line
 from benchmarks.kinds.plans.settings import LineTask, read_task
 from benchmarks.records import RunFolder
@@ -27,6 +27,16 @@ class _Plans(Kind):
     order = 40
     on_paper = True
     warms = True
+    compared = (
+        Compared("motion found", "%", "more", "solved", exact=True),
+        Compared("duration", "s", "less", "duration", exact=True),
+        Compared("time of a whole plan", "ms", "less", "seconds", 1e3),
+    )
+
+    def rows_to_compare(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
+        """Each plan by itself; times of all plans together, as each was made once."""
+        plans = folder.read_json(PLANS)
+        return compared_plans(plans) if plans else None
 
     def settings(self, data: Any) -> LineTask:
         return read_task(data)

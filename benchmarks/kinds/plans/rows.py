@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import polars as pl
+
 from benchmarks.kinds.base import BlockRows
 
 
@@ -32,3 +34,27 @@ class LinePlans(BlockRows):
     def laws(self) -> list[str]:
         """Names of all laws, in the order of the plans."""
         return list(dict.fromkeys(p["law"] for p in self.plans))
+
+
+def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
+    """Plans as two runs are compared on them.
+
+    Parameters
+    ----------
+    plans : list of dict
+        Summaries of all plans.
+
+    Returns
+    -------
+    DataFrame
+        A row for each plan with its duration, labelled by law and IK method; then a row for each with its computing time.
+    """
+    names = [f"{p['law']} with {p['ik']}" for p in plans]
+    found = {
+        "label": [*names, *("all plans" for _ in plans)],
+        "problem": [*("the line" for _ in plans), *names],
+        "solved": [*(p["status"] == "solved" for p in plans), *(None for _ in plans)],
+        "duration": [*(p.get("duration") if p["status"] == "solved" else None for p in plans), *(None for _ in plans)],
+        "seconds": [*(None for _ in plans), *(float(p["seconds"]) for p in plans)],
+    }
+    return pl.DataFrame(found, schema_overrides={"duration": pl.Float64, "seconds": pl.Float64, "solved": pl.Boolean})

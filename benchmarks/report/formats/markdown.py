@@ -57,18 +57,20 @@ def write_markdown(folder: RunFolder) -> list[Path]:
         folder.write_text(file, draw(board))
         figures.append(folder.path / file)
         titles = ", ".join(plot.title for plot in board.plots)
-        return (
-            f"![{marked(titles)}]({file})\n\n*{marked(board.caption)}*\n"
-            if board.caption
-            else f"![{marked(titles)}]({file})\n"
-        )
+        caption = " ".join(words for words in (board.caption, board.chosen) if words)
+        return f"![{marked(titles)}]({file})\n\n*{marked(caption)}*\n" if caption else f"![{marked(titles)}]({file})\n"
 
     tables = {table.id: table for table in all_tables(run)}
     parts = [_head(run, tables.pop("winners", None))]
     for place in ("top", "section"):
         for first, pieces in built(run, place):
             found = [thing for _, context in pieces for thing in _shown_in(context)]
-            words = [figure(one) if isinstance(one, Board) else markdown_of(tables.pop(one.id, one)) for one in found]
+            words = [
+                "\n".join(map(figure, one.each("block")))
+                if isinstance(one, Board)
+                else markdown_of(tables.pop(one.id, one))
+                for one in found
+            ]
             if words:
                 parts.append(f"## {marked(first.title)}\n\n" + "\n".join(words))
     if tables:
@@ -82,6 +84,8 @@ def _head(run: Run, winners: Table | None) -> str:
     words = [f"# {marked(head['title'])}\n"]
     if not head["complete"]:
         words.append("**This run is incomplete.**\n")
+    if head["failed"]:
+        words.append(f"**{marked(head['failed'])}**\n")
     if winners is not None:
         words.append(markdown_of(winners))
     words += [f"- {marked(finding)}" for finding in head["findings"]]

@@ -17,6 +17,7 @@ from math import log
 import numpy as np
 
 from optik.compiled import compiled, inlined
+from optik.linear import copy_matrix
 from optik.types import Array
 from planners.timing._optimal.newton import Iterate, Problem, back, first, forth
 
@@ -272,7 +273,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
     K, n = problem.ds.shape[0], problem.node.shape[1]
     rows = 3 * n
     at, trial = _iterate(K, rows), _iterate(K, rows)
-    at.z[:] = z
+    copy_matrix(z, at.z)
     _begin(problem, at, mu)
     d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
     dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
@@ -300,7 +301,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
         _take(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
             if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (6 * n + 3) * least * problem.tau.sum():
-                z[:] = at.z
+                copy_matrix(at.z, z)
                 return iteration + 1
             mu, count = max(least, min(0.2 * mu, mu**1.5)), 0
     return -1

@@ -174,7 +174,7 @@ def _budget_lines(plot: Plot, b: BudgetRows, label: str, colour: str, column: st
                 x=list(b.block.budgets), y=lean([v[k] for v in values]), marker={"size": 5},
                 mode="lines+markers" if dash == "solid" else "lines",
                 line={"color": colour, "dash": dash, "width": 2 if dash == "solid" else 1.3},
-                hovertemplate=f"{label}, {words}<br>%{{x}} iterations: %{{y:.3g}} mm{HOVER}",
+                hovertemplate=f"{label}, {words}<br>budget %{{x}}: %{{y:.3g}} mm{HOVER}",
             ),
             {"block": [b.block.id]},
         )  # fmt: skip

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import polars as pl
 
+from benchmarks.kinds._ranked import ranked
 from benchmarks.kinds.base import Table, Winner
 from benchmarks.kinds.budgets.measures import SUCCESS_LEVELS, level_words, succeeded, success
+from benchmarks.kinds.budgets.report.damping import damping_table
 from benchmarks.kinds.budgets.report.default import default_table
 from benchmarks.kinds.budgets.report.look import budget_blocks, comparisons
 from benchmarks.kinds.budgets.report.methods import method_table
@@ -33,10 +35,9 @@ def winners(run: Run) -> list[Winner]:
 
 def _winner(b: BudgetRows) -> Winner | None:
     """Methods with one attempt, on the problems with a known solution that all of them were given."""
-    # Methods with less than half of these problems are named and left out: all would be compared on the few that they have.
     known = b.last.filter("known")
-    counts = {label: known.filter(pl.col("method") == label).height for label in b.budgeted}
-    labels = [label for label in b.budgeted if 2 * counts[label] >= max(counts.values())]
+    who = ranked({label: known.filter(pl.col("method") == label).height for label in b.budgeted})
+    labels = who.labels
     rows = b.given(labels)
     if rows.is_empty():
         return None
@@ -46,13 +47,13 @@ def _winner(b: BudgetRows) -> Winner | None:
     solved = {
         label: dict(judged.filter(pl.col("method") == label).select("problem", "good").iter_rows()) for label in labels
     }
-    out = ", ".join(f"{label} ({count:,})" for label, count in counts.items() if label not in labels)
     return Winner(
         f"Solves the most targets in one attempt: {b.block.title}", "%", "more",
         tuple(entries), "methods",
         f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
-        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad; Wilson 95 % intervals, ties by McNemar's test"
-        + (f"; not ranked, as given fewer: {out}" if out else ""), not_beaten(entries[0][0], solved),
+        f"within {level_words(SUCCESS_LEVELS[-1])} m and rad{who.left_out}",
+        "Wilson 95 % intervals, ties by McNemar's test",
+        not_beaten(entries[0][0], solved),
     )  # fmt: skip
 
 
@@ -69,4 +70,6 @@ def tables(run: Run) -> list[Table]:
     list of Table
         In the order of the page.
     """
-    return [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in budget_blocks(run)]
+    found = [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in budget_blocks(run)]
+    damping = damping_table(run)
+    return found if damping is None else [*found, damping]

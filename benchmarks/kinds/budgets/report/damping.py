@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._shown import Cell
+from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.budgets.measures import success
 from benchmarks.kinds.budgets.report.look import budget_blocks
 from benchmarks.kinds.budgets.rows import BudgetRows
@@ -15,9 +17,13 @@ from benchmarks.report.board import Board, Key, Plot
 from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
+from benchmarks.report.words import listed
 
 DAMPING_BLOCK = "damping"
 """Id of the block that this section is about."""
+
+
+Figures = dict[tuple[str, str], dict[str, Any]]
 
 
 def damping(run: Run) -> dict[str, Any] | None:
@@ -33,25 +39,77 @@ def damping(run: Run) -> dict[str, Any] | None:
     dict or None
         What the template shows; None where the run has no data for it.
     """
-    found = [b for b in budget_blocks(run) if b.block.id == DAMPING_BLOCK]
-    constants = {m.label: float(m.options["damping"]) for b in found for m in b.block.methods if "damping" in m.options}
-    if not found or not constants:
+    b = _block(run)
+    if b is None:
         return None
-    b = found[0]
-    strata = b.rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
+    constants, strata = _constants(b), _strata(b)
     table = {(g, m): _figures(b, g, m) for g in strata for m in b.methods}
     others = [m for m in b.methods if m not in constants]
     return {
-        "strata": strata,
-        "count": {g: b.last.filter(pl.col("group") == g)["problem"].n_unique() for g in strata},
-        "rows": [(m, [table[g, m] for g in strata]) for m in b.methods],
-        "budget": b.budget,
         "advice": [_advice(g, constants, others, table) for g in strata]
         + _everywhere(strata, constants, others, table),
         "boards": [_board(b, strata, constants, table)] if len(constants) > 1 else [],
-        "ordered": sorted(constants, key=lambda m: constants[m]),
-        "others": others,
+        "table": _table(b, strata, table),
     }
+
+
+def damping_table(run: Run) -> Table | None:
+    """Each damping in each stratum.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Table or None
+        None where the run has no data for it.
+    """
+    b = _block(run)
+    if b is None:
+        return None
+    strata = _strata(b)
+    return _table(b, strata, {(g, m): _figures(b, g, m) for g in strata for m in b.methods})
+
+
+def _block(run: Run) -> BudgetRows | None:
+    """The block that varies the damping."""
+    return next((b for b in budget_blocks(run) if b.block.id == DAMPING_BLOCK and _constants(b)), None)
+
+
+def _constants(b: BudgetRows) -> dict[str, float]:
+    """Damping of each method that has a constant one."""
+    return {m.label: float(m.options["damping"]) for m in b.block.methods if "damping" in m.options}
+
+
+def _strata(b: BudgetRows) -> list[str]:
+    """Strata of the smallest singular value, the nearest to a singularity first."""
+    found: list[str] = b.rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
+    return found
+
+
+def _table(b: BudgetRows, strata: list[str], table: Figures) -> Table:
+    """Share solved in each stratum; iterations and errors on request."""
+    columns = [Column("label", "Damping", show="text")]
+    columns += [Column(f"share {g}", f"solved, {g}", "%", "more", "share") for g in strata]
+    for g in strata:
+        columns += [
+            Column(f"iterations {g}", f"iterations of the solved, median, {g}", show="count", aside=True),
+            Column(f"median {g}", f"position error, median, {g}", "mm", "less", aside=True),
+            Column(f"p95 {g}", f"position error, p95, {g}", "mm", "less", aside=True),
+        ]
+    rows: list[dict[str, Cell]] = []
+    for m in b.methods:
+        row: dict[str, Cell] = {"label": m}
+        for g in strata:
+            f = table[g, m]
+            row |= {f"share {g}": (f["share"], f["low"], f["high"]), f"iterations {g}": f["iterations"]}
+            row |= {f"median {g}": f["median_mm"], f"p95 {g}": f["p95_mm"]}
+        rows.append(row)
+    counts = "; ".join(f"{g}: {b.last.filter(pl.col('group') == g)['problem'].n_unique():,} targets" for g in strata)
+    title = f"Damping by distance to a singularity, at most {b.budget} iterations, one attempt"
+    return Table("damping", title, tuple(columns), tuple(rows), f"{counts}. Intervals are Wilson's, 95 %.")
 
 
 def _figures(b: BudgetRows, group: str, method: str) -> dict[str, Any]:
@@ -64,7 +122,6 @@ def _figures(b: BudgetRows, group: str, method: str) -> dict[str, Any]:
     middle = float(np.median(took)) if len(took) else math.nan
     return {
         "share": share, "low": low, "high": high, "iterations": middle, "median_mm": median, "p95_mm": p95,
-        "cells": (percent(share), f"[{low:.1f}, {high:.1f}]", _count(middle), number(median), number(p95)),
     }  # fmt: skip
 
 
@@ -94,9 +151,7 @@ def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> l
     return sorted(level, key=lambda m: (figures[m]["iterations"], -figures[m]["share"]))
 
 
-def _advice(
-    group: str, constants: dict[str, float], others: list[str], table: dict[tuple[str, str], dict[str, Any]]
-) -> dict[str, str]:
+def _advice(group: str, constants: dict[str, float], others: list[str], table: Figures) -> dict[str, str]:
     figures = {m: table[group, m] for m in (*constants, *others)}
     level = choose(constants, figures)
     if not level:
@@ -104,7 +159,7 @@ def _advice(
     first, rest = level[0], level[1:]
     text = f"{first}: {_words(figures[first])}"
     if rest:
-        text += f"; {', '.join(rest)} {'is' if len(rest) == 1 else 'are'} as sure within the intervals and no faster"
+        text += f"; {listed(rest)} {'is' if len(rest) == 1 else 'are'} as sure within the intervals and no faster"
     worst = min(constants, key=lambda m: figures[m]["share"])
     if worst not in level:
         text += f"; worst is {worst} with {percent(figures[worst]['share'])}"
@@ -128,7 +183,7 @@ def _everywhere(
     strata: list[str],
     constants: dict[str, float],
     others: list[str],
-    table: dict[tuple[str, str], dict[str, Any]],
+    table: Figures,
 ) -> list[dict[str, str]]:
     """The best single damping: that whose worst stratum is best; and whether an adaptive method is better there."""
     lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
@@ -140,9 +195,7 @@ def _everywhere(
     return [{"group": "one choice for everything", "text": f"{text}."}]
 
 
-def _board(
-    b: BudgetRows, strata: list[str], constants: dict[str, float], table: dict[tuple[str, str], dict[str, Any]]
-) -> Board:
+def _board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
     ordered = sorted(constants, key=lambda m: constants[m])
     x = [constants[m] for m in ordered]
     solved = Plot("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])})

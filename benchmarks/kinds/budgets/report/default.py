@@ -190,7 +190,7 @@ def success_line(
     budgets, whole = b.block.budgets, label in b.whole
     rates = [success(rows.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
     rates *= 2 if whole else 1
-    words = "as it comes" if whole else "%{x} iterations"
+    words = "as it comes" if whole else "budget %{x}"
     return line(
         x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
         mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},

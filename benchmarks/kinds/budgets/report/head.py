@@ -92,7 +92,7 @@ def _rates(b: BudgetRows) -> str:
         share, low, high = success(known.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])
         words.append(f"{label} {percent(share)} ({low:.1f} to {high:.1f} %)")
     count = known["problem"].n_unique()
-    return f"{b.block.title}, {count:,} targets, at most {b.budget} iterations; solved: {', '.join(words)}."
+    return f"{b.block.title}, {count:,} targets, at most {b.budget} iterations; solved: {'; '.join(words)}."
 
 
 def limitations(run: Run) -> list[str]:

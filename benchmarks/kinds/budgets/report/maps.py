@@ -136,7 +136,7 @@ def _iterations(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, wh
             customdata=squares.matrix(solved, "iterations"), meta="log10", **squares.options, colorscale="Viridis",
             zmin=0, zmax=float(np.log10(max(most, 2))),
             colorbar=_bar("iterations", tickvals=lean(np.log10(ticks)), ticktext=[str(n) for n in ticks]),
-            hovertemplate=f"{where}solved in %{{customdata}} iterations{HOVER}",
+            hovertemplate=f"{where}iterations until solved: %{{customdata}}{HOVER}",
         ),
         when,
     )  # fmt: skip

@@ -14,6 +14,7 @@ from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, axis, bars, lean
 from benchmarks.report.run import Run
+from benchmarks.report.words import listed
 
 ENDINGS = {
     "solved": ("solved", "var(--c2)"),
@@ -94,7 +95,7 @@ def method_table(b: BudgetRows) -> Table:
             }
         )  # fmt: skip
     total, total_known = b.problems()
-    whole = f" {', '.join(b.whole)}: called as it comes, with its restarts." if b.whole else ""
+    whole = f" {listed(b.whole)}: called as it comes, with its restarts." if b.whole else ""
     return Table(
         f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, tuple(rows),
         f"{known['problem'].n_unique():,} problems with a known solution that all methods were given, of {total_known:,} with "

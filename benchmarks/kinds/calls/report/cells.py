@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import polars as pl
@@ -16,6 +17,26 @@ if TYPE_CHECKING:
 
 LABEL = Column("label", "Method", show="text")
 """First column of every table."""
+
+
+GIVEN = Column("given", "given as many problems as any", show="text", aside=True)
+"""Whether a method was given as many problems as any: of the others no value is marked as the best of its column."""
+
+
+def compared_columns(columns: Iterable[Column]) -> tuple[Column, ...]:
+    """Columns in which the best is marked among the methods that were given the same problems.
+
+    Parameters
+    ----------
+    columns : iterable of Column
+        Columns of a table whose rows have `GIVEN`.
+
+    Returns
+    -------
+    tuple of Column
+        The columns, with `GIVEN` at the end.
+    """
+    return (*(replace(column, among=GIVEN.key) if column.better else column for column in columns), GIVEN)
 
 
 def share_cell(count: int, trials: int) -> tuple[float, float, float]:
@@ -55,7 +76,11 @@ def entry_rows(
         Rows of a table.
     """
     rows: list[Mapping[str, Cell]] = []
+    most = max(map(len, b.by_method.values()), default=0)
     for label in b.entries:
         part = b.by_method.get(label)
-        rows.append({"label": label} | ({first: b.why_not(label)[0]} if part is None else cells(label, part)))
+        if part is None:
+            rows.append({"label": label, first: b.why_not(label)[0]})
+        else:
+            rows.append({"label": label, GIVEN.key: "yes" if len(part) == most else ""} | cells(label, part))
     return tuple(rows)

@@ -13,11 +13,12 @@ from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.report.board import Board, Control, Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
 from benchmarks.report.run import Run
+from benchmarks.report.steps import steps_of
 from benchmarks.statistics import performance_profile, wilson
 from optik.types import Array
 
-CALL_SHARES = np.unique(np.concatenate([np.linspace(0.0, 0.98, 99), 1.0 - np.geomspace(0.02, 1e-4, 40), [1.0]]))
-"""Shares of calls at which a distribution is drawn: evenly, and finer at the slow end."""
+PLOT_ROOM = 0.03
+"""Room beside the curves, as a share of the width of a plot [1]."""
 
 LEAST_ERROR = 1e-12
 """Errors below this [m, rad] are drawn here: they are rounding, not a result."""
@@ -36,7 +37,7 @@ def _traces(blocks: list[CallRows], run: Run) -> Iterator[tuple[CallRows, str, p
     """Every method that has rows, with the look of its line."""
     for b in blocks:
         for label, part in b.by_method.items():
-            yield b, label, part, {"color": run.colour(label), "width": 2, "dash": run.dash(label)}
+            yield b, label, part, {"color": run.colour(label), "width": 2, "dash": run.dash(label), "shape": "hv"}
 
 
 def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Plot, ...], caption: str) -> Board:
@@ -47,8 +48,8 @@ def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Plot, ...], c
 
 def _distribution(values: Array, count: int) -> dict[str, Any]:
     """Share [%] of `count` at or below each value."""
-    ends = np.quantile(values, CALL_SHARES, method="inverted_cdf")
-    return {"x": lean(ends), "y": lean(100.0 * CALL_SHARES * len(values) / count, 6)}
+    x, shares = steps_of(values, count)
+    return {"x": lean(x, 6), "y": lean(shares, 6)}
 
 
 def success_in_time(blocks: list[CallRows], run: Run) -> Board:
@@ -78,11 +79,21 @@ def success_in_time(blocks: list[CallRows], run: Run) -> Board:
                 line(**_distribution(us, len(part)), name=label, line=look, hovertemplate=hover),
                 {"block": [b.block.id]},
             )
+    for b in blocks:
+        us = b.rows.filter("solved")["ns"].to_numpy() / 1e3
+        if len(us):
+            plot.vary({"block": [b.block.id]}, {"xaxis": {"range": _around(np.log10(us.min()), np.log10(us.max()))}})
     caption = (
         "Share of all problems solved by a call that took at most this time; a curve ends at its method's share solved. Each "
         "call's time is the median of its rounds."
     )
     return _board("success-time-board", blocks, run, (plot,), caption)
+
+
+def _around(low: float, high: float) -> list[float | None]:
+    """A range with room at both ends, so that no curve ends in the frame."""
+    room = max(PLOT_ROOM * (high - low), 0.05)
+    return lean([low - room, high + room])
 
 
 def profiles(blocks: list[CallRows], run: Run) -> Board:
@@ -197,7 +208,8 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
     if not known:
         return None
     layout = {
-        "xaxis": log_axis("smallest singular value at the solution", dtick=1), "yaxis": axis("problems solved [%]"),
+        "xaxis": log_axis("smallest singular value at the solution", dtick=1),
+        "yaxis": axis("problems solved [%]", range=[-2, 102]),
     }  # fmt: skip
     plot, some = Plot("call-sigma", "Success against the smallest singular value", layout, 380), False
     for b, label, part, look in _traces(known, run):

@@ -9,7 +9,7 @@ import polars as pl
 
 from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.calls.judgement import JUDGED_AT, level_name, solved_at
-from benchmarks.kinds.calls.report.cells import LABEL, entry_rows, share_cell
+from benchmarks.kinds.calls.report.cells import GIVEN, LABEL, compared_columns, entry_rows, share_cell
 from benchmarks.kinds.calls.report.pairs import paired
 from benchmarks.kinds.calls.report.success import success_and_time
 from benchmarks.records import slug
@@ -64,7 +64,13 @@ def within_time(b: CallRows) -> Table:
 
     rows = entry_rows(b, columns[0].key, cells)
     note = "All methods as they come, none told of the time: an answer that came later does not count. Share of all problems."
-    return Table(f"speed-{slug(b.block.id)}-time", f"{b.block.title}: equal time", (LABEL, *columns), rows, note)
+    return Table(
+        f"speed-{slug(b.block.id)}-time",
+        f"{b.block.title}: equal time",
+        compared_columns((LABEL, *columns)),
+        rows,
+        note,
+    )
 
 
 def _time_words(us: float) -> str:
@@ -114,7 +120,9 @@ def at_tolerances(b: CallRows) -> Table:
         "tolerance is not asked for more: the finest column says what each reaches as it is set."
     )
     rows = entry_rows(b, f"at{level_name(JUDGED_AT[0])}", cells)
-    return Table(f"speed-{slug(b.block.id)}-tolerance", f"{b.block.title}: tolerances", tuple(columns), rows, note)
+    return Table(
+        f"speed-{slug(b.block.id)}-tolerance", f"{b.block.title}: tolerances", compared_columns(columns), rows, note
+    )
 
 
 def at_iterations(b: CallRows) -> Table | None:
@@ -136,9 +144,11 @@ def at_iterations(b: CallRows) -> Table | None:
     budgets = b.block.evaluation_budgets
     columns = [Column(f"n{n}", f"{n} iterations", "%", "more", "share") for n in budgets]
     rows: list[Mapping[str, Cell]] = []
+    most = int(answers.group_by("method", "budget").len()["len"].max() or 0)  # type: ignore[arg-type]
     for label in b.entries:
-        row: dict[str, Cell] = {"label": label}
         mine = answers.filter(pl.col("method") == label)
+        count = len(mine) // len(budgets)
+        row: dict[str, Cell] = {"label": label, GIVEN.key: "yes" if count == most else ""}
         if mine.is_empty():
             row[columns[0].key] = b.why_not(label)[0] or "cannot be told"
         for (n,), part in mine.group_by("budget"):
@@ -150,7 +160,7 @@ def at_iterations(b: CallRows) -> Table | None:
         "closed form has none. Compare times in the table of equal time."
     )
     title = f"{b.block.title}: equal numbers of iterations"
-    return Table(f"speed-{slug(b.block.id)}-iterations", title, (LABEL, *columns), tuple(rows), note)
+    return Table(f"speed-{slug(b.block.id)}-iterations", title, compared_columns((LABEL, *columns)), tuple(rows), note)
 
 
 # ---------------------------------------------------------------- failures by group
@@ -182,4 +192,10 @@ def by_group(b: CallRows) -> Table | None:
 
     rows = entry_rows(b, columns[0].key, cells)
     title = f"{b.block.title}: solved, by kind of problem"
-    return Table(f"speed-{slug(b.block.id)}-groups", title, (LABEL, *columns), rows, "Intervals are Wilson's, 95 %.")
+    return Table(
+        f"speed-{slug(b.block.id)}-groups",
+        title,
+        compared_columns((LABEL, *columns)),
+        rows,
+        "Intervals are Wilson's, 95 %.",
+    )

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import polars as pl
 
+from benchmarks.kinds._ranked import ranked
 from benchmarks.kinds.base import Winner
 from benchmarks.kinds.calls.measures import shared
 from benchmarks.kinds.calls.report.cells import share_cell
 from benchmarks.kinds.calls.rows import CallRows
 from benchmarks.report.run import Run
-from benchmarks.statistics import median_interval, not_beaten
+from benchmarks.statistics import median_interval, not_beaten, not_longer
 
 
 def winners(run: Run) -> Sequence[Winner]:
@@ -31,10 +32,9 @@ def winners(run: Run) -> Sequence[Winner]:
 
 
 def block_winners(b: CallRows) -> list[Winner]:
-    """Who solves most, and who is fastest among those whose share none surely beats.
+    """Who solves most, and who is fastest among those that McNemar's test does not tell from the best.
 
-    Where a solution is not known of every problem, all are compared on the problems that all were given: slow methods are
-    given those with a known solution first.
+    Methods are compared on the problems that all of them were given, times on those that all of them solved as well.
 
     Parameters
     ----------
@@ -44,13 +44,14 @@ def block_winners(b: CallRows) -> list[Winner]:
     Returns
     -------
     list of Winner
-        The second is left out where one method alone solves most.
+        The second is left out where one method alone solves most, and where they solved no problem in common.
     """
-    rows = b.rows if b.rows["known"].all() else shared(b.rows, tuple(b.by_method))
-    parts = {label: part for label in b.by_method if len(part := rows.filter(rows["method"] == label))}
-    if not parts:
+    who = ranked({label: len(part) for label, part in b.by_method.items()})
+    rows = shared(b.rows, who.labels).sort("problem")
+    if rows.is_empty():
         return []
-    note = _numbers_of(parts, b.facts["count"])
+    parts = {label: rows.filter(pl.col("method") == label) for label in who.labels}
+    problems = _problems(parts[who.labels[0]], b.facts["count"])
     solved = [(label, *share_cell(int(part["solved"].sum()), len(part))) for label, part in parts.items()]
     solved.sort(key=lambda e: (-e[1], -e[2]))
     level = not_beaten(
@@ -58,26 +59,30 @@ def block_winners(b: CallRows) -> list[Winner]:
     )
     most = Winner(
         f"Solves the most targets: {b.block.title}", "%", "more", tuple(solved), "speed",
-        f"{note}; Wilson 95 % intervals, ties by McNemar's test on shared problems", level,
+        f"{problems}{who.left_out}", "Wilson 95 % intervals, ties by McNemar's test", level,
     )  # fmt: skip
-    times = [(label, *median_interval(parts[label]["ns"].to_numpy() / 1e3)) for label in most.tied]
-    if len(times) < 2:
-        return [most]
-    fastest = Winner(
-        f"Fastest of those that solve as many: {b.block.title}", "µs", "less", tuple(sorted(times, key=lambda e: e[1])),
-        "speed", f"median time of a call, all calls; {note}; bootstrap intervals",
-    )  # fmt: skip
-    return [most, fastest]
+    fastest = _fastest(b, rows, level)
+    return [most] if fastest is None else [most, fastest]
 
 
-def _numbers_of(parts: Mapping[str, pl.DataFrame], count: int) -> str:
-    """How many problems there are, and how many the methods were given where that is fewer."""
-    given: dict[int, list[str]] = {}
-    for label, part in parts.items():
-        given.setdefault(len(part), []).append(label)
-    if len(given) == 1:
-        (only,) = given
-        return f"{count:,} problems" if only == count else f"{only:,} of {count:,} problems"
-    most = max(given, key=lambda number: len(given[number]))
-    few = ", ".join(f"{number:,} for {', '.join(labels)}" for number, labels in given.items() if number != most)
-    return f"{count:,} problems: {most:,} for {'most' if len(given[most]) > 1 else given[most][0]}, {few}"
+def _fastest(b: CallRows, rows: pl.DataFrame, labels: tuple[str, ...]) -> Winner | None:
+    """The shortest median time on the problems that all of some methods solved."""
+    both = shared(rows.filter("solved"), labels)
+    if len(labels) < 2 or both["method"].n_unique() < len(labels):
+        return None
+    us = {label: both.filter(pl.col("method") == label)["ns"].to_numpy() / 1e3 for label in labels}
+    times = sorted(((label, *median_interval(x)) for label, x in us.items()), key=lambda entry: entry[1])
+    return Winner(
+        f"Fastest of those that solve as many: {b.block.title}", "µs", "less", tuple(times), "speed",
+        f"median time of a call on the {both['problem'].n_unique():,} problems that all of them solve",
+        "bootstrap 95 % intervals, ties by Wilcoxon's signed-rank test", not_longer(times[0][0], us),
+    )  # fmt: skip
+
+
+def _problems(part: pl.DataFrame, count: int) -> str:
+    """Which problems are compared: how many of how many, and of how many a solution is known."""
+    words = f"the same {len(part):,}{f' of {count:,}' if len(part) < count else ''} problems for all"
+    known = int(part["known"].sum())
+    if known == len(part):
+        return f"{words}, each with a known solution"
+    return f"{words}, {known:,} of them with a known solution"

@@ -9,6 +9,7 @@ from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis
 from benchmarks.report.run import Run
+from benchmarks.report.words import quoted
 from optik.registry import short_name
 from planners.limits import ALL_LIMITS, DERIVATIVES
 
@@ -40,9 +41,19 @@ def example_boards(b: LawRows, run: Run) -> list[Board]:
     motions, binding, curve = (b.example(name) for name in ("motions", "binding", "curve"))
     if motions is None or binding is None or curve is None or curve.is_empty():
         return []
-    chosen = b.block.example
-    words = f"{chosen.kind.replace('_', '-')} line {chosen.index} of {short_name(chosen.robot)}, limits {chosen.limits}"
+    words = _which(b)
     return [_phase(b, run, motions, curve, words), _constraints(b, motions, binding, words)]
+
+
+def _which(b: LawRows) -> str:
+    """Which path is shown, in words; paths count from 1."""
+    chosen, arm = b.block.example, short_name(b.block.example.robot)
+    within = f"on {arm}, within the limits {quoted(chosen.limits)}"
+    if chosen.path:
+        return f"path {short_name(chosen.path)} {within}"
+    counts = [part.count for part in b.block.lines if (part.robot, part.kind) == (chosen.robot, chosen.kind)]
+    of = f" of {counts[0]}" if counts and chosen.index < counts[0] else ""
+    return f"{chosen.kind.replace('_', '-')} path number {chosen.index + 1}{of} {within}"
 
 
 def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str) -> Board:

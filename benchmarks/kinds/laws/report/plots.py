@@ -12,13 +12,11 @@ from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.run import Run
+from benchmarks.report.steps import steps_of
 from optik.registry import short_name
 
 EVERY = "every path"
 """The group of all lines, in a control of the page."""
-
-LINE_SHARES = np.linspace(0.0, 1.0, 201)
-"""Shares of lines at which a distribution is drawn."""
 
 RATIO_TICKS = (0.3, 0.5, 0.7, 1.0, 1.5, 2, 3, 5, 10, 20, 50)
 """Numbers on the axes of T / T*."""
@@ -88,12 +86,17 @@ def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: s
     """Share of lines [%] at or below each value."""
     if not len(values):
         return
-    x = np.quantile(values, LINE_SHARES, method="inverted_cdf")
+    x, shares = steps_of(values, count)
     trace = line(
-        x=lean(x, 6), y=lean(100.0 * LINE_SHARES * len(values) / count, 6), name=label, line=look | {"shape": "hv"},
+        x=lean(x, 6), y=lean(shares, 6), name=label, line=look | {"shape": "hv"},
         hovertemplate=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}{HOVER}",
     )  # fmt: skip
     plot.add(trace, {"group": [group]})
+
+
+def _path_words(robot: str, kind: str, index: int) -> str:
+    """Which path, counted from 1."""
+    return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
 
 
 def _look(label: str, run: Run) -> Json:
@@ -133,7 +136,7 @@ def against_singularity(b: LawRows, run: Run) -> Board:
             marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
             trace = line(
                 mode="markers", x=lean(rows["singular_value"], 4), y=lean(rows[column], 5), name=str(label), marker=marker,
-                text=[f"{r} {k.replace('_', '-')} {i}" for r, k, i in rows.select("robot", "kind", "index").iter_rows()],
+                text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
                 hovertemplate=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"limits": [str(limits)]})

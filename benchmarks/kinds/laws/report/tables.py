@@ -80,16 +80,16 @@ def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
         LAW_COLUMN,
         Column("kept", "keeps every limit", "%", "more", "share"),
         Column("nearly", "within 0.1 %", "%", "more", "share"),
-        Column("worst", "worst value over limit", show="exact"),
+        Column("worst", "worst value over limit", show="limit"),
         Column("as_is", "T / T*, as it is"),
         Column("slowed_down", "T / T*, slowed to the limits", "", "less"),
         Column("ms", "median time of a call", ms, "less"),
         Column("count", "motions asked", show="count"),
         Column("found", "motions found", "%", "more", "share", aside=True),
         Column("worst_slowed_down", "worst T / T*, slowed to the limits", "", "less", aside=True),
-        *(Column(field, f"worst {field} over limit", show="exact", aside=True) for field in DERIVATIVES),
+        *(Column(field, f"worst {field} over limit", show="limit", aside=True) for field in DERIVATIVES),
         Column("holds", "certificate holds", show="text", aside=True),
-        Column("stretched", "most stretched by plan", show="exact", aside=True),
+        Column("stretched", "most stretched by plan", show="precise", aside=True),
         Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True),
         Column("jerk_worst", "worst jerk at 1 kHz", "rad/s³", aside=True),
         Column("distance", "farthest off the path", "µm", "less", aside=True),
@@ -231,9 +231,10 @@ def violations(b: LawRows) -> Table | None:
     for field in DERIVATIVES:
         columns += [
             Column(field, f"{field} exceeded in", "%", "less", "share"),
-            Column(f"{field}_worst", f"worst {field} over limit", show="exact"),
+            Column(f"{field}_worst", f"worst {field} over limit", show="limit"),
         ]
-    columns += [Column("now", "median T", "s"), Column("least", "median T of these, slowed to the limits", "s")]
+    columns += [Column("now", "median T", "s", show="precise")]
+    columns += [Column("least", "median T of these, slowed to the limits", "s", show="precise")]
     rows_ = tuple(row for _, _, row in sorted(found, key=lambda item: item[:2]))
     title = f"{b.block.title}: limit violations, promised or not"
     return Table(f"timing-{slug(b.block.id)}-violations", title, tuple(columns), rows_)

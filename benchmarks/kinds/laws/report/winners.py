@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._ranked import ranked
 from benchmarks.kinds.base import Winner
 from benchmarks.kinds.laws.measures import in_group
 from benchmarks.kinds.laws.report.tables import or_infinite
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.run import Run
-from benchmarks.statistics import median_interval
+from benchmarks.report.words import listed
+from benchmarks.statistics import median_interval, not_longer
+from optik.types import Array
+
+DECIDED_BY = (
+    "bootstrap 95 % intervals, ties by Wilcoxon's signed-rank test, which shows no difference on fewer than six motions"
+)
+"""How laws are ranked, in words."""
 
 FEWEST_SHARED = 5
 """Motions that all ranked laws were asked for, from which they are ranked: of fewer a median says nothing."""
@@ -38,7 +46,7 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     """Which law has the shortest motions on a kind of line, and which of these laws is computed fastest.
 
     Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
-    path. All are compared on the lines that all of them were asked for.
+    path. All are compared on the motions that all of them were asked for.
 
     Parameters
     ----------
@@ -53,6 +61,26 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
         Empty where fewer than two laws can be ranked.
     """
     rows = in_group(b.rows, kind).filter(pl.col("law").is_in(list(b.entries)))
+    able, unable = _rankable(b, rows)
+    who = ranked({label: rows.filter(pl.col("law") == label).height for label in able})
+    rows = rows.filter(pl.col("law").is_in(who.labels))
+    rows = rows.filter(pl.len().over("line", "limits") == len(who.labels)).sort("line", "limits")
+    count = len(rows) // max(len(who.labels), 1)
+    if len(who.labels) < 2 or count < FEWEST_SHARED:
+        return []
+    parts = {label: rows.filter(pl.col("law") == label) for label in who.labels}
+    note = f"medians of the same {count:,} motions for all"
+    where, note = f"{b.block.title}, {kind.replace('_', '-')}", note + unable + who.left_out
+    lengths = {label: or_infinite(part["kept_over_optimum"]) for label, part in parts.items()}
+    times = {label: or_infinite(part["ms_law"]) for label, part in parts.items()}
+    return [
+        _winner(f"Shortest motions, all slowed to the limits: {where}", "× T*", lengths, note),
+        _winner(f"Computed fastest: {where}", "ms", times, note),
+    ]
+
+
+def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
+    """Labels of the laws that can be ranked, and why the others cannot, in words that go on."""
     unbounded = [
         label
         for label in b.entries
@@ -61,25 +89,12 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     asked = set(rows["law"])
     on_path = set(rows.filter(pl.col("solved") & pl.col("follows"))["law"])
     off = [label for label in b.entries if label in asked - on_path]
-    ranked = [label for label in b.entries if label in on_path and label not in unbounded]
-    rows = rows.filter(pl.col("law").is_in(ranked))
-    rows = rows.filter(pl.len().over("line", "limits") == len(ranked))
-    parts = {label: rows.filter(pl.col("law") == label) for label in ranked}
-    if len(ranked) < 2 or len(parts[ranked[0]]) < FEWEST_SHARED:
-        return []
-    words, count = kind.replace("_", "-"), len(parts[ranked[0]])
-    note = f"median of {count:,} motions that all were asked for, bootstrap intervals"
-    for why, labels in (("jerk unbounded", unbounded), ("no motion on its path", off)):
-        note += f"; {why}, not ranked: {', '.join(labels)}" if labels else ""
-    lengths = [(label, *median_interval(or_infinite(part["kept_over_optimum"]))) for label, part in parts.items()]
-    times = [(label, *median_interval(part["ms_law"].to_numpy())) for label, part in parts.items()]
-    return [
-        Winner(
-            f"Shortest motions, all slowed to the limits: {b.block.title}, {words}", "× T*", "less",
-            tuple(sorted(lengths, key=lambda entry: entry[1])), "timing", note,
-        ),
-        Winner(
-            f"Computed fastest: {b.block.title}, {words}", "ms", "less",
-            tuple(sorted(times, key=lambda entry: entry[1])), "timing", note,
-        ),
-    ]  # fmt: skip
+    reasons = (("jerk unbounded", unbounded), ("no motion on its path", off))
+    unable = "".join(f"; {why}, not ranked: {listed(labels)}" for why, labels in reasons if labels)
+    return [label for label in b.entries if label in on_path and label not in unbounded], unable
+
+
+def _winner(question: str, unit: str, values: Mapping[str, Array], note: str) -> Winner:
+    """The least median of paired values, and those that Wilcoxon's test does not show to be longer."""
+    entries = sorted(((label, *median_interval(x)) for label, x in values.items()), key=lambda entry: entry[1])
+    return Winner(question, unit, "less", tuple(entries), "timing", note, DECIDED_BY, not_longer(entries[0][0], values))

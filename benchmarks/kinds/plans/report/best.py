@@ -7,6 +7,7 @@ from benchmarks.kinds.plans.report.laws import broken_limits, law_table
 from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
+from benchmarks.report.words import listed
 
 
 def winners(run: Run) -> list[Winner]:
@@ -36,7 +37,7 @@ def winners(run: Run) -> list[Winner]:
         Winner(
             "Shortest motion along the line within every limit", "s", "less",
             tuple(sorted(entries, key=lambda entry: entry[1])), "laws",
-            note + (f"; not ranked, as they break a limit: {', '.join(out)}" if out else ""),
+            note + (f"; not ranked, as they break a limit: {listed(out)}" if out else ""),
         )
     ]  # fmt: skip
 

@@ -120,7 +120,7 @@ def ratio_words(w: Worst) -> str:
 
 LAW_COLUMNS = (
     Column("label", "Time law", show="text"),
-    Column("duration", "duration", "s", "less", "exact", among="place"),
+    Column("duration", "duration", "s", "less", "precise", among="place"),
     Column("breaks", "limits broken", show="text"),
     *(Column(field, f"{field} over limit", show="text") for field in DERIVATIVES),
     Column("distance", "path deviation", "µm", "less"),

@@ -1,0 +1,47 @@
+"""Who can be ranked: a winner is decided on problems that all who are ranked were given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from benchmarks.report.words import quoted
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """Who is compared with whom.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        Those that are ranked, on the problems that all of them were given.
+    left_out : str
+        Names of the others with how many they were given, in words that end a note; empty where there are none.
+    """
+
+    labels: tuple[str, ...]
+    left_out: str
+
+
+def ranked(given: Mapping[str, int]) -> Ranked:
+    """Rank those that were given at least half as many problems as any: all would be compared on the few of the others.
+
+    Where that leaves fewer than two, all are ranked.
+
+    Parameters
+    ----------
+    given : mapping of str to int
+        Number of problems by label.
+
+    Returns
+    -------
+    Ranked
+        Labels in the given order.
+    """
+    most = max(given.values(), default=0)
+    asked = tuple(label for label, count in given.items() if count)
+    many = tuple(label for label in asked if 2 * given[label] >= most)
+    labels = many if len(many) > 1 else asked
+    out = [f"{quoted(label)} ({count:,})" for label, count in given.items() if label not in labels]
+    return Ranked(labels, f"; not ranked, as given fewer: {', '.join(out)}" if out else "")

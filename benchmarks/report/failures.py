@@ -1,0 +1,149 @@
+"""What failed in a run: who, how often and why, in the section of the question that it belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.kinds._shown import Cell
+from benchmarks.kinds.base import Column, Kind, Section, Table
+from benchmarks.records import slug
+from benchmarks.report.run import Run
+from benchmarks.report.words import listed
+
+_FAILURES = Path(__file__).parent / "templates" / "failures.html.j2"
+"""What shows the table."""
+
+FAILURE_COLUMNS = (
+    Column("label", "What failed", show="text"),
+    Column("block", "Problems", show="text"),
+    Column("times", "times", show="count"),
+    Column("why", "why", show="text"),
+    Column("files", "files that lack rows, or have crashes", show="count", aside=True),
+)
+"""Columns of the table of failures."""
+
+Failures = list[dict[str, Any]]
+
+
+def failures(run: Run) -> dict[str, Failures]:
+    """What `run.json` says of failures, by the name of the kind whose block they are of.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    dict
+        Entries of ``failed`` with the ``block`` that they are of, in their order.
+    """
+    found: dict[str, Failures] = {}
+    for one in run.manifest.get("failed", []):
+        kind, block = _whose(run, str(one["file"]))
+        found.setdefault(kind.name, []).append({**one, "block": block})
+    return found
+
+
+def _whose(run: Run, file: str) -> tuple[Kind, str]:
+    """The kind that wrote or should have written a file, and the title of the block."""
+    folder, _, name = file.rpartition("/")
+    pairs = list(run.suite.pairs())
+    for kind, block in pairs:
+        if file == kind.file(block):
+            return kind, block.title
+    parts = [(kind, block) for kind, block in pairs if name.startswith(f"{slug(block.id)}--")]
+    for kind, block in sorted(parts, key=lambda pair: folder not in (pair[0].folder, pair[0].parts_folder)):
+        return kind, block.title
+    return pairs[0][0], name
+
+
+def failure_table(kind: Kind, run: Run) -> Table | None:
+    """What failed of a kind, each method and reason once.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Table or None
+        None where nothing failed.
+    """
+    counted: dict[tuple[str, str, str], list[int]] = {}
+    for one in failures(run).get(kind.name, []):
+        of = counted.setdefault((str(one["label"]), str(one["block"]), str(one["why"])), [0, 0])
+        of[0] += int(one["times"])
+        of[1] += 1
+    rows: tuple[Mapping[str, Cell], ...] = tuple(
+        {"label": label, "block": block, "why": why, "times": times, "files": files}
+        for (label, block, why), (times, files) in counted.items()
+    )
+    note = "A part that fails is tried again in smaller pieces; problems in which a method crashed count as not solved."
+    return (
+        Table(f"failed-{slug(kind.name)}", f"{kind.title}: what failed", FAILURE_COLUMNS, rows, note) if rows else None
+    )
+
+
+def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
+    """A piece of a kind's own section, which has the table of what failed.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    home : Section
+        The section in which it stands.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Section or None
+        None where nothing failed.
+    """
+    table = failure_table(kind, run)
+    if table is None:
+        return None
+    return Section(home.title, home.anchor, lambda run: {"tables": [table]}, _FAILURES, home.order)
+
+
+def home_of(kind: Kind, sections: list[Section]) -> Section:
+    """The section of a kind in which its failures stand: the one that has its title, else the first.
+
+    Parameters
+    ----------
+    kind : Kind
+        The kind.
+    sections : list of Section
+        Its sections.
+
+    Returns
+    -------
+    Section
+        One that has a heading.
+    """
+    own = sorted((s for s in sections if s.place == "section"), key=lambda section: section.order)
+    return next((section for section in own if section.title == kind.title), own[0])
+
+
+def failure_words(run: Run) -> str:
+    """How much failed, in a sentence for the head of the report.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+
+    Returns
+    -------
+    str
+        Empty where nothing did.
+    """
+    labels = dict.fromkeys(str(one["label"]) for found in failures(run).values() for one in found)
+    return f"Failures or crashes: {listed(labels)}." if labels else ""
