@@ -27,7 +27,7 @@ ARMS = {
 @pytest.mark.parametrize("name", ARMS)
 def test_poses_and_jacobians_are_those_of_differences_and_of_many_at_once(name: str) -> None:
     arm: Any = ARMS[name]
-    n, rng = len(oracles.kinematics.chain(arm)[1]), np.random.default_rng(1)
+    n, rng = len(oracles.kinematics.chain(arm)[1].d), np.random.default_rng(1)
     many = rng.uniform(-2.0, 2.0, (5, n))
     J, fast = oracles.jacobian(arm, many), _Arm(arm)
     for q, one in zip(many, J, strict=True):

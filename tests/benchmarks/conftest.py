@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import copy
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from benchmarks.cli.app import main
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
@@ -59,6 +61,26 @@ def small(**changes: Any) -> Suite:
 def small_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     folder: Path = tmp_path_factory.mktemp("runs") / "small"
     return run_suite(small(), folder, command="optik bench run small --out RUN")
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[Any, str, str]]:
+    """A command as it is typed, but in this process: exit status, output and errors.
+
+    Imports are most of the time of a process of its own.
+    """
+
+    def run(*arguments: str) -> tuple[Any, str, str]:
+        monkeypatch.setattr(sys, "argv", ["optik", *arguments])
+        capfd.readouterr()
+        status: Any = 0
+        try:
+            main()
+        except SystemExit as ended:
+            status = ended.code
+        return status, *capfd.readouterr()
+
+    return run
 
 
 def hide(patch: pytest.MonkeyPatch, package: str) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import threading
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,25 +24,31 @@ from benchmarks.kinds.calls.run import timed_part
 from benchmarks.peers.ik import _worker
 from benchmarks.peers.ik._worker import WorkerPeer
 from benchmarks.peers.ik.base import Absent, NotInstalled, Peer, build_peer, different_model
+from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.suite import suite_of
 from optik.errors import InvalidInput, Unsupported
 
 ARM = optik.load("paper6r")
-PROBLEMS = near_start(ARM, 5, count=6)
+
+
+@cache
+def problems() -> ProblemSet:
+    """Six problems: drawn in a test, not where tests are collected, since kernels are compiled then."""
+    return near_start(ARM, 5, count=6)
 
 
 def rows_of(call: Callable[..., Any], rounds: int = 3, **more: Any) -> pl.DataFrame:
     caller = Caller(
         "x", call, True, more.pop("answers", lambda raw: raw[None]), lambda raw: (None, None), False, None, **more
     )
-    return timed_part(ARM, PROBLEMS, np.arange(len(PROBLEMS)), [caller], rounds).sort("problem")
+    return timed_part(ARM, problems(), np.arange(len(problems())), [caller], rounds).sort("problem")
 
 
 def nth(calls: list[int], n: int) -> bool:
     """Whether this is the n-th problem of a round of six."""
     calls.append(0)
-    return (len(calls) - 1) % len(PROBLEMS) == n
+    return (len(calls) - 1) % len(problems()) == n
 
 
 # ---------------------------------------------------------------- outcomes
@@ -127,7 +134,7 @@ def test_a_caller_that_writes_into_its_arguments_gains_nothing_and_is_told() -> 
     assert rows["changed_input"].all()
     assert not rows["solved"].any()
     for i in range(6):  # every round starts from the problem's own start
-        assert all(np.array_equal(start, PROBLEMS.starts[i]) for start in starts[i::6])
+        assert all(np.array_equal(start, problems().starts[i]) for start in starts[i::6])
     assert not rows_of(lambda target, q0: q0)["changed_input"].any()
 
 
@@ -327,9 +334,11 @@ def test_random_numbers_are_keyed_by_problem_and_round_and_never_by_the_part() -
     caller = Caller(
         "x", shifted, True, lambda raw: raw[None], lambda raw: (None, None), False, None, reseed=again
     )  # fmt: skip
-    every = np.arange(len(PROBLEMS))
-    whole = timed_part(ARM, PROBLEMS, every, [caller], 2, seed=3)["position_error"]
-    parts = [timed_part(ARM, PROBLEMS, one, [caller], 2, seed=3)["position_error"] for one in np.array_split(every, 3)]
-    other = timed_part(ARM, PROBLEMS, every, [caller], 2, seed=4)["position_error"]
+    every = np.arange(len(problems()))
+    whole = timed_part(ARM, problems(), every, [caller], 2, seed=3)["position_error"]
+    parts = [
+        timed_part(ARM, problems(), one, [caller], 2, seed=3)["position_error"] for one in np.array_split(every, 3)
+    ]
+    other = timed_part(ARM, problems(), every, [caller], 2, seed=4)["position_error"]
     assert whole.to_list() == pl.concat(parts).to_list()
     assert (whole != other).all()

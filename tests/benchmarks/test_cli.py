@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ START = "20,-35,40,25,50,-30"
 def optik_command(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     root = Path(__file__).resolve().parents[2]
     environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(root), "COLUMNS": "160", "HOME": str(Path.home())}
+    environment |= {name: value for name, value in os.environ.items() if name == "NUMBA_CACHE_DIR"}
     return subprocess.run(
         [sys.executable, "-m", "benchmarks.cli", *arguments],
         capture_output=True, text=True, timeout=300, cwd=cwd or root, env=environment,
@@ -35,32 +37,32 @@ def test_robots_lists_every_robot() -> None:
     assert [r["name"] for r in json.loads(done.stdout)] == list(optik.robots())
 
 
-def test_fk_takes_negative_numbers_and_agrees_with_the_library() -> None:
-    done = optik_command("fk", *START.split(","), "--json")
-    assert done.returncode == 0
+def test_fk_takes_negative_numbers_and_agrees_with_the_library(typed: Any) -> None:
+    status, out, _ = typed("fk", *START.split(","), "--json")
+    assert status == 0
     q = np.deg2rad([float(v) for v in START.split(",")])
-    np.testing.assert_allclose(json.loads(done.stdout)["pose"], optik.load("paper6r").fk(q), atol=1e-12)
+    np.testing.assert_allclose(json.loads(out)["pose"], optik.load("paper6r").fk(q), atol=1e-12)
 
 
-def test_ik_answers_what_fk_confirms() -> None:
-    done = optik_command(
+def test_ik_answers_what_fk_confirms(typed: Any) -> None:
+    status, out, _ = typed(
         "ik", "--xyz", "0.1", "0.3", "0.2", "--rpy-deg", "-90", "10", "20", "--start-deg", START, "--json"
     )
-    answer = json.loads(done.stdout)
-    assert (done.returncode == 0) == answer["solved"]
+    answer = json.loads(out)
+    assert (status == 0) == answer["solved"]
     T = optik.load("paper6r").fk(answer["q"])
     assert answer["solved"]
     np.testing.assert_allclose(T[:3, 3], [0.1, 0.3, 0.2], atol=1e-6)
 
 
-def test_no_solution_is_exit_status_one() -> None:
-    done = optik_command("ik", "--xyz", "3", "0", "0", "--start-deg", START)
-    assert done.returncode == 1
-    assert "not solved" in done.stderr
-    done = optik_command("plan", "line", "--move", "1", "1", "1")
-    assert done.returncode == 1
-    assert done.stderr.count("\n") == 1
-    assert "s = " in done.stderr
+def test_no_solution_is_exit_status_one(typed: Any) -> None:
+    status, _, said = typed("ik", "--xyz", "3", "0", "0", "--start-deg", START)
+    assert status == 1
+    assert "not solved" in said
+    status, _, said = typed("plan", "line", "--move", "1", "1", "1")
+    assert status == 1
+    assert said.count("\n") == 1
+    assert "s = " in said
 
 
 def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path) -> None:
@@ -142,9 +144,8 @@ def test_help_shows_units() -> None:
     assert "[rad/s³" in words
 
 
-def test_bench_list_lists_every_suite() -> None:
-    done = optik_command("bench", "list", "--json")
-    assert [s["name"] for s in json.loads(done.stdout)] == list(names("benchmarks.suites"))
+def test_bench_list_lists_every_suite(typed: Any) -> None:
+    assert [s["name"] for s in json.loads(typed("bench", "list", "--json")[1])] == list(names("benchmarks.suites"))
 
 
 @pytest.mark.parametrize(
@@ -188,10 +189,19 @@ def test_bench_list_lists_every_suite() -> None:
         (["demo", "--out", "/proc/no"], "cannot be written"),
     ],
 )
-def test_misuse_is_one_line_and_exit_status_two(arguments: list[str], words: str) -> None:
-    done = optik_command(*arguments)
+def test_misuse_is_one_line_and_exit_status_two(arguments: list[str], words: str, typed: Any) -> None:
+    status, out, said = typed(*arguments)
+    assert status == 2, said
+    assert words in said
+    assert "Traceback" not in said
+    assert said.strip().count("\n") == 0
+    assert out == ""
+
+
+def test_misuse_of_a_process_of_its_own_is_one_line_and_exit_status_two() -> None:
+    done = optik_command("plan", "line", "--timing", "ruckg")
     assert done.returncode == 2, done.stderr
-    assert words in done.stderr
+    assert "did you mean ruckig" in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stderr.strip().count("\n") == 0
     assert done.stdout == ""
@@ -203,20 +213,18 @@ def test_unknown_options_are_exit_status_two() -> None:
     assert "--samples" in done.stderr
 
 
-def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes() -> None:
+def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes(typed: Any) -> None:
     q = np.array([0.3, 0.9, 0.12, -0.4])
     scara = optik.load("irb910sc")
     x, y, z = (str(v) for v in scara.fk(scara.limits.clip(q))[:3, 3])
-    done = optik_command("ik", "-r", "irb910sc", "--xyz", x, y, z, "--task", "position", "--solver", "dls", "--json")
-    answer = json.loads(done.stdout)
+    _, out, _ = typed("ik", "-r", "irb910sc", "--xyz", x, y, z, "--task", "position", "--solver", "dls", "--json")
+    answer = json.loads(out)
     assert answer["solved"]
     assert [unit == "mm" for unit in answer["q_deg_units"]] == scara.prismatic.tolist()
     units = np.where(scara.prismatic, 1e3, 180.0 / np.pi)
     np.testing.assert_allclose(answer["q_deg"], np.array(answer["q"]) * units, atol=1e-12)
-    back = optik_command("fk", "-r", "irb910sc", *(str(v) for v in answer["q_deg"]), "--json")
-    np.testing.assert_allclose(
-        np.array(json.loads(back.stdout)["pose"])[:3, 3], [float(v) for v in (x, y, z)], atol=1e-5
-    )
+    _, back, _ = typed("fk", "-r", "irb910sc", *(str(v) for v in answer["q_deg"]), "--json")
+    np.testing.assert_allclose(np.array(json.loads(back)["pose"])[:3, 3], [float(v) for v in (x, y, z)], atol=1e-5)
 
 
 def into(target: str, *arguments: str, unbuffered: str = "") -> tuple[int, str]:

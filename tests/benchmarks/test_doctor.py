@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from tests.oracles import REPOSITORY
 
 
+@cache
 def doctor(*arguments: str, **environment: str) -> tuple[int, str]:
     given = os.environ | {"PYTHONPATH": str(REPOSITORY)} | environment
     command = [sys.executable, "-m", "benchmarks.cli", "doctor", *arguments]

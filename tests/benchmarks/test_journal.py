@@ -20,6 +20,7 @@ from benchmarks.kinds.calls.run import Rounds, timed_part
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
+from tests.benchmarks.test_report import page_of
 from tests.oracles import REPOSITORY
 
 ARM = optik.load("paper6r")
@@ -231,7 +232,7 @@ def test_a_peer_that_ends_the_process_costs_its_own_rows_alone(
     assert third.returncode == 0
     assert "deadly" in third.stderr
     assert len((tmp_path / "calls.txt").read_text()) == calls
-    assert "deadly" in write_report(folder).read_text(encoding="utf-8")
+    assert f"deadly crashed in 4 of 4 calls: its process ended: {why}" in page_of(folder).text
 
 
 @pytest.mark.soak

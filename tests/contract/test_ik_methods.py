@@ -19,6 +19,8 @@ from tests.outside import everything
 
 ROBOT, ARM = optik.load("paper6r"), oracles.table("paper6r")
 START = np.radians([20, -35, 40, 25, 50, -30])
+USUAL = ("irb910sc", "panda", "paper6r", "ur5e")
+"""Robots of the default run: one that slides, one with a joint to spare, a spherical wrist and none; make soak has all."""
 
 
 class Method(NamedTuple):
@@ -201,9 +203,8 @@ def test_a_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(method):
 
 def test_restarts_solve_more_and_the_same_in_every_solver(method):
     problems = [p for i, p in enumerate(anywhere(30, 76)) if i % 3]
-    once = [method.build(max_restarts=0).solve(T, q) for T, q in problems]
-    often = [method.build(max_restarts=20).solve(T, q) for T, q in problems]
-    again = [method.build(max_restarts=20).solve(T, q) for T, q in problems]
+    solvers = [method.build(max_restarts=most) for most in (0, 20, 20)]
+    once, often, again = ([solver.solve(T, q) for T, q in problems] for solver in solvers)
     for (target, _), one, many, repeated in zip(problems, once, often, again, strict=True):
         check(many, target)
         same(many, repeated)
@@ -227,7 +228,9 @@ def test_solve_ik_answers_as_the_class_does(method):
     same(optik.solve_ik(ROBOT, target, start, method.asked, max_iterations=1, max_restarts=2), few)
 
 
-@pytest.mark.parametrize("name", optik.robots())
+@pytest.mark.parametrize(
+    "name", [name if name in USUAL else pytest.param(name, marks=pytest.mark.soak) for name in optik.robots()]
+)
 def test_every_robot_that_comes_with_optik_is_solved(method, name):
     robot, arm = optik.load(name), oracles.table(name)
     solver = method.solver.__class__(robot)

@@ -290,12 +290,13 @@ def test_a_solve_with_restarts_is_the_same_in_every_process():
 def test_restarts_solve_what_one_attempt_does_not():
     rng = np.random.default_rng(61)
     pairs = [(oracles.fk(ARM, rng.uniform(ARM.lower, ARM.upper)), rng.uniform(ARM.lower, ARM.upper)) for _ in range(60)]
-    solved = [sum(bool(DLS(PAPER, max_restarts=m).solve(T, q)) for T, q in pairs) for m in (0, 5, 30)]
+    solvers = {m: DLS(PAPER, max_restarts=m) for m in (0, 5, 30)}
+    solved = [sum(bool(solver.solve(T, q)) for T, q in pairs) for solver in solvers.values()]
     assert solved[0] < 40
     assert solved[1] > solved[0] + 10
     assert solved[2] >= 54
     for T, q in pairs:
-        one, many = DLS(PAPER).solve(T, q), DLS(PAPER, max_restarts=5).solve(T, q)
+        one, many = solvers[0].solve(T, q), solvers[5].solve(T, q)
         if one:
             assert (many.q == one.q).all()
             assert many.restarts == 0

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -38,17 +39,20 @@ def check_singles(solver, batch, targets, starts):
         assert one[1:6] == batch.result(i)[1:6]
 
 
-SHORT = LM(PAPER, max_restarts=20)
+@cache
+def short():
+    """The solver of most tests: made in a test, not where tests are collected, since its kernel is compiled then."""
+    return LM(PAPER, max_restarts=20)
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 15, 16, 17, 33, 300])
 def test_a_batch_is_its_single_calls_to_the_last_bit(count):
     targets, starts = problems(count, 201)
-    batch = SHORT.solve_batch(targets, starts)
+    batch = short().solve_batch(targets, starts)
     assert batch.q.shape == (count, 6)
     assert batch.status.shape == batch.iterations.shape == batch.position_error.shape == (count,)
     assert batch.solved.dtype == bool
-    check_singles(SHORT, batch, targets, starts)
+    check_singles(short(), batch, targets, starts)
     if count == 300:
         assert 100 < batch.solved.sum() < 290
         assert {STATUSES[s] for s in batch.status} >= {IKStatus.SOLVED, IKStatus.UNREACHABLE}
@@ -56,13 +60,13 @@ def test_a_batch_is_its_single_calls_to_the_last_bit(count):
 
 def test_five_thousand_are_the_same_in_any_order_and_any_number_of_threads():
     targets, starts = problems(5000, 202)
-    batch = SHORT.solve_batch(targets, starts, threads=1)
+    batch = short().solve_batch(targets, starts, threads=1)
     for threads in (2, 3, None):
-        equal(batch, SHORT.solve_batch(targets, starts, threads=threads))
+        equal(batch, short().solve_batch(targets, starts, threads=threads))
     order = np.random.default_rng(203).permutation(5000)
-    equal(batch, SHORT.solve_batch(targets[order], starts[order]), order)
+    equal(batch, short().solve_batch(targets[order], starts[order]), order)
     some = np.arange(0, 5000, 50)
-    check_singles(SHORT, batch._replace(**{f: getattr(batch, f)[some] for f in FIELDS}), targets[some], starts[some])
+    check_singles(short(), batch._replace(**{f: getattr(batch, f)[some] for f in FIELDS}), targets[some], starts[some])
     p, r = oracles.off_by(oracles.fk(ARM, batch.q), targets)
     assert (batch.solved == ((p <= 1e-6) & (r <= 1e-6))).all()
     assert np.abs(batch.position_error - p).max() < 1e-12 * 10
@@ -134,15 +138,15 @@ def test_one_tolerance_for_all():
 def test_one_start_for_all():
     targets, _ = problems(20, 208)
     start = np.full(6, 0.3)
-    equal(SHORT.solve_batch(targets, start), SHORT.solve_batch(targets, np.tile(start, (20, 1))))
-    check_singles(SHORT, SHORT.solve_batch(targets, start), targets, [start] * 20)
+    equal(short().solve_batch(targets, start), short().solve_batch(targets, np.tile(start, (20, 1))))
+    check_singles(short(), short().solve_batch(targets, start), targets, [start] * 20)
 
 
 def test_how_the_numbers_are_kept_changes_nothing():
     targets, starts = problems(10, 209)
     starts = np.float64(np.float32(starts))
     starts = np.clip(starts, ARM.lower, ARM.upper)
-    expected = SHORT.solve_batch(targets, starts)
+    expected = short().solve_batch(targets, starts)
     wide = np.zeros((20, 8, 8))
     wide[::2, ::2, ::2] = targets
     frozen = targets.copy(), starts.copy()
@@ -157,11 +161,11 @@ def test_how_the_numbers_are_kept_changes_nothing():
         frozen,
         (targets.astype(">f8"), np.longdouble(starts)),
     ]:
-        equal(expected, SHORT.solve_batch(T, q))
+        equal(expected, short().solve_batch(T, q))
     assert (targets == before[0]).all()
     assert (starts == before[1]).all()
-    whole = SHORT.solve_batch(np.eye(4, dtype=int)[None], np.zeros((1, 6), int))
-    equal(whole, SHORT.solve_batch(np.eye(4)[None], np.zeros((1, 6))))
+    whole = short().solve_batch(np.eye(4, dtype=int)[None], np.zeros((1, 6), int))
+    equal(whole, short().solve_batch(np.eye(4)[None], np.zeros((1, 6))))
 
 
 @pytest.mark.parametrize("targets", [[], np.empty((0, 4, 4)), np.empty(0)], ids=["list", "array", "flat"])

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import optik
@@ -87,12 +87,13 @@ def test_arms_of_any_length_with_a_sliding_joint_iterate_as_the_plain_iteration_
 @pytest.mark.parametrize("damping", [0.01, 0.2])
 def test_the_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(damping):
     solver = DLS(PAPER, damping=damping, max_iterations=30)
+    after = [solver.with_options(max_iterations=k) for k in range(31)]
     arm = oracles.table("paper6r")
     for target, start in zip(*problems("paper6r", 12, 43, spread=0.4), strict=True):
         whole = solver.solve(target, start, trace=True)
         assert whole.trace.shape == (whole.iterations + 1, 6)
         for k in range(whole.iterations + 1):
-            stopped = solver.with_options(max_iterations=k).solve(target, start, trace=True)
+            stopped = after[k].solve(target, start, trace=True)
             assert stopped.iterations == k
             assert (stopped.trace == whole.trace[: k + 1]).all()
             best = stopped.trace[np.argmin(np.linalg.norm(stopped.trace, axis=1))]
@@ -155,7 +156,8 @@ def test_more_damping_solves_fewer_in_more_iterations():
     targets, starts = problems("paper6r", 100, 47)
     solved, iterations = [], []
     for damping in (0.01, 0.05, 0.1, 0.2):
-        results = [DLS(PAPER, damping=damping).solve(T, q) for T, q in zip(targets, starts, strict=True)]
+        solver = DLS(PAPER, damping=damping)
+        results = [solver.solve(T, q) for T, q in zip(targets, starts, strict=True)]
         solved.append(sum(map(bool, results)))
         iterations.append(np.median([r.iterations for r in results if r]))
     assert solved == sorted(solved, reverse=True)
@@ -197,6 +199,7 @@ def test_without_damping_a_singular_pose_stalls_and_the_message_says_what_would_
 
 
 @each_robot
+@settings(max_examples=20)
 @given(seeds, st.floats(0.0, 1.0), st.floats(0.1, 3.0))
 def test_the_limits_are_kept_and_success_is_what_it_says(name, seed, damping, step):
     robot, rng = optik.load(name), np.random.default_rng(seed)

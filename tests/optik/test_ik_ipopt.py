@@ -18,7 +18,11 @@ from optik.ik import IPOPT
 PAPER = optik.load("paper6r")
 FORMS = ("constraint", "least_squares")
 each_form = pytest.mark.parametrize("form", FORMS)
-each_robot = pytest.mark.parametrize("name", optik.robots())
+USUAL = ("irb910sc", "panda", "paper6r", "ur5e")
+"""Robots of the default run: one that slides, one with a joint to spare, a spherical wrist and none; make soak has all."""
+few_robots = pytest.mark.parametrize(
+    "name", [name if name in USUAL else pytest.param(name, marks=pytest.mark.soak) for name in optik.robots()]
+)
 START = np.radians([20, -35, 40, 25, 50, -30])
 
 
@@ -54,7 +58,7 @@ def four_joints():
 
 
 @each_form
-@each_robot
+@few_robots
 def test_targets_near_the_start_are_solved(name, form):
     robot, arm = optik.load(name), oracles.table(name)
     if form == "constraint" and robot.n < 6:

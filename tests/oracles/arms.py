@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tests.oracles.poses import pose
+from tests.oracles.poses import pose, rot_x, trans
 
 Array = Any
 
@@ -22,6 +23,16 @@ class Row:
     d: float = 0.0
     theta: float = 0.0
     prismatic: bool = False
+
+
+class Links(NamedTuple):
+    """Link i is before[i] · Rot(z, θ[i]) · Trans(z, d[i]) · after[i]; its joint adds to θ, or to d where it slides."""
+
+    before: Array
+    theta: Array
+    d: Array
+    slides: Array
+    after: Array
 
 
 @dataclass(frozen=True)
@@ -38,6 +49,18 @@ class Arm:
     @property
     def n(self) -> int:
         return len(self.rows)
+
+    @cached_property
+    def links(self) -> Links:
+        """The links of the table."""
+        moves = [trans(x=r.a) for r in self.rows]
+        turns, none = [rot_x(r.alpha) for r in self.rows], [np.eye(4)] * self.n
+        if self.convention == "mdh":
+            before, after = [R @ T for R, T in zip(turns, moves, strict=True)], none
+        else:
+            before, after = none, [T @ R for R, T in zip(turns, moves, strict=True)]
+        theta, d, slides = (np.array([getattr(r, x) for r in self.rows]) for x in ("theta", "d", "prismatic"))
+        return Links(np.array(before), theta, d, slides, np.array(after))
 
 
 def _rows(*table: tuple[float, float, float], slides: int = -1) -> tuple[Row, ...]:

@@ -59,13 +59,10 @@ class _Arm:
 
     def __init__(self, robot: Any) -> None:
         base, links, self._tool = chain(robot)
-        self._before = [one.before if i else base @ one.before for i, one in enumerate(links)]
-        self._links = links
-        self._slides = np.array([one.slides for one in links])
-        self._inner = np.tile(np.eye(4), (len(links), 1, 1))
-        self._after = [one.after for one in links]
-        self._theta, self._d = (np.array([getattr(one, x) for one in links]) for x in ("theta", "d"))
-        self._plain = [bool((one.after == np.eye(4)).all()) for one in links]
+        self._before = [base @ links.before[0], *links.before[1:]]
+        self._slides, self._theta, self._d, self._after = links.slides, links.theta, links.d, links.after
+        self._inner = np.tile(np.eye(4), (len(links.d), 1, 1))
+        self._plain = [bool((after == np.eye(4)).all()) for after in links.after]
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
         A, slides = self._inner, self._slides

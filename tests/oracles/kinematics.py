@@ -6,39 +6,22 @@ An arm is an `Arm` (its table) or a robot of the package (only its fixed transfo
 from __future__ import annotations
 
 from math import factorial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from tests.oracles.arms import Arm
-from tests.oracles.poses import error, rot_x, trans, vee
+from tests.oracles.arms import Arm, Links
+from tests.oracles.poses import error, vee
 
 Array = Any
 
 
-class Link(NamedTuple):
-    """before · Rot(z, θ) · Trans(z, d) · after, where the joint's own value adds to θ, or to d where it slides."""
-
-    before: Array
-    theta: float
-    d: float
-    slides: bool
-    after: Array
-
-
-def chain(arm: Any) -> tuple[Array, list[Link], Array]:
+def chain(arm: Any) -> tuple[Array, Links, Array]:
     """What stands before all links, the links, and what stands after them."""
-    if not isinstance(arm, Arm):
-        links = [Link(T, 0.0, 0.0, bool(x), np.eye(4)) for T, x in zip(arm.fixed, arm.prismatic, strict=True)]
-        return np.eye(4), links, arm.tool
-    links = []
-    for r in arm.rows:
-        if arm.convention == "mdh":
-            before, after = rot_x(r.alpha) @ trans(x=r.a), np.eye(4)
-        else:
-            before, after = np.eye(4), trans(x=r.a) @ rot_x(r.alpha)
-        links.append(Link(before, r.theta, r.d, r.prismatic, after))
-    return arm.base, links, arm.tool
+    if isinstance(arm, Arm):
+        return arm.base, arm.links, arm.tool
+    none = np.zeros(len(arm.fixed))
+    return np.eye(4), Links(arm.fixed, none, none, arm.prismatic, np.tile(np.eye(4), (len(none), 1, 1))), arm.tool
 
 
 # ---------------------------------------------------------------- power series: coefficients of t⁰, t¹ … first
@@ -46,6 +29,8 @@ def chain(arm: Any) -> tuple[Array, list[Link], Array]:
 
 def times(A: Array, B: Array) -> Array:
     """Cauchy product of two series of matrices (terms, ..., i, j), higher powers dropped."""
+    if min(len(A), len(B)) == 1:
+        return A[:1] @ B[:1]
     return np.stack([sum(A[i] @ B[k - i] for i in range(k + 1)) for k in range(min(len(A), len(B)))])
 
 
@@ -58,18 +43,17 @@ def cos_sin(x: Array) -> tuple[Array, Array]:
     return np.stack(c), np.stack(s)
 
 
-def link_series(one: Link, x: Array) -> Array:
-    """Link matrix (terms, ..., 4, 4) where the joint's value is the series x (terms, ...)."""
-    angle, height = np.zeros_like(x), np.zeros_like(x)
-    (height if one.slides else angle)[:] = x
-    angle[0] += one.theta
-    height[0] += one.d
+def links_series(links: Links, x: Array) -> Array:
+    """Link matrices (terms, ..., n, 4, 4) where the joints' values are the series x (terms, ..., n)."""
+    angle, height = np.where(links.slides, 0.0, x), np.where(links.slides, x, 0.0)
+    angle[0] += links.theta
+    height[0] += links.d
     c, s = cos_sin(angle)
     inner = np.zeros((*x.shape, 4, 4))
     inner[..., 0, 0], inner[..., 0, 1], inner[..., 1, 0], inner[..., 1, 1] = c, -s, s, c
     inner[..., 2, 3] = height
     inner[0, ..., 2, 2] = inner[0, ..., 3, 3] = 1.0
-    return one.before @ inner @ one.after
+    return links.before @ inner @ links.after
 
 
 def fk_series(arm: Any, q: Array) -> Array:
@@ -77,8 +61,9 @@ def fk_series(arm: Any, q: Array) -> Array:
     base, links, tool = chain(arm)
     T = np.zeros((*q.shape[:-1], 4, 4))
     T[0] = base
-    for i, one in enumerate(links):
-        T = times(T, link_series(one, q[..., i]))
+    A = links_series(links, q)
+    for i in range(q.shape[-1]):
+        T = times(T, A[..., i, :, :])
     return T @ tool
 
 
@@ -87,7 +72,8 @@ def fk_series(arm: Any, q: Array) -> Array:
 
 def link(arm: Any, i: int, q: float) -> Array:
     """Link matrix i."""
-    return link_series(chain(arm)[1][i], np.array([q]))[0]
+    one = Links(*(of_all[i : i + 1] for of_all in chain(arm)[1]))
+    return links_series(one, np.array([[q]]))[0, 0]
 
 
 def fk(arm: Any, q: Any) -> Array:
@@ -99,18 +85,16 @@ def jacobian(arm: Any, q: Any) -> Array:
     """Geometric Jacobians (..., 6, n), rows (v, ω): the product of link matrices, one factor differentiated at a time."""
     q = np.asarray(q, dtype=float)
     base, links, tool = chain(arm)
-    both = [link_series(one, np.stack([q[..., i], np.ones(q.shape[:-1])])) for i, one in enumerate(links)]
-    before = [base]
-    for A in both:
-        before.append(before[-1] @ A[0])
+    n, A = q.shape[-1], np.moveaxis(links_series(links, np.stack([q, np.ones(q.shape)])), -3, 0)
+    before, after = [base], [tool]
+    for i in range(n):
+        before.append(before[-1] @ A[i, 0])
+        after.append(A[n - 1 - i, 0] @ after[-1])
     turned_back = np.swapaxes((before[-1] @ tool)[..., :3, :3], -1, -2)
-    J = np.empty((*q.shape[:-1], 6, len(links)))
-    after = tool
-    for i in reversed(range(len(links))):
-        D = before[i] @ both[i][1] @ after
-        J[..., :3, i], J[..., 3:, i] = D[..., :3, 3], vee(D[..., :3, :3] @ turned_back)
-        after = both[i][0] @ after
-    return J
+    D = np.stack([before[i] @ A[i, 1] @ after[n - 1 - i] for i in range(n)], axis=-3)
+    return np.swapaxes(
+        np.concatenate([D[..., :3, 3], vee(D[..., :3, :3] @ turned_back[..., None, :, :])], axis=-1), -1, -2
+    )
 
 
 def smallest(arm: Any, q: Any) -> Array:
@@ -136,12 +120,13 @@ def turning_series(arm: Any, q: Array) -> Array:
     T[0] = base
     rate = np.stack([k * q[k] for k in range(1, len(q))])
     w = np.zeros((*rate.shape[:-1], 3))
-    for i, one in enumerate(links):
-        if not one.slides:
-            axis = (T @ one.before)[:-1, ..., :3, 2]
+    A = links_series(links, q)
+    for i in range(q.shape[-1]):
+        if not links.slides[i]:
+            axis = (T @ links.before[i])[:-1, ..., :3, 2]
             for k in range(len(rate)):
                 w[k] += sum(axis[m] * rate[k - m, ..., i, None] for m in range(k + 1))
-        T = times(T, link_series(one, q[..., i]))
+        T = times(T, A[..., i, :, :])
     return w
 
 

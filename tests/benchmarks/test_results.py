@@ -1,0 +1,75 @@
+"""The published run: complete, without paths of a machine, and the README's figures are its figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import pytest
+
+from tests.oracles import REPOSITORY
+
+RESULTS = REPOSITORY / "benchmarks/results"
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+
+
+def table(file: str) -> dict[str, dict[str, str]]:
+    with (RESULTS / file).open(encoding="utf-8", newline="") as lines:
+        return {row.get("label") or row["law"]: row for row in csv.DictReader(lines)}
+
+
+def printed(text: str, value: float) -> bool:
+    """Whether a text is a value, rounded to the digits of the text."""
+    digits = text.replace(",", "")
+    if "." in digits or value < 100.0:
+        return float(digits) == round(value, len(digits.partition(".")[2]))
+    return float(digits) == float(f"{value:.3g}")
+
+
+def test_the_readme_s_comparison_is_that_of_the_published_run() -> None:
+    rows = re.findall(r"^\| (\*\*`lm`, ours\*\*|[\w() -]+) \|((?: [\d.,]+ \|){6})$", README, flags=re.M)
+    assert len(rows) == 8
+    for name, cells in rows:
+        label = "lm" if name.startswith("**") else name
+        found = cells.replace(" ", "").strip("|").split("|")
+        for k, block in enumerate(("warm", "cold", "hard-cold")):
+            row = table(f"ik-speed/tables/speed-{block}.csv")[label]
+            assert printed(found[2 * k], float(row["solved [%]"])), (label, block)
+            assert printed(found[2 * k + 1], float(row["median [µs]"])), (label, block)
+            if found[2 * k] == "100":
+                assert row["failed"] == "0"
+    wrong = int(table("ik-speed/tables/speed-hard-cold.csv")["EAIK"]["false_claims"])
+    assert f"it claims {wrong:,} of the hard problems that it misses" in README
+
+
+def test_the_readme_s_words_on_time_laws_are_those_of_the_published_run() -> None:
+    regular, singular = (table(f"timing/tables/timing-lines-{group}.csv") for group in ("regular", "near-singular"))
+    words = " ".join(README.split())
+    ours = regular["optimal"]
+    assert float(ours["kept [%]"]) == float(singular["optimal"]["kept [%]"]) == 100.0
+    assert f"all of {int(ours['count']) + int(singular['optimal']['count'])} motions" in words
+    assert f"{float(ours['slowed_down']):.4f} times the shortest" in words
+    assert f"in {float(ours['ms [ms]']):.1f} ms; CasADi" in words
+    for label in ("CasADi, fatrop", "copp, two passes"):
+        row = regular[label]
+        assert f"at {float(row['slowed_down']):.3f} times in {float(row['ms [ms]']):.0f} ms" in words
+    assert all(regular[label]["slowed_down"] == "inf" for label in regular if label.lower().startswith("topp"))
+
+
+@pytest.mark.parametrize("suite", ["ik-speed", "timing"])
+def test_a_published_run_is_complete_and_says_where_it_is_from(suite: str) -> None:
+    text = (RESULTS / suite / "run.json").read_text(encoding="utf-8")
+    run = json.loads(text)
+    assert run["complete"]
+    assert run["failed"] == []
+    assert run["suite"] == suite
+    assert {"commit", "cpu", "versions"} <= set(run["provenance"])
+    assert not run["provenance"]["dirty"]
+    assert not re.search(r"\"/|\"[A-Z]:\\\\", text)  # no path of the machine it ran on
+    assert (RESULTS / suite / "tables/winners.csv").is_file()
+
+
+def test_the_links_of_the_published_results_exist() -> None:
+    for link in re.findall(r"\]\(([^)#:]+)\)", (RESULTS / "README.md").read_text(encoding="utf-8")):
+        assert (RESULTS / link).exists(), link
