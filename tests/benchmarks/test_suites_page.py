@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import optik
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
+from benchmarks.cli.running import _warn
 from benchmarks.kinds.answers.run import ANSWER_TYPES
 from benchmarks.kinds.batch.process import measure
 from benchmarks.problems.base import SETS
@@ -221,3 +222,10 @@ def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, li
     for name in sorted(own_names(SETS)):
         row = next(line for line in section("Problem sets").splitlines() if line.startswith(f"| `{name}`"))
         assert set(re.findall(r"`(\w+)`", row.split("|")[3])) == set(defaults(load_method(SETS, name, "set")))
+
+
+def test_an_address_without_a_port_gets_one_line_the_error(capsys: pytest.CaptureFixture[str]) -> None:
+    _warn("nonsense")
+    assert capsys.readouterr().err == ""
+    _warn("10.0.0.2:8786")
+    assert capsys.readouterr().err.startswith("warning: 10.0.0.2:8786")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 import shutil
 import sys
 import time
@@ -476,6 +477,7 @@ def test_the_tables_are_what_the_rows_hold(page: Page, quick: RunFolder) -> None
 def test_an_absent_peer_stays_in_the_tables_and_verdicts_are_shown(page: Page, quick: RunFolder) -> None:
     assert laws_table(quick, "regular")["copp"] == {"label": "copp", "kept": "absent"}
     assert page.text.count("not installed: pip install copp-py") >= 2
+    assert re.search(r"The [a-z-]+ path number 1( of \d+)? on \w+, within the limits", page.text)
     looks = [a["class"] for t, a in page.tags if t == "span" and "badge" in a.get("class", "")]
     assert looks == [f"badge {look}" for look in ("good", "good", "bad", "none", "good", "none")]
 
