@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from benchmarks.report.words import quoted
 
-ENOUGH = 1000
+RANKED_PROBLEMS = 1000
 """Problems that are enough to be ranked on: Wilson's interval of a share is then 6 points wide, 0.4 beside 100 %."""
 
 
@@ -28,7 +28,7 @@ class Ranked:
 
 
 def ranked(given: Mapping[str, int]) -> Ranked:
-    """Rank those that were given `ENOUGH` problems, or half as many as any: all are compared on the fewest of the ranked.
+    """Rank those that were given `RANKED_PROBLEMS` problems, or half as many as any: all are compared on the fewest of the ranked.
 
     Where that leaves fewer than two, all are ranked.
 
@@ -44,7 +44,7 @@ def ranked(given: Mapping[str, int]) -> Ranked:
     """
     most = max(given.values(), default=0)
     asked = tuple(label for label, count in given.items() if count)
-    many = tuple(label for label in asked if given[label] >= min(ENOUGH, most / 2))
+    many = tuple(label for label in asked if given[label] >= min(RANKED_PROBLEMS, most / 2))
     labels = many if len(many) > 1 else asked
     out = [f"{quoted(label)} ({count:,})" for label, count in given.items() if label not in labels]
     return Ranked(labels, f"; not ranked, as given fewer: {', '.join(out)}" if out else "")
