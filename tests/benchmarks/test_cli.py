@@ -235,6 +235,7 @@ def into(target: str, *arguments: str, unbuffered: str = "") -> tuple[int, str]:
         "HOME": str(Path.home()),
     }
     environment |= {"PYTHONUNBUFFERED": unbuffered} if unbuffered else {}
+    environment |= {name: value for name, value in os.environ.items() if name == "NUMBA_CACHE_DIR"}
     if target:
         out = os.open(target, os.O_WRONLY)
     else:
