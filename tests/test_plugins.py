@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -262,7 +263,9 @@ def METHOD(x):
 """
 
 
-def test_a_compiled_function_of_a_file_is_kept_beside_it(tmp_path: Path) -> None:
+def test_a_compiled_function_of_a_file_is_kept_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     file = write(tmp_path / "doubles.py", KERNEL, doc='"""Doubles."""')
     assert registry.load_method("benchmarks.problems", file)(1.5) == 3.0
     write(file, KERNEL, doc='"""Doubles a number."""')
