@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import sqrt
 
 import numpy as np
@@ -71,6 +72,7 @@ def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
     return float(np.linalg.norm(v[:3] + nearest * axis)), max(ends)
 
 
+@lru_cache(maxsize=64)  # an arm's solvers share it: a hundred least-squares problems, 10 ms
 def _shortest(robot: Robot, whole: bool) -> Array:
     """Place (n,) of each joint's point on its axis [m] that makes the sum of the distances between them smallest."""
     # The sum is minimised by least squares with weights 1 / distance (Weiszfeld 1937). Any places give a valid bound;

@@ -134,6 +134,8 @@ class ClosedForm(IKSolver):
         self._chain = robot.chain
         self._limits = lower, upper
         self._free = np.where(moving, -np.inf, lower), np.where(moving, np.inf, upper)
+        for bound in self._free:
+            bound.flags.writeable = False  # as limits are
         self._errors = self.tolerance.position, self.tolerance.rotation
         self._tight = min(self._errors[0], branches.ROOT_ERROR), min(self._errors[1], branches.ROOT_ERROR)
         self._redundant = int(moving.sum()) > 6
@@ -217,7 +219,8 @@ class ClosedForm(IKSolver):
         Attempt
             The branch; its iterations are those of an enumeration, where one was needed.
         """
-        target = np.ascontiguousarray(target)
+        # of one type whatever the caller has: kernels are compiled once
+        target, start = np.ascontiguousarray(target), np.array(start)
         if self._closed is None or self._redundant:
             return self._nearest(target, start, self._all(target, start, self._ask(target), few=True))
         candidates, q = self._ask(target), np.empty(self.robot.n)

@@ -129,7 +129,9 @@ class Backend:
         """
         axes = self._axes
         try:
-            found = np.array(self._solve(target @ self._unturned), dtype=np.float64).reshape(-1, axes.moving.size)
+            found = np.array(self._solve(target @ self._unturned), dtype=np.float64, order="C").reshape(
+                -1, axes.moving.size
+            )
         except Exception as error:  # whatever another package raises
             raise Refused(f"{type(error).__name__}: {error}") from error
         if axes.moving.size == axes.rest.size:
