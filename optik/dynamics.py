@@ -1,0 +1,185 @@
+"""Compiled inverse dynamics of a serial arm, and its rate in time: one state or a batch.
+
+Newton's and Euler's equations in the base frame (Luh, Walker and Paul 1980), differentiated once more in time. For link i with
+angular velocity ω, angular acceleration α and its rate β, and for a vector d that is fixed in the link,
+
+    d̈ = α × d + ω × (ω × d),        d⃛ = β × d + 2 α × (ω × d) + ω × (α × d) + ω × (ω × (ω × d)),
+
+and for a tensor I that is fixed in it, d(I x)/dt = ω × I x + I (ẋ − ω × x). Friction is added by the callers: it is no part of
+the rigid bodies. Outputs are written into the caller's arrays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.compiled import compiled, inlined
+from optik.kinematics import Chain, Triple, frames
+from optik.types import Array
+
+Bodies = tuple[Array, Array, Array, Array, Array]
+"""The bodies of an arm as kernels take them: mass (n,) [kg], com (n, 3), the centres of mass in the joint frames [m], tensor
+(n, 3, 3), the inertia about them in the axes of the joint frames [kg·m²], motor (n,), the motors' inertia reflected to the
+joints [kg·m², kg], and gravity (3,) in the base frame [m/s²]."""
+
+
+@inlined
+def _cross(a: Triple, b: Triple) -> Triple:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _plus(a: Triple, b: Triple) -> Triple:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@inlined
+def _times(x: float, a: Triple) -> Triple:
+    return x * a[0], x * a[1], x * a[2]
+
+
+@inlined
+def _row(x: Array, i: int) -> Triple:
+    return x[i, 0], x[i, 1], x[i, 2]
+
+
+@inlined
+def _put(x: Array, i: int, a: Triple) -> None:
+    x[i, 0], x[i, 1], x[i, 2] = a[0], a[1], a[2]
+
+
+@inlined
+def _turned(T: Array, i: int, a: Triple) -> Triple:
+    """R_i a."""
+    return (
+        T[i, 0, 0] * a[0] + T[i, 0, 1] * a[1] + T[i, 0, 2] * a[2],
+        T[i, 1, 0] * a[0] + T[i, 1, 1] * a[1] + T[i, 1, 2] * a[2],
+        T[i, 2, 0] * a[0] + T[i, 2, 1] * a[1] + T[i, 2, 2] * a[2],
+    )
+
+
+@inlined
+def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
+    """R_i I_i R_iᵀ a."""
+    x = T[i, 0, 0] * a[0] + T[i, 1, 0] * a[1] + T[i, 2, 0] * a[2]
+    y = T[i, 0, 1] * a[0] + T[i, 1, 1] * a[1] + T[i, 2, 1] * a[2]
+    z = T[i, 0, 2] * a[0] + T[i, 1, 2] * a[1] + T[i, 2, 2] * a[2]
+    u = tensor[i, 0, 0] * x + tensor[i, 0, 1] * y + tensor[i, 0, 2] * z
+    v = tensor[i, 1, 0] * x + tensor[i, 1, 1] * y + tensor[i, 1, 2] * z
+    w = tensor[i, 2, 0] * x + tensor[i, 2, 1] * y + tensor[i, 2, 2] * z
+    return _turned(T, i, (u, v, w))
+
+
+@inlined
+def _second(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
+    """d̈ of a vector d that is fixed in a link; wd is ω × d."""
+    return _plus(_cross(a, d), _cross(w, wd))
+
+
+@inlined
+def _third(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Triple) -> Triple:
+    """d⃛ of a vector d that is fixed in a link; wd is ω × d, second is d̈."""
+    return _plus(_plus(_cross(b, d), _times(2.0, _cross(a, wd))), _cross(w, second))
+
+
+@compiled
+def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array, out: Array) -> None:
+    """Torques of the rigid bodies and of the motors' inertia, and their rates, at one state.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    weight : float
+        Factor of gravity: 1, or 0 without it [1].
+    state : (4, n) array
+        q, q̇, q̈, q⃛ [rad, rad/s, rad/s², rad/s³, or m].
+    work : (8, n + 1, 4, 4) array
+        Overwritten [1].
+    out : (2, n) array
+        Filled with torques [N·m, N] and their rates [N·m/s, N/s].
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, motor, gravity = bodies
+    n = mass.shape[0]
+    T = work[0]
+    frames(chain, state[0], T[:n])
+    F, dF, N, dN, D, dD = work[1, :, 0], work[2, :, 0], work[3, :, 0], work[4, :, 0], work[5, :, 0], work[6, :, 0]
+    dz = work[7, :, 0]
+    zero = (0.0, 0.0, 0.0)
+    w, a, b, r, jerk = zero, zero, zero, zero, zero
+    acceleration = (-weight * gravity[0], -weight * gravity[1], -weight * gravity[2])
+    for i in range(n):
+        z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
+        d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
+        r, wd, wz = p, _cross(w, d), _cross(w, z)
+        second = _second(w, a, d, wd)
+        acceleration = _plus(acceleration, second)
+        jerk = _plus(jerk, _third(w, a, b, d, wd, second))
+        _put(D, i, d)
+        _put(dz, i, wz)
+        dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
+        bend = _second(w, a, z, wz)  # z̈
+        if prismatic[i]:
+            acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
+            jerk = _plus(jerk, _plus(_times(dddq, z), _plus(_times(3.0 * ddq, wz), _times(3.0 * dq, bend))))
+            wd = _plus(wd, _times(dq, z))
+        else:
+            b = _plus(b, _plus(_times(dddq, z), _plus(_times(2.0 * ddq, wz), _times(dq, bend))))
+            a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
+            w = _plus(w, _times(dq, z))
+        _put(dD, i, wd)
+        c = _turned(T, i, _row(com, i))
+        wc = _cross(w, c)
+        second = _second(w, a, c, wc)
+        force = _times(mass[i], _plus(acceleration, second))
+        change = _times(mass[i], _plus(jerk, _third(w, a, b, c, wc, second)))
+        spin, twist, wa = _tensor(T, tensor, i, w), _tensor(T, tensor, i, a), _cross(w, a)
+        moment = _plus(twist, _cross(w, spin))
+        rest = _tensor(T, tensor, i, (b[0] - wa[0], b[1] - wa[1], b[2] - wa[2]))
+        turning = _plus(_plus(_cross(a, spin), _cross(w, _plus(moment, twist))), rest)
+        _put(F, i, force)
+        _put(dF, i, change)
+        _put(N, i, _plus(moment, _cross(c, force)))
+        _put(dN, i, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
+    f, df, m, dm = zero, zero, zero, zero
+    for i in range(n - 1, -1, -1):
+        if i < n - 1:
+            d, wd = _row(D, i + 1), _row(dD, i + 1)
+            m = _plus(m, _cross(d, f))
+            dm = _plus(dm, _plus(_cross(wd, f), _cross(d, df)))
+        f, df = _plus(f, _row(F, i)), _plus(df, _row(dF, i))
+        m, dm = _plus(m, _row(N, i)), _plus(dm, _row(dN, i))
+        x, y, t = T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]
+        u = _row(dz, i)
+        e, de = (f, df) if prismatic[i] else (m, dm)
+        out[0, i] = x * e[0] + y * e[1] + t * e[2] + motor[i] * state[2, i]
+        out[1, i] = x * de[0] + y * de[1] + t * de[2] + u[0] * e[0] + u[1] * e[1] + u[2] * e[2] + motor[i] * state[3, i]
+
+
+@compiled
+def torques_batch(chain: Chain, bodies: Bodies, viscous: Array, states: Array, out: Array) -> None:
+    """Torques with viscous friction and without Coulomb friction, and their rates, at states.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    viscous : (n,) array
+        Viscous friction [N·m·s/rad, N·s/m].
+    states : (k, 4, n) array
+        q, q̇, q̈, q⃛ [rad, rad/s, rad/s², rad/s³, or m].
+    out : (k, 2, n) array
+        Filled with torques [N·m, N] and their rates [N·m/s, N/s].
+    """
+    n = viscous.shape[0]
+    work = np.empty((8, n + 1, 4, 4))
+    for k in range(states.shape[0]):
+        rigid_torques(chain, bodies, 1.0, states[k], work, out[k])
+        for i in range(n):
+            out[k, 0, i] += viscous[i] * states[k, 1, i]
+            out[k, 1, i] += viscous[i] * states[k, 2, i]
