@@ -75,28 +75,29 @@ class Curve(ABC):
 # ---------------------------------------------------------------- curves along which s(t) moves
 
 
-def monomials(rates: Sequence[Array], columns: int | None = None) -> tuple[Array, ...]:
-    """Products of the derivatives of s(t) that the rows of a limit are multiplied with.
+def monomials(rates: Sequence[Array], *, full: bool = False) -> tuple[Array, ...]:
+    """Products of the derivatives of s(t) that the chain rule multiplies with f', f'', f'''.
 
     Parameters
     ----------
     rates : one to three (k, ...) arrays
         ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
-    columns : int, optional
-        How many; by default those that the chain rule multiplies with f', f'', f''', as many as rates.
+    full : bool
+        With those of lower order, which torque and its rate have too; for two rates and for three.
 
     Returns
     -------
     tuple of (k, ...) arrays
-        ṡ for one rate; s̈, ṡ², and ṡ, 1 of four, for two; s⃛, ṡ s̈, ṡ³, and ṡ, s̈, ṡ² of six, for three [m/s^i, rad/s^i].
+        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three [m/s^i, rad/s^i]. In full s̈, ṡ², ṡ, 1 for two;
+        s⃛, ṡ s̈, ṡ³, ṡ, s̈, ṡ² for three.
     """
     v = rates[0]
     if len(rates) == 1:
         return (v,)
-    all_of_them = columns is not None and columns > len(rates)
     if len(rates) == 2:
-        return (rates[1], v * v, *((v, np.ones_like(v)) if all_of_them else ()))
-    return (rates[2], v * rates[1], v**3, *((v, rates[1], v * v) if all_of_them else ()))
+        return (rates[1], v * v, v, np.ones_like(v)) if full else (rates[1], v * v)
+    highest = (rates[2], v * rates[1], v**3)
+    return (*highest, v, rates[1], v * v) if full else highest
 
 
 def chain_rows(derivatives: Sequence[Array]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -17,7 +17,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
 from planners.limits._extreme import plain
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, is_known, kind_of
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, is_known, kind_of
 from planners.limits._points import PathPoints
 from planners.limits._sides import inner, is_pair, over
 from planners.limits.base import Limit
@@ -30,13 +30,16 @@ class MotionLimits:
     Parameters
     ----------
     velocity, acceleration, jerk : scalar or (n,) array, optional
-        Bounds on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity and acceleration
-        also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
+        Bounds on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity,
+        acceleration and torque also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
     tool_speed, rotation_speed : float, optional
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms.
     extra : mapping, optional
         Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws keep those of first order as they
         keep velocities, and the others by a uniform slow-down.
+    torque, torque_rate : scalar or (n,) array, optional
+        Greatest torques [N·m, N] and rates of the torques [N·m/s, N/s], of an arm whose masses are known. Coulomb friction
+        counts in the torque, and not in its rate.
 
     Raises
     ------
@@ -52,6 +55,8 @@ class MotionLimits:
     tool_speed: float | None = None
     rotation_speed: float | None = None
     extra: Mapping[str, Any] | None = None
+    torque: ArrayLike | None = None
+    torque_rate: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         for kind in FIELD_LIMITS:
@@ -74,8 +79,8 @@ class MotionLimits:
         return hash(self._content())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = [getattr(self, name) for name in ALL_LIMITS]
-        return MotionLimits, (*values, None if self.extra is None else dict(self.extra))
+        values = [getattr(self, field.name) for field in fields(self)]
+        return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
     def _content(self) -> Any:
         return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
@@ -92,9 +97,15 @@ class MotionLimits:
         Returns
         -------
         MotionLimits
-            Its velocities, accelerations and jerks, where it has them.
+            Its velocities, accelerations and jerks, where it has them; torques and their rates where it has masses too.
         """
-        return MotionLimits(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
+        own = robot.limits
+        loaded = getattr(robot, "inertia", None) is not None
+        return MotionLimits(
+            own.velocity, own.acceleration, own.jerk,
+            torque=getattr(own, "torque", None) if loaded else None,
+            torque_rate=getattr(own, "torque_rate", None) if loaded else None,
+        )  # fmt: skip
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -214,10 +225,11 @@ class MotionLimits:
             Absolute values over the side that they go to [1]; the limit is kept where they are at most 1.
         """
         kind, bound = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
-        rows = kind.rows(at, bound if bound.ndim == 1 else np.ones(bound.shape[1]))
-        products = np.stack(monomials(rates[: kind.order], rows.shape[2]))
-        values = np.einsum("kmi,ik->km", rows, products)
-        return np.asarray(np.abs(values)) if bound.ndim == 1 else over(values, bound)
+        two_sided = bound.ndim == 2 and kind.homogeneous  # the row would not scale with time, the value does
+        rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
+        products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
+        values = np.einsum("kmi,ik->km", rows, np.stack(products))
+        return over(values, bound) if two_sided else np.asarray(np.abs(values))
 
     def only(self, names: tuple[str, ...]) -> MotionLimits:
         """Return those limits that have these names; all others are free.
@@ -279,7 +291,8 @@ class MotionLimits:
 
     def to_plain(self) -> dict[str, Any]:
         """Return plain data for files, which `from_plain` reads back to the last bit."""
-        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in self.kinds}
+        given = [kind for kind in self.kinds if kind.name not in LOADED or self.value(kind.name) is not None]
+        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in given}
 
     @classmethod
     def from_plain(cls, data: Any, n: int) -> MotionLimits:
@@ -288,7 +301,8 @@ class MotionLimits:
         Parameters
         ----------
         data : mapping
-            Plain data by name: all limits with an argument of their own, and any others that are known.
+            Plain data by name: the limits with an argument of their own, those on torque only where they are given, and any
+            others that are known.
         n : int
             Number of joints.
 
@@ -303,9 +317,10 @@ class MotionLimits:
             Names that are missing or not known here, or data that describe no bound.
         """
         extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
-        checked = record(data, (*ALL_LIMITS, *extra), "limits")
+        required = tuple(name for name in ALL_LIMITS if name not in LOADED)
+        checked = record(data, (*required, *extra), "limits", optional=LOADED)
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
-        return cls(**{name: found.pop(name) for name in ALL_LIMITS}, extra=found)
+        return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 
     @property
     def tool(self) -> tuple[float, float]:

@@ -39,6 +39,8 @@ class Limit(ABC):
         What the one bound of the whole arm is on, such as ``"tool"``; None for a bound on every joint.
     sided : bool
         Whether the bound may be a pair (lower, upper). If so, all methods take a bound of shape (2, n) too, lower first.
+    homogeneous : bool
+        Whether the whole value goes with the time scale; not the torque, of which gravity is a part.
     """
 
     name: ClassVar[str]
@@ -46,6 +48,7 @@ class Limit(ABC):
     order: ClassVar[int]
     subject: ClassVar[str | None] = None
     sided: ClassVar[bool] = False
+    homogeneous: ClassVar[bool] = True
 
     # ------------------------------------------------------------ the bound, as given and in files
 
@@ -165,8 +168,8 @@ class Limit(ABC):
         -------
         (k, m, order) array, or of more columns
             [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
-            s⃛, ṡ s̈ and ṡ³ for order 3; with further columns, always all of them, s̈, ṡ², ṡ and 1 for order 2,
-            s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² for order 3. The limit is kept where |rows · monomials| ≤ 1.
+            s⃛, ṡ s̈ and ṡ³ for order 3; or (k, m, 4) and (k, m, 6) for the full sets of orders 2 and 3. The limit is
+            kept where |rows · monomials| ≤ 1.
         """
 
     # ------------------------------------------------------------ judgement
