@@ -1,63 +1,68 @@
-"""Torque and its rate along a joint path as rows over the derivatives of s(t): plain and slow."""
+"""Rows of torque and of its rate along a joint path: coefficients of the monomials of ṡ, s̈ and s⃛."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optik.dynamics import torques_batch
+from optik import dynamics
 from optik.types import Array
-from planners.curve import composed, monomials
 from planners.limits._points import PathPoints
 
+if TYPE_CHECKING:
+    from optik.arm.inertia import Load
 
-def torque_rows(at: PathPoints, load: Any) -> Array:
-    """Coefficients of the torque, without Coulomb friction.
+
+def torque_rows(at: PathPoints, load: Load) -> Array:
+    """Torque of every joint, without Coulomb friction: τ = p s̈ + c ṡ² + f ṡ + g.
+
+    p = M q', c = M q'' + C(q, q') q', f is the viscous friction times q', and g the torque of gravity.
 
     Parameters
     ----------
     at : PathPoints
         Points of the joint path.
     load : Load
-        The masses of the arm.
+        What the joints move.
 
     Returns
     -------
     (k, n, 4) array
-        Over s̈, ṡ², ṡ and 1 [N·m, N] over the monomials.
+        Coefficients of s̈, ṡ², ṡ and 1 [N·m or N, over powers of s].
     """
-    return _fitted(at, load, 2)
+    found = _coefficients(at, load)
+    return np.stack([found[:, 0], found[:, 1], load.viscous * at.q(1), found[:, 2]], axis=-1)
 
 
-def torque_rate_rows(at: PathPoints, load: Any) -> Array:
-    """Coefficients of the torque's rate, without Coulomb friction.
+def torque_rate_rows(at: PathPoints, load: Load) -> Array:
+    """Rate of the torque of every joint, without Coulomb friction: τ̇ = p s⃛ + d ṡ s̈ + c' ṡ³ + g' ṡ + f (q' s̈ + q'' ṡ²).
+
+    d = p' + 2 c; f is the viscous friction, and the other letters as in `torque_rows`.
 
     Parameters
     ----------
     at : PathPoints
         Points of the joint path.
     load : Load
-        The masses of the arm.
+        What the joints move.
 
     Returns
     -------
     (k, n, 6) array
-        Over s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² [N·m/s, N/s] over the monomials.
+        Coefficients of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² [N·m/s or N/s, over powers of s].
     """
-    return _fitted(at, load, 3)
+    found = _coefficients(at, load)
+    friction = (load.viscous * at.q(1), load.viscous * at.q(2))
+    return np.stack([found[:, 0], found[:, 3], found[:, 4], found[:, 5], *friction], axis=-1)
 
 
-def _fitted(at: PathPoints, load: Any, order: int) -> Array:
-    """Through as many rates as there are monomials: the torques there, solved for the coefficients."""
-    rates = np.array([[1.0, 0, 0], [2, 0, 0], [0.5, 0, 0], [1, 1, 0], [2, -1, 0], [1, 0, 1], [0, 0, 0]])
-    rates = rates[:6] if order == 3 else rates[[0, 1, 3, 6]]
-    q, *d = (at.q(i) for i in range(4))
-    found = []
-    for row in rates:
-        states = np.ascontiguousarray(np.stack([q, *composed(d, [np.full((1, 1), x) for x in row])], axis=1))
-        out = np.empty((len(q), 2, q.shape[1]))
-        torques_batch(at.joint_path.robot.chain, load.bodies, load.viscous, states, out)
-        found.append(out[:, order - 2])
-    products = np.stack(monomials(tuple(rates.T[:order]), full=True), axis=1)
-    return np.asarray(np.einsum("ij,jkn->kni", np.linalg.inv(products), np.stack(found)))
+def _coefficients(at: PathPoints, load: Load) -> Array:
+    """What `optik.dynamics.path_torques` finds at the points (k, 6, n), found once for each load."""
+    kept = at.torques.get(id(load))
+    if kept is None:
+        path = np.stack([at.q(order) for order in range(4)])
+        kept = np.empty((path.shape[1], 6, path.shape[2]))
+        dynamics.path_torques(at.joint_path.robot.chain, load.bodies, path, kept)
+        at.torques[id(load)] = kept
+    return kept
