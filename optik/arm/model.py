@@ -1,4 +1,4 @@
-"""An arm as data: its joints, limits, base, tool and gravity, checked; equal by content; copied with one part exchanged."""
+"""An arm as data: joints, limits, base, tool, gravity and masses, checked; equal by content; copied with parts exchanged."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload, payload_masses
 from optik.arm.limits import JointLimits, frozen
-from optik.check import check_flag, check_words, real_array
+from optik.check import check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags
 
@@ -27,7 +28,7 @@ class ArmModel:
 
     Parameters
     ----------
-    name, fixed, prismatic, tool, limits, joint_names, gravity, source
+    name, fixed, prismatic, tool, limits, joint_names, gravity, source, gravity_magnitude, inertia, payload
         As those of `optik.Robot`.
 
     Raises
@@ -35,7 +36,8 @@ class ArmModel:
     InvalidInput
         A value of the wrong type.
     RobotModelError
-        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity.
+        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity,
+        masses of another number of links, or a payload on an arm whose masses are unknown.
     """
 
     name: str
@@ -46,6 +48,9 @@ class ArmModel:
     joint_names: tuple[str, ...] = ()
     gravity: Array = (0.0, 0.0, -1.0)  # type: ignore[assignment]
     source: str = ""
+    gravity_magnitude: float = STANDARD_GRAVITY
+    inertia: Inertia | None = None
+    payload: Payload | None = None
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
@@ -63,7 +68,11 @@ class ArmModel:
             "tool": frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"),
             "joint_names": _checked_names(self.name, self.joint_names, n),
             "gravity": _checked_gravity(self.name, self.gravity),
+            "gravity_magnitude": check_number(
+                self.gravity_magnitude, "gravity_magnitude", "an acceleration ≥ 0 [m/s²]", least=0.0
+            ),
         }
+        _check_masses(self.name, self.inertia, self.payload, n)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
 
@@ -77,6 +86,16 @@ class ArmModel:
             digest.update(array.tobytes())
         for limit in (lim.velocity, lim.acceleration, lim.jerk):
             digest.update(b"-" if limit is None else limit.tobytes())
+        later = {  # only where known: the fingerprint of an arm without them is older than they are
+            "torque": None if lim.torque is None else lim.torque.tobytes(),
+            "torque_rate": None if lim.torque_rate is None else lim.torque_rate.tobytes(),
+            "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
+            "inertia": None if self.inertia is None else self.inertia.content,
+            "payload": None if self.payload is None else self.payload.content,
+        }
+        for name, part in later.items():
+            if part is not None:
+                digest.update(name.encode() + part)
         return digest.digest()
 
     def __eq__(self, other: object) -> bool:
@@ -194,9 +213,9 @@ class ArmModel:
         limits : JointLimits, optional
             Limits of all joints; by default the present ones.
         **fields
-            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk,
-            scalars or (n,) arrays [rad/s, rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not
-            named stay as they are.
+            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration, jerk, torque
+            and torque_rate, scalars or (n,) arrays [rad/s, rad/s², rad/s³, N·m, N·m/s, or metres]; None for an unknown
+            one. Limits that are not named stay as they are.
 
         Returns
         -------
@@ -214,6 +233,97 @@ class ArmModel:
         if not isinstance(new, JointLimits):
             raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
         return replace(self, limits=new.replaced(**fields) if fields else new)
+
+    def with_gravity(self, direction: ArrayLike | None = None, magnitude: float | None = None) -> Self:
+        """Return the arm under another gravity.
+
+        Parameters
+        ----------
+        direction : (3,) array, optional
+            Direction of gravity in the base frame, of any length [1]; by default the present one.
+        magnitude : float, optional
+            Acceleration of free fall [m/s²], 0 without weight; by default the present one.
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with everything else as it is.
+
+        Raises
+        ------
+        InvalidInput
+            A negative magnitude, NaN or infinity.
+        RobotModelError
+            No direction.
+        """
+        changes: dict[str, Any] = {"gravity": direction, "gravity_magnitude": magnitude}
+        return replace(self, **{name: value for name, value in changes.items() if value is not None})
+
+    def with_inertia(self, inertia: Inertia | None = None, **fields: ArrayLike | str) -> Self:
+        """Return the arm with other masses.
+
+        Parameters
+        ----------
+        inertia : Inertia, optional
+            Masses of all links; by default the present ones.
+        **fields
+            Single fields of `Inertia` in place of those, such as motor, viscous and coulomb, scalars or (n,) arrays
+            [kg·m², N·m·s/rad, N·m], which most files do not state. Fields that are not named stay as they are.
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with the same kinematics, limits and payload.
+
+        Raises
+        ------
+        InvalidInput
+            A field that does not exist, values that `Inertia` refuses, or fields for an arm whose masses are unknown.
+        RobotModelError
+            Masses of another number of links.
+        """
+        new = self.inertia if inertia is None else inertia
+        if not isinstance(new, Inertia):
+            got = repr(inertia)[:60] if inertia is not None else f"none for {self.name!r}, whose masses are unknown"
+            raise InvalidInput("inertia", got, "Inertia(mass, com, tensor)")
+        return replace(self, inertia=new.replaced(**fields) if fields else new)
+
+    def with_payload(
+        self,
+        mass: float | tuple[float, float] | None,
+        com: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+    ) -> Self:
+        """Return the arm with a rigid body in its tool, in place of the present payload.
+
+        The body keeps its place in the tool's frame: a `with_tool` that moves the tool moves the payload with it.
+
+        Parameters
+        ----------
+        mass : float or pair of floats, or None
+            Mass [kg], or an interval (lightest, heaviest), which is planned for its worst; None or 0 for no payload.
+        com : (3,) array, optional
+            Centre of mass in the tool's frame [m]; by default its origin.
+        inertia : (3, 3) array, optional
+            Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. Of an
+            interval it is the inertia of the largest mass, and scales with the mass.
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with the same kinematics, limits and masses.
+
+        Raises
+        ------
+        InvalidInput
+            Values that `Payload` refuses.
+        RobotModelError
+            The masses of the arm are unknown, so that torques could not count the payload.
+        """
+        if mass is None or payload_masses(mass)[1] == 0.0:
+            return replace(self, payload=None)
+        changes: dict[str, Any] = {"mass": mass, "com": com, "inertia": inertia}
+        return replace(self, payload=Payload(**changes))
 
 
 # ---------------------------------------------------------------- checks
@@ -247,6 +357,17 @@ def _checked_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
     if len(joint_names) != n or len(set(joint_names)) != n:
         raise RobotModelError(name, f"{n} joints need {n} different names, got {joint_names}")
     return joint_names
+
+
+def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n: int) -> None:
+    if not isinstance(inertia, Inertia | None):
+        raise InvalidInput("inertia", repr(inertia)[:60], "Inertia(mass, com, tensor)")
+    if not isinstance(payload, Payload | None):
+        raise InvalidInput("payload", repr(payload)[:60], "Payload(mass, com, inertia)")
+    if inertia is not None and inertia.mass.size != n:
+        raise RobotModelError(name, f"{n} joints but masses of {inertia.mass.size} links")
+    if payload is not None and inertia is None:
+        raise RobotModelError(name, f"a payload of {payload}, but the masses of the arm are unknown; see with_inertia")
 
 
 def _checked_gravity(name: str, value: ArrayLike) -> Array:
