@@ -5,9 +5,11 @@ from optik.arm.inertia import Inertia, Payload
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
+from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow
 from optik.errors import OptikError
 from optik.ik import IKBatch, IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
+from optik.scene import Scene
 from optik.task import Task
 
 __version__ = "0.1.0"
@@ -22,6 +24,8 @@ __all__ = [
     "OptikError",
     "Payload",
     "Robot",
+    "Scene",
+    "Shapes",
     "Task",
     "Tolerance",
     "errors",

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload, payload_masses
+from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, frozen
+from optik.arm.shapes import Shapes
 from optik.check import check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags
@@ -28,7 +29,7 @@ class ArmModel:
 
     Parameters
     ----------
-    name, fixed, prismatic, tool, limits, joint_names, gravity, source, gravity_magnitude, inertia, payload
+    name, fixed, prismatic, tool, limits, joint_names, gravity, source, gravity_magnitude, inertia, payload, shapes
         As those of `optik.Robot`.
 
     Raises
@@ -51,6 +52,7 @@ class ArmModel:
     gravity_magnitude: float = STANDARD_GRAVITY
     inertia: Inertia | None = None
     payload: Payload | None = None
+    shapes: Shapes | None = None
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
@@ -71,10 +73,13 @@ class ArmModel:
             "gravity_magnitude": check_number(
                 self.gravity_magnitude, "gravity_magnitude", "an acceleration ≥ 0 [m/s²]", least=0.0
             ),
+            "shapes": _checked_shapes(self.name, self.shapes, n),
         }
         _check_masses(self.name, self.inertia, self.payload, n)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
+        if self.shapes is not None:
+            object.__setattr__(self, "shapes", self.shapes.named(self.link_names))
 
     # ------------------------------------------------------------ identity
 
@@ -96,6 +101,8 @@ class ArmModel:
         for name, part in later.items():
             if part is not None:
                 digest.update(name.encode() + part)
+        if self.shapes is not None:
+            digest.update(self.shapes.digest)
         return digest.digest()
 
     def __eq__(self, other: object) -> bool:
@@ -120,6 +127,14 @@ class ArmModel:
     def n(self) -> int:
         """Number of joints."""
         return int(self.fixed.shape[0])
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names (n + 1) of the links: "base", then each the name of the joint that moves it."""
+        base = "base"
+        while base in self.joint_names:
+            base += "_"
+        return base, *self.joint_names
 
     def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
         """Return configurations as a float64 array, checked.
@@ -177,7 +192,8 @@ class ArmModel:
         T = se3.check_pose(base, "base")
         fixed = np.array(self.fixed)
         fixed[0] = T @ fixed[0]
-        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity)
+        shapes = None if self.shapes is None else self.shapes.moved(0, T)
+        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity, shapes=shapes)
 
     def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:
         """Return the arm with another tool.
@@ -234,96 +250,27 @@ class ArmModel:
             raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
         return replace(self, limits=new.replaced(**fields) if fields else new)
 
-    def with_gravity(self, direction: ArrayLike | None = None, magnitude: float | None = None) -> Self:
-        """Return the arm under another gravity.
+    def with_shapes(self, shapes: Shapes | None) -> Self:
+        """Return the arm with other shapes.
 
         Parameters
         ----------
-        direction : (3,) array, optional
-            Direction of gravity in the base frame, of any length [1]; by default the present one.
-        magnitude : float, optional
-            Acceleration of free fall [m/s²], 0 without weight; by default the present one.
+        shapes : Shapes or None
+            Capsules that enclose its links, in place of the present ones; None for an arm without shapes.
 
         Returns
         -------
         ArmModel or Robot
-            The arm with everything else as it is.
+            The arm with the same kinematics, limits and names.
 
         Raises
         ------
         InvalidInput
-            A negative magnitude, NaN or infinity.
+            Not shapes.
         RobotModelError
-            No direction.
+            A capsule on a link that the arm does not have.
         """
-        changes: dict[str, Any] = {"gravity": direction, "gravity_magnitude": magnitude}
-        return replace(self, **{name: value for name, value in changes.items() if value is not None})
-
-    def with_inertia(self, inertia: Inertia | None = None, **fields: ArrayLike | str) -> Self:
-        """Return the arm with other masses.
-
-        Parameters
-        ----------
-        inertia : Inertia, optional
-            Masses of all links; by default the present ones.
-        **fields
-            Single fields of `Inertia` in place of those, such as motor, viscous and coulomb, scalars or (n,) arrays
-            [kg·m², N·m·s/rad, N·m], which most files do not state. Fields that are not named stay as they are.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same kinematics, limits and payload.
-
-        Raises
-        ------
-        InvalidInput
-            A field that does not exist, values that `Inertia` refuses, or fields for an arm whose masses are unknown.
-        RobotModelError
-            Masses of another number of links.
-        """
-        new = self.inertia if inertia is None else inertia
-        if not isinstance(new, Inertia):
-            got = repr(inertia)[:60] if inertia is not None else f"none for {self.name!r}, whose masses are unknown"
-            raise InvalidInput("inertia", got, "Inertia(mass, com, tensor)")
-        return replace(self, inertia=new.replaced(**fields) if fields else new)
-
-    def with_payload(
-        self,
-        mass: float | tuple[float, float] | None,
-        com: ArrayLike = (0.0, 0.0, 0.0),
-        inertia: ArrayLike | None = None,
-    ) -> Self:
-        """Return the arm with a rigid body in its tool, in place of the present payload.
-
-        The body keeps its place in the tool's frame: a `with_tool` that moves the tool moves the payload with it.
-
-        Parameters
-        ----------
-        mass : float or pair of floats, or None
-            Mass [kg], or an interval (lightest, heaviest), which is planned for its worst; None or 0 for no payload.
-        com : (3,) array, optional
-            Centre of mass in the tool's frame [m]; by default its origin.
-        inertia : (3, 3) array, optional
-            Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. Of an
-            interval it is the inertia of the largest mass, and scales with the mass.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same kinematics, limits and masses.
-
-        Raises
-        ------
-        InvalidInput
-            Values that `Payload` refuses.
-        RobotModelError
-            The masses of the arm are unknown, so that torques could not count the payload.
-        """
-        if mass is None or payload_masses(mass)[1] == 0.0:
-            return replace(self, payload=None)
-        changes: dict[str, Any] = {"mass": mass, "com": com, "inertia": inertia}
-        return replace(self, payload=Payload(**changes))
+        return replace(self, shapes=shapes)
 
 
 # ---------------------------------------------------------------- checks
@@ -368,6 +315,16 @@ def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n
         raise RobotModelError(name, f"{n} joints but masses of {inertia.mass.size} links")
     if payload is not None and inertia is None:
         raise RobotModelError(name, f"a payload of {payload}, but the masses of the arm are unknown; see with_inertia")
+
+
+def _checked_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
+    if value is None:
+        return None
+    if not isinstance(value, Shapes):
+        raise InvalidInput("shapes", repr(value)[:60], "Shapes(capsules)")
+    if (last := int(value.capsules[0].max())) > n:
+        raise RobotModelError(name, f"a capsule on link {last}, but the last link is {n}")
+    return value
 
 
 def _checked_gravity(name: str, value: ArrayLike) -> Array:

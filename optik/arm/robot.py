@@ -56,6 +56,8 @@ class Robot(ArmDynamics):
         Masses of the links, motors and friction; None where unknown.
     payload : Payload, optional
         A body in the tool's frame; see `with_payload`.
+    shapes : Shapes, optional
+        Capsules that enclose the links.
 
     Raises
     ------
