@@ -94,7 +94,9 @@ class Motions:
             The run was begun with another one.
         """
         part, index = self._lines[number]
-        line = draw_motion(part.robot, part.kind, index, seed=self._seed, path=part.path)
+        line = draw_motion(
+            part.robot, part.kind, index, seed=self._seed, path=part.path, payload=part.payload, limits=self._block.limits
+        )
         now, before = motion_hash(line), self._hashes.get(str(number))
         if before is None:
             self._hashes[str(number)] = now

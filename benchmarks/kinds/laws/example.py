@@ -46,7 +46,7 @@ def write_example(
     journal : Journal
         Of the block: laws that have ended the process are left out.
     """
-    limits = next(part.limits for part in block.limits if part.label == block.example.limits)
+    limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
     solver = make_solver(line.robot, block.ik)
     motions, bindings = [], []
     for entry in (one for one in block.laws if one.label not in journal.crashed):

@@ -66,12 +66,16 @@ class ToppraConstAccel(TimingPeer):
         first, last = path.path_interval
         grid = np.linspace(float(first), float(last), TOPPRA_INTERVALS + 1)
         problem = self._toppra.algorithm.TOPPRA(
-            self._constraints, path, gridpoints=grid, parametrizer="ParametrizeConstAccel"
+            self._all_constraints(joint_path), path, gridpoints=grid, parametrizer="ParametrizeConstAccel"
         )
         found = problem.compute_trajectory(0.0, 0.0)
         if found is None:
             raise NoSolution("TOPP-RA found no motion from rest to rest")
         return problem.problem_data
+
+    def _all_constraints(self, joint_path: JointPath) -> list[Any]:
+        """Its constraints along a joint path: those that hold on every one."""
+        return self._constraints
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path.
