@@ -11,8 +11,8 @@ from optik.errors import NoSolution
 from optik.types import Array
 from planners.curve import passed_at
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, MotionLimits, PathPoints
-from planners.timing._optimal import reach
+from planners.limits import DERIVATIVES, MotionLimits
+from planners.timing._optimal import limited, reach
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.newton import Problem
 from planners.timing.base import PathState, speed_bound
@@ -50,6 +50,7 @@ class Programme(NamedTuple):
     start: Array
     units: tuple[float, float]
     moving: PathState | None
+    rows: limited.Rows
 
 
 def programme(
@@ -287,12 +288,10 @@ def numbers(
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
     found, v1 = derivatives(joint_path, s), length / time
-    after, before = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
-    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
-    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
-    node = limits.rows("acceleration", PathPoints(joint_path, s, found)) * np.array([v1 / time, v1**2])
-    edge = np.stack([limits.rows("jerk", at) for at in (first, last)], axis=1)
-    edge *= np.array([v1 / time**2, v1**2 / time, v1**3])
+    around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
+    given = limited.rows(joint_path, limits, s, found, around)
+    node = given.node * np.array([v1 / time, v1**2, v1, 1.0])
+    edge = given.edge * np.array([v1 / time**2, v1**2 / time, v1**3, v1, v1 / time, v1**2])
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
@@ -302,4 +301,4 @@ def numbers(
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
-    return Programme(problem, s, start, units, moving)
+    return Programme(problem, s, start, units, moving, given)
