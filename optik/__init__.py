@@ -4,9 +4,11 @@ from optik import errors, ik
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
+from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow
 from optik.errors import OptikError
 from optik.ik import IKBatch, IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
+from optik.scene import Scene
 from optik.task import Task
 
 __version__ = "0.1.0"
@@ -19,6 +21,8 @@ __all__ = [
     "JointLimits",
     "OptikError",
     "Robot",
+    "Scene",
+    "Shapes",
     "Task",
     "Tolerance",
     "errors",

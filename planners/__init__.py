@@ -1,5 +1,6 @@
 """planners: which way an arm moves, and how fast, with a certificate of what the motion keeps."""
 
+from optik.scene import Scene
 from planners.certificate.active import Binding
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.path_error import PathError
@@ -37,6 +38,7 @@ __all__ = [
     "Plan",
     "PlanStatus",
     "Polyline",
+    "Scene",
     "Stop",
     "TimeLaw",
     "Trajectory",

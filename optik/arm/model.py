@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.limits import JointLimits, frozen
+from optik.arm.shapes import Shapes
 from optik.check import check_flag, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags
@@ -27,7 +28,7 @@ class ArmModel:
 
     Parameters
     ----------
-    name, fixed, prismatic, tool, limits, joint_names, gravity, source
+    name, fixed, prismatic, tool, limits, joint_names, gravity, source, shapes
         As those of `optik.Robot`.
 
     Raises
@@ -46,6 +47,7 @@ class ArmModel:
     joint_names: tuple[str, ...] = ()
     gravity: Array = (0.0, 0.0, -1.0)  # type: ignore[assignment]
     source: str = ""
+    shapes: Shapes | None = None
 
     def __post_init__(self) -> None:
         for field in ("name", "source"):
@@ -63,9 +65,12 @@ class ArmModel:
             "tool": frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"),
             "joint_names": _checked_names(self.name, self.joint_names, n),
             "gravity": _checked_gravity(self.name, self.gravity),
+            "shapes": _checked_shapes(self.name, self.shapes, n),
         }
         for field, value in checked.items():
             object.__setattr__(self, field, value)
+        if self.shapes is not None:
+            object.__setattr__(self, "shapes", self.shapes.named(self.link_names))
 
     # ------------------------------------------------------------ identity
 
@@ -77,6 +82,8 @@ class ArmModel:
             digest.update(array.tobytes())
         for limit in (lim.velocity, lim.acceleration, lim.jerk):
             digest.update(b"-" if limit is None else limit.tobytes())
+        if self.shapes is not None:
+            digest.update(self.shapes.digest)
         return digest.digest()
 
     def __eq__(self, other: object) -> bool:
@@ -101,6 +108,14 @@ class ArmModel:
     def n(self) -> int:
         """Number of joints."""
         return int(self.fixed.shape[0])
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names (n + 1) of the links: "base", then each the name of the joint that moves it."""
+        base = "base"
+        while base in self.joint_names:
+            base += "_"
+        return base, *self.joint_names
 
     def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
         """Return configurations as a float64 array, checked.
@@ -158,7 +173,8 @@ class ArmModel:
         T = se3.check_pose(base, "base")
         fixed = np.array(self.fixed)
         fixed[0] = T @ fixed[0]
-        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity)
+        shapes = None if self.shapes is None else self.shapes.moved(0, T)
+        return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity, shapes=shapes)
 
     def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:
         """Return the arm with another tool.
@@ -215,6 +231,28 @@ class ArmModel:
             raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
         return replace(self, limits=new.replaced(**fields) if fields else new)
 
+    def with_shapes(self, shapes: Shapes | None) -> Self:
+        """Return the arm with other shapes.
+
+        Parameters
+        ----------
+        shapes : Shapes or None
+            Capsules that enclose its links, in place of the present ones; None for an arm without shapes.
+
+        Returns
+        -------
+        ArmModel or Robot
+            The arm with the same kinematics, limits and names.
+
+        Raises
+        ------
+        InvalidInput
+            Not shapes.
+        RobotModelError
+            A capsule on a link that the arm does not have.
+        """
+        return replace(self, shapes=shapes)
+
 
 # ---------------------------------------------------------------- checks
 
@@ -247,6 +285,16 @@ def _checked_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
     if len(joint_names) != n or len(set(joint_names)) != n:
         raise RobotModelError(name, f"{n} joints need {n} different names, got {joint_names}")
     return joint_names
+
+
+def _checked_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
+    if value is None:
+        return None
+    if not isinstance(value, Shapes):
+        raise InvalidInput("shapes", repr(value)[:60], "Shapes(capsules)")
+    if (last := int(value.capsules[0].max())) > n:
+        raise RobotModelError(name, f"a capsule on link {last}, but the last link is {n}")
+    return value
 
 
 def _checked_gravity(name: str, value: ArrayLike) -> Array:

@@ -48,6 +48,8 @@ class Robot(ArmModel):
         Direction of gravity in the base frame, of any length [1]; −z by default.
     source : str
         Where the numbers come from.
+    shapes : Shapes, optional
+        Capsules that enclose the links.
 
     Raises
     ------

@@ -2,7 +2,16 @@
 
 from planners.limits._derivative import DerivativeLimit
 from planners.limits._extreme import Extreme, ToolExtreme
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, TOOL_SPEEDS, check_names, kind_of, register
+from planners.limits._known import (
+    ALL_LIMITS,
+    DERIVATIVES,
+    FIELD_LIMITS,
+    LOADED,
+    TOOL_SPEEDS,
+    check_names,
+    kind_of,
+    register,
+)
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._points import PathPoints
 from planners.limits._tool import ToolSpeedLimit
@@ -15,6 +24,7 @@ __all__ = [
     "ALL_LIMITS",
     "DERIVATIVES",
     "FIELD_LIMITS",
+    "LOADED",
     "SAME_SPEED",
     "TOOL_SPEEDS",
     "DerivativeLimit",

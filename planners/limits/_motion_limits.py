@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +16,7 @@ from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, is_known, kind_of
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, is_known, kind_of
 from planners.limits._points import PathPoints
 from planners.limits.base import Limit
 
@@ -34,6 +34,9 @@ class MotionLimits:
     extra : mapping, optional
         Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws keep those of first order as they
         keep velocities, and the others by a uniform slow-down.
+    torque, torque_rate : scalar or (n,) array, optional
+        Greatest torques [N·m, N] and rates of the torques [N·m/s, N/s], of an arm whose masses are known. Coulomb friction
+        counts in the torque, and not in its rate.
 
     Raises
     ------
@@ -49,6 +52,8 @@ class MotionLimits:
     tool_speed: float | None = None
     rotation_speed: float | None = None
     extra: Mapping[str, Any] | None = None
+    torque: ArrayLike | None = None
+    torque_rate: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         for kind in FIELD_LIMITS:
@@ -71,8 +76,8 @@ class MotionLimits:
         return hash(self._content())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = [getattr(self, name) for name in ALL_LIMITS]
-        return MotionLimits, (*values, None if self.extra is None else dict(self.extra))
+        values = [getattr(self, field.name) for field in fields(self)]
+        return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
     def _content(self) -> Any:
         return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
@@ -89,9 +94,15 @@ class MotionLimits:
         Returns
         -------
         MotionLimits
-            Its velocities, accelerations and jerks, where it has them.
+            Its velocities, accelerations and jerks, where it has them; torques and their rates where it has masses too.
         """
-        return MotionLimits(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
+        own = robot.limits
+        loaded = getattr(robot, "inertia", None) is not None
+        return MotionLimits(
+            own.velocity, own.acceleration, own.jerk,
+            torque=getattr(own, "torque", None) if loaded else None,
+            torque_rate=getattr(own, "torque_rate", None) if loaded else None,
+        )  # fmt: skip
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -196,8 +207,9 @@ class MotionLimits:
         (k, m) array
             Absolute values [1]; the limit is kept where they are at most 1.
         """
-        products = monomials(rates[: kind_of(name).order])
-        return np.asarray(np.abs(np.einsum("kmi,ik->km", self.rows(name, at), np.stack(products))))
+        rows, order = self.rows(name, at), kind_of(name).order
+        products = monomials(rates[:order], full=rows.shape[2] > order)
+        return np.asarray(np.abs(np.einsum("kmi,ik->km", rows, np.stack(products))))
 
     def only(self, names: tuple[str, ...]) -> MotionLimits:
         """Return those limits that have these names; all others are free.
@@ -258,7 +270,8 @@ class MotionLimits:
 
     def to_plain(self) -> dict[str, Any]:
         """Return plain data for files, which `from_plain` reads back to the last bit."""
-        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in self.kinds}
+        given = [kind for kind in self.kinds if kind.name not in LOADED or self.value(kind.name) is not None]
+        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in given}
 
     @classmethod
     def from_plain(cls, data: Any, n: int) -> MotionLimits:
@@ -267,7 +280,8 @@ class MotionLimits:
         Parameters
         ----------
         data : mapping
-            Plain data by name: all limits with an argument of their own, and any others that are known.
+            Plain data by name: the limits with an argument of their own, those on torque only where they are given, and any
+            others that are known.
         n : int
             Number of joints.
 
@@ -282,9 +296,10 @@ class MotionLimits:
             Names that are missing or not known here, or data that describe no bound.
         """
         extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
-        checked = record(data, (*ALL_LIMITS, *extra), "limits")
+        required = tuple(name for name in ALL_LIMITS if name not in LOADED)
+        checked = record(data, (*required, *extra), "limits", optional=LOADED)
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
-        return cls(**{name: found.pop(name) for name in ALL_LIMITS}, extra=found)
+        return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 
     @property
     def tool(self) -> tuple[float, float]:

@@ -35,12 +35,15 @@ class Limit(ABC):
         Power of the time scale: a motion run c times as slowly has 1 / c**order of the value. Also the order of its rows.
     subject : str or None
         What the one bound of the whole arm is on, such as ``"tool"``; None for a bound on every joint.
+    homogeneous : bool
+        Whether the whole value goes with the time scale; not the torque, of which gravity is a part.
     """
 
     name: ClassVar[str]
     units: ClassVar[tuple[str, str]]
     order: ClassVar[int]
     subject: ClassVar[str | None] = None
+    homogeneous: ClassVar[bool] = True
 
     # ------------------------------------------------------------ the bound, as given and in files
 
@@ -147,7 +150,8 @@ class Limit(ABC):
         -------
         (k, m, order) array
             [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
-            s⃛, ṡ s̈ and ṡ³ for order 3. The limit is kept where |rows · monomials| ≤ 1.
+            s⃛, ṡ s̈ and ṡ³ for order 3; or (k, m, 4) and (k, m, 6) for the full sets of orders 2 and 3. The limit is
+            kept where |rows · monomials| ≤ 1.
         """
 
     # ------------------------------------------------------------ judgement

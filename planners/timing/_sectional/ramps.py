@@ -339,8 +339,9 @@ def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Ar
         By which factor the motion would have to be slowed, where, and for which limit.
     """
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
-    ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in limits.kinds]
-    columns = [(kind, i) for kind, ratio in zip(limits.kinds, ratios, strict=True) for i in range(ratio.shape[1])]
+    kinds = [kind for kind in limits.kinds if kind.homogeneous]
+    ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in kinds]
+    columns = [(kind, i) for kind, ratio in zip(kinds, ratios, strict=True) for i in range(ratio.shape[1])]
     together = np.concatenate(ratios, axis=1)
     place, column = np.unravel_index(int(np.nanargmax(together)), together.shape)
     kind, i = columns[column]

@@ -1,0 +1,5 @@
+"""The space that an arm's links take, as capsules that enclose them."""
+
+from optik.arm.shapes.model import Capsules, Shapes
+
+__all__ = ["Capsules", "Shapes"]

@@ -1,0 +1,219 @@
+"""What stands around an arm: boxes, spheres, capsules and half spaces in the frame of its base, and what may be touched."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from optik import se3
+from optik.arm.limits import frozen
+from optik.arm.shapes.model import length_of, point_of
+from optik.check import check_words
+from optik.content import content
+from optik.errors import InvalidInput, UnknownName
+from optik.types import Array, Flags
+
+if TYPE_CHECKING:
+    from optik.arm.robot import Robot
+
+SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
+"""A scene as kernels take it: poses (b, 4, 4) and half edges (b, 3) of the boxes, ends a and b (c, 3) and radius (c,) of the
+spheres and capsules, points (p, 3) and normals (p, 3) of the planes; all in the base frame [m, 1]."""
+
+LARGEST_OBJECT = 100.0
+"""Largest coordinate, edge and radius in a scene [m]: more looks like millimetres. A larger floor or wall is a plane."""
+
+MOST_OBJECTS = 100_000
+"""Most objects of a scene: far above a cell, and the pairs with an arm's capsules still fit in memory."""
+
+UNIT_NORMAL = 1e-14
+"""A normal whose length is this near to 1 is kept to the last bit, so that a copy of a scene equals it."""
+
+OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
+"""Kinds of objects, in the order of their names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Objects around an arm, in the frame of its base, in metres; equal by content.
+
+    Parameters
+    ----------
+    boxes : sequence of (T, edges)
+        Pose (4, 4) of the centre and full edge lengths (3,) along its axes [m].
+    spheres : sequence of (centre, radius)
+        Centre (3,) and radius [m].
+    capsules : sequence of (a, b, radius)
+        Ends of the segment (3,) and radius [m].
+    planes : sequence of (point, normal)
+        A point (3,) of the plane [m] and its normal (3,), of any length, to the free side; all behind it is solid.
+    allow : sequence of (link, object)
+        Pairs that are not examined, such as the arm's base and the table: the name of a link ("base" or the joint that
+        moves it) or of its capsules, and of an object. An arm without such a link is refused when the scene meets it.
+    names : sequence of str, optional
+        One for each object, in the order boxes, spheres, capsules, planes; by default box1, …, sphere1, ….
+
+    Raises
+    ------
+    InvalidInput
+        Not poses, points or lengths, a normal of length 0, lengths in millimetres, or an unknown object in ``allow``.
+    """
+
+    boxes: tuple[tuple[Array, Array], ...] = ()
+    spheres: tuple[tuple[Array, float], ...] = ()
+    capsules: tuple[tuple[Array, Array, float], ...] = ()
+    planes: tuple[tuple[Array, Array], ...] = ()
+    allow: tuple[tuple[str, str], ...] = ()
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane), strict=True):
+            given = getattr(self, kind)
+            if isinstance(given, str) or not isinstance(given, Iterable):
+                raise InvalidInput(f"scene.{kind}", repr(given)[:60], f"a list of {kind}")
+            object.__setattr__(self, kind, tuple(check(one, f"scene.{kind}[{i}]") for i, one in enumerate(given)))
+        counts = [len(getattr(self, kind)) for kind in OBJECT_KINDS]
+        if sum(counts) > MOST_OBJECTS:
+            raise InvalidInput("scene", f"{sum(counts)} objects", f"at most {MOST_OBJECTS}")
+        object.__setattr__(self, "names", _checked_names(self.names, counts))
+        object.__setattr__(self, "allow", tuple(_checked_allow(self.allow, self.names)))
+
+    # ------------------------------------------------------------ identity
+
+    @cached_property
+    def _content(self) -> Any:
+        return content((*(getattr(self, kind) for kind in OBJECT_KINDS), self.allow, self.names))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scene) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Scene, (self.boxes, self.spheres, self.capsules, self.planes, self.allow, self.names)
+
+    def __repr__(self) -> str:
+        counts = (f"{len(getattr(self, kind))} {kind}" for kind in OBJECT_KINDS if getattr(self, kind))
+        return f"Scene({', '.join(counts) or 'empty'})"
+
+    # ------------------------------------------------------------ for the proof
+
+    @cached_property
+    def arrays(self) -> SceneArrays:
+        """The scene as kernels take it; a sphere is a capsule with a = b, and the spheres stand before the capsules."""
+        rounded = [(centre, centre, radius) for centre, radius in self.spheres] + list(self.capsules)
+        columns = (
+            ([T for T, _ in self.boxes], (4, 4)),
+            ([0.5 * edges for _, edges in self.boxes], (3,)),
+            ([a for a, _, _ in rounded], (3,)),
+            ([b for _, b, _ in rounded], (3,)),
+            ([radius for _, _, radius in rounded], ()),
+            ([point for point, _ in self.planes], (3,)),
+            ([normal for _, normal in self.planes], (3,)),
+        )
+        arrays = (frozen(np.array(rows, dtype=np.float64).reshape(-1, *shape), "scene") for rows, shape in columns)
+        return tuple(arrays)  # type: ignore[return-value]
+
+    def examined(self, robot: Robot) -> Flags:
+        """Which capsules of an arm are examined against which objects: all but the pairs in ``allow``.
+
+        Parameters
+        ----------
+        robot : Robot
+            An arm with shapes.
+
+        Returns
+        -------
+        (m, objects) array of bool
+            One row for each capsule of ``robot.shapes``, one column for each of ``names``.
+
+        Raises
+        ------
+        InvalidInput
+            An arm without shapes.
+        UnknownName
+            A link in ``allow`` that the arm does not have.
+        """
+        if robot.shapes is None:
+            raise InvalidInput("robot", f"{robot.name!r} without shapes", "an arm with shapes: robot.with_shapes(...)")
+        flags = np.ones((robot.shapes.m, len(self.names)), dtype=np.bool_)
+        numbers = {name: i for i, name in enumerate(robot.link_names)}
+        for link, other in self.allow:
+            capsules = robot.shapes.of(link)
+            if not len(capsules) and link not in numbers:
+                known = dict.fromkeys((*robot.link_names, *robot.shapes.names))
+                raise UnknownName("link in scene.allow", link, known)
+            column = self.names.index(other)
+            flags[capsules, column] = False
+            if link in numbers:
+                flags[robot.shapes.of(numbers[link]), column] = False
+        flags.setflags(write=False)
+        return flags
+
+
+# ---------------------------------------------------------------- checks
+
+
+def _parts(value: Any, where: str, count: int, expected: str) -> Sequence[Any]:
+    if not isinstance(value, list | tuple) or len(value) != count:
+        raise InvalidInput(where, repr(value)[:80], expected)
+    return value
+
+
+def _box(value: Any, where: str) -> tuple[Array, Array]:
+    pose, edges = _parts(value, where, 2, "(T, edges): a pose (4, 4) and three edge lengths")
+    T = frozen(se3.nearest_pose(se3.check_pose(pose, f"{where}: T")), where)
+    point_of(T[:3, 3], f"{where}: T", LARGEST_OBJECT)
+    lengths = frozen(edges, f"{where}: edges")
+    if lengths.shape != (3,) or not (np.isfinite(lengths) & (lengths > 0.0)).all():
+        raise InvalidInput(f"{where}: edges", repr(edges)[:80], "three full edge lengths above 0")
+    return T, point_of(lengths, f"{where}: edges", LARGEST_OBJECT)
+
+
+def _sphere(value: Any, where: str) -> tuple[Array, float]:
+    centre, radius = _parts(value, where, 2, "(centre, radius)")
+    return point_of(centre, f"{where}: centre", LARGEST_OBJECT), length_of(radius, f"{where}: radius", LARGEST_OBJECT)
+
+
+def _capsule(value: Any, where: str) -> tuple[Array, Array, float]:
+    a, b, radius = _parts(value, where, 3, "(a, b, radius)")
+    ends = [point_of(end, f"{where}: {name}", LARGEST_OBJECT) for end, name in ((a, "a"), (b, "b"))]
+    return ends[0], ends[1], length_of(radius, f"{where}: radius", LARGEST_OBJECT)
+
+
+def _plane(value: Any, where: str) -> tuple[Array, Array]:
+    """Point and unit normal of a plane."""
+    point, normal = _parts(value, where, 2, "(point, normal)")
+    direction = frozen(normal, f"{where}: normal")
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise InvalidInput(f"{where}: normal", repr(normal)[:80], "a direction of three numbers, not all 0")
+    scaled = direction / np.abs(direction).max()  # else the squares of 1e200 would be infinite
+    length = float(np.linalg.norm(scaled))
+    unit = direction if abs(float(np.linalg.norm(direction)) - 1.0) <= UNIT_NORMAL else scaled / length
+    return point_of(point, f"{where}: point", LARGEST_OBJECT), frozen(unit, where)
+
+
+def _checked_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
+    words = ("box", "sphere", "capsule", "plane")
+    default = [f"{word}{i + 1}" for word, count in zip(words, counts, strict=True) for i in range(count)]
+    names = check_words(value, "scene.names") or tuple(default)
+    if len(names) != len(default) or len(set(names)) != len(names):
+        got = f"{len(names)} names, {len(set(names))} different"
+        raise InvalidInput("scene.names", got, f"{len(default)} different names, one for each object")
+    return names
+
+
+def _checked_allow(value: Any, names: tuple[str, ...]) -> Iterable[tuple[str, str]]:
+    expected = "pairs (link, object) of names"
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InvalidInput("scene.allow", repr(value)[:60], expected)
+    for i, pair in enumerate(value):
+        link, other = check_words(_parts(pair, f"scene.allow[{i}]", 2, expected), f"scene.allow[{i}]")
+        if other not in names:
+            raise UnknownName(f"object in scene.allow[{i}]", other, names)
+        yield link, other
