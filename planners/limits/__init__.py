@@ -14,6 +14,7 @@ from planners.limits._known import (
 )
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._points import PathPoints
+from planners.limits._sides import inner, over, sides
 from planners.limits._tool import ToolSpeedLimit
 from planners.limits.base import Limit, scale_of
 
@@ -35,7 +36,10 @@ __all__ = [
     "ToolExtreme",
     "ToolSpeedLimit",
     "check_names",
+    "inner",
     "kind_of",
+    "over",
     "register",
     "scale_of",
+    "sides",
 ]

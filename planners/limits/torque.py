@@ -11,6 +11,7 @@ from planners.certificate.examined import Examined
 from planners.limits._extreme import Extreme
 from planners.limits._loaded import LoadedLimit
 from planners.limits._points import PathPoints
+from planners.limits._sides import sides
 from planners.limits._torque_rows import torque_rows
 
 STANDING_SHARE = 1e-9
@@ -26,6 +27,7 @@ class Torque(LoadedLimit):
     name: ClassVar[str] = "torque"
     units: ClassVar[tuple[str, str]] = ("N·m", "N")
     order: ClassVar[int] = 2
+    sided: ClassVar[bool] = True
     columns: ClassVar[int] = 4
 
     def _rows_of(self, at: PathPoints, bound: Array, load: Any) -> Array:
@@ -45,22 +47,6 @@ class Torque(LoadedLimit):
 
     def _pieces(self, motion: Examined, bound: Array) -> Array:
         return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
-
-
-def sides(bound: Array) -> tuple[Array, Array]:
-    """Lower and upper bounds.
-
-    Parameters
-    ----------
-    bound : (n,) or (2, n) array
-        Symmetric bounds, or lower and upper ones [N·m, N].
-
-    Returns
-    -------
-    tuple of (n,) arrays
-        Lower, negative, and upper [N·m, N].
-    """
-    return (bound[0], bound[1]) if bound.ndim == 2 else (-bound, bound)
 
 
 def _senses(at: PathPoints) -> tuple[Array, Array]:

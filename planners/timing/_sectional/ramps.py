@@ -117,7 +117,7 @@ def fine_enough(path: Path) -> int:
 
 
 def parts(limits: MotionLimits, at: PathPoints) -> Array:
-    """A table's `parts`: the rows of the limits on acceleration and jerk.
+    """A table's `parts`: the rows of the limits on acceleration and jerk, of a pair of limits by the nearer side.
 
     Parameters
     ----------
@@ -131,7 +131,8 @@ def parts(limits: MotionLimits, at: PathPoints) -> Array:
     (m, 5, n) array
         See `Table` [as 1 over the monomials].
     """
-    rows = np.concatenate([limits.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
+    nearer = limits.symmetric()
+    rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
