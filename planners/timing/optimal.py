@@ -78,6 +78,7 @@ class Optimal(TimeLaw):
 
     name: ClassVar[str] = "optimal"
     keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
+    counts_torque: ClassVar[bool] = True
 
     def __init__(self, *, intervals: int | None = None) -> None:
         if intervals is not None:
