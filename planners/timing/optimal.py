@@ -218,7 +218,7 @@ def _solved(
         coarse = _off(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
             motion = begun(motion, given.moving.joints, limits)
-        excess = _excess(joint_path, given, motion, limits)
+        excess = _excess(joint_path, given, motion, limits, z)
         often = (
             2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
         )  # where nothing is slowed afterwards
@@ -322,13 +322,13 @@ class _Excess(NamedTuple):
         return np.asarray(np.concatenate([self.speed, self.node, self.edge], axis=1).max(axis=1))
 
 
-def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits) -> _Excess:
+def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits, z: Array) -> _Excess:
     """By what factors a motion exceeds the limits in the intervals."""
     bounds = limits.bounds(joint_path.robot.n)
     speed, acceleration, jerk = (
         _pieces_over(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
     )
-    torque, rate = torque_excess(joint_path, limits, given.rows, motion)
+    torque, rate = torque_excess(joint_path, limits, given.rows, motion, _values(given.problem, z))
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))

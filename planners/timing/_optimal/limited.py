@@ -10,7 +10,7 @@ from optik.arm.inertia import Load
 from optik.dynamics import torques_batch
 from optik.errors import NoSolution
 from optik.kinematics import Chain
-from optik.types import Array, Flags
+from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits, PathPoints
@@ -22,8 +22,12 @@ RESTING = 1e-9
 """Share of the largest q' below which a joint rests: its Coulomb friction may have either sign."""
 INSIDE = np.array([0.21, 0.5, 0.79])
 """Shares of an interval at which its torque is compared with the limits: between the places, where rows limit it."""
+SWEPT_EVERY = 4
+"""Every which place of the sweeps has rows of its own; those of the others are interpolated."""
 NO_LIMIT = 1e30
 """Limit of what is free, in the sweeps: finite, since they multiply it by durations that may be 0."""
+NEAR = 0.8
+"""Share of a torque limit, reached at an end of an interval, above which torques inside it are found."""
 LEAST_ROOM = 1e-3
 """Least share of a torque limit that gravity must leave where a row is tightened: less is no room for a motion."""
 
@@ -188,8 +192,12 @@ def dynamic_excess(value: Array, static: Array) -> Array:
     return np.asarray((np.abs(value) - with_sign) / room)
 
 
-def torque_excess(joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory) -> tuple[Array, Array]:
+def torque_excess(
+    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: Array
+) -> tuple[Array, Array]:
     """By how much torques and torque rates exceed their limits inside the pieces of a motion.
+
+    Only inside pieces at whose ends one of them is near its limit: between the ends they differ little.
 
     Parameters
     ----------
@@ -201,52 +209,64 @@ def torque_excess(joint_path: JointPath, limits: MotionLimits, given: Rows, moti
         At the motion's knots.
     motion : Trajectory
         A motion of K pieces.
+    values : (K + 1, m + 2·e) array
+        Values of the rows at the ends, over their limits [1].
 
     Returns
     -------
     tuple of (K, ·) arrays
-        `dynamic_excess` of every torque, and the ratio of every torque rate [1]; empty where they are free.
+        `dynamic_excess` of every torque, and the ratio of every torque rate [1]; empty where they are free, 0 where they are
+        far from their limits.
     """
     robot, bounds = joint_path.robot, limits.bounds(joint_path.robot.n)
-    K, m = motion.knots.size - 1, given.lower.shape[1]
-    rated = np.isfinite(bounds["torque_rate"]).any()
+    K, m, every = motion.knots.size - 1, given.lower.shape[1], given.node.shape[1]
+    rated = bool(np.isfinite(bounds["torque_rate"]).any())
     if not m and not rated:
         return np.empty((K, 0)), np.empty((K, 0))
-    states = states_within(motion, INSIDE)
-    found = np.concatenate([_torques_of(robot.chain, load, states) for load in robot.loads], axis=2)
-    found = found.reshape(INSIDE.size, K, 2, -1)
-    torque, rate = np.empty((K, 0)), np.empty((K, 0))
+    loads = robot.loads
+    torque, rate = np.zeros((K, m)), np.zeros((K, len(loads) * robot.n if rated else 0))
+    at = np.abs(values)
+    place = at[:, every - m : every].max(axis=1, initial=0.0)
+    near = np.maximum(np.maximum(place[:-1], place[1:]), at[:-1, every + robot.n :].max(axis=1, initial=0.0))
+    some = np.flatnonzero(near > NEAR)
+    if not some.size:
+        return torque, rate
+    states = states_within(motion, some, INSIDE)
+    found = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
+    found = found.reshape(INSIDE.size, some.size, 2, -1)
     if m:
-        half, middle = 0.5 * (given.upper - given.lower), 0.5 * (given.upper + given.lower)
+        low, high = given.lower[some], given.upper[some]
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
         free = ~np.isfinite(half)
         half, middle = np.where(free, np.inf, half), np.where(free, 0.0, middle)
         share = INSIDE[:, None, None]
-        static = (1.0 - share) * given.static[:-1] + share * given.static[1:]
-        torque = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
+        static = (1.0 - share) * given.static[some] + share * given.static[some + 1]
+        torque[some] = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
     if rated:
-        rate = (np.abs(found[:, :, 1]) / np.tile(bounds["torque_rate"], len(robot.loads))).max(axis=0)
+        rate[some] = (np.abs(found[:, :, 1]) / np.tile(bounds["torque_rate"], len(loads))).max(axis=0)
     return torque, rate
 
 
-def states_within(motion: Trajectory, shares: Array) -> Array:
+def states_within(motion: Trajectory, pieces: Indices, shares: Array) -> Array:
     """q, q̇, q̈ and q⃛ of a motion inside its pieces.
 
     Parameters
     ----------
     motion : Trajectory
-        A motion of K pieces.
+        The motion.
+    pieces : (k,) array of int
+        Pieces of it.
     shares : (m,) array
         Shares of the pieces' durations [1].
 
     Returns
     -------
-    (m · K, 4, n) array
+    (m · k, 4, n) array
         All pieces' first instants, then their second ones [rad, rad/s, rad/s², rad/s³, or m].
     """
-    h = np.diff(motion.knots)
-    piece = np.tile(np.arange(h.size), shares.size)
-    states = np.empty((piece.size, 6, motion.n))
-    instants(motion.padded, piece, (shares[:, None] * h).ravel(), states)
+    h = np.diff(motion.knots)[pieces]
+    states = np.empty((shares.size * h.size, 6, motion.n))
+    instants(motion.padded, np.tile(pieces, shares.size), (shares[:, None] * h).ravel(), states)
     return np.ascontiguousarray(states[:, :4])
 
 
@@ -284,9 +304,11 @@ def swept_rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Arr
     NoSolution
         Gravity alone exceeds a torque limit, or leaves nothing of it.
     """
-    bounds, at = limits.bounds(joint_path.robot.n), PathPoints(joint_path, s, tuple(found))
+    bounds = limits.bounds(joint_path.robot.n)
     none = np.empty((s.size, 0))
     first, second, third, most = [none], [none], [none], [np.empty((2, 0))]
+    every = np.unique(np.append(np.arange(0, s.size, SWEPT_EVERY), s.size - 1))
+    at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
         row = _centred(row, lower, upper, joint_path)
@@ -298,5 +320,8 @@ def swept_rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Arr
             row = torque_rate_rows(at, load) / bounds["torque_rate"][:, None]
             first, second, third = [*first, row[..., 0]], [*second, row[..., 1] / 3.0], [*third, row[..., 2]]
             most.append(np.vstack([np.full(row.shape[1], NO_LIMIT), np.ones(row.shape[1])]))
-    q1, q2, q3 = (np.concatenate(x, axis=1) for x in (first, second, third))
+    if len(most) == 1:
+        return none, none, none, most[0]
+    columns = (np.concatenate(x[1:], axis=1) for x in (first, second, third))
+    q1, q2, q3 = (np.stack([np.interp(s, s[every], x) for x in one.T], axis=1) for one in columns)
     return q1, q2, q3, np.concatenate(most, axis=1)

@@ -37,6 +37,8 @@ NO_WAY = 1e-9
 """Share of the path below which the distance covered within the filter's width is neglected: it is rounding in s."""
 TOOL_SPARE = 0.9999
 """Share of the tool's limits that a motion from a moving state uses: it cannot be slowed afterwards."""
+TORQUE_SPARE = 0.998
+"""The same of the limits on torque and its rate, whose proved bounds are farther above the largest values."""
 
 
 class Programme(NamedTuple):
@@ -289,14 +291,15 @@ def numbers(
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
     found, v1 = derivatives(joint_path, s), length / time
     around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
+    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
+        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
+        limits = limits.scaled(TORQUE_SPARE, ("torque", "torque_rate"))
     given = limited.rows(joint_path, limits, s, found, around)
     node = given.node * np.array([v1 / time, v1**2, v1, 1.0])
     edge = given.edge * np.array([v1 / time**2, v1**2 / time, v1**3, v1, v1 / time, v1**2])
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
-    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
-        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))

@@ -28,6 +28,8 @@ SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
 line has four such changes."""
+EVEN_LOADED, PER_CHANGE_LOADED = 60, (20.0, 6.0, 20.0)
+"""The same where torques are limited: their ramps are longer than those of accelerations, and speeds peak inside them."""
 
 FASTEST = 1e4
 """Largest ratio of speeds and accelerations to the mean ones: no initial guess needs more."""
@@ -71,7 +73,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     t = motion[0]
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
     least = min(briefest(jerk), t[-1] / FEWEST)
-    usual = round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
+    even, per_change = (EVEN, PER_CHANGE) if along.jerk.size == jerk.size else (EVEN_LOADED, PER_CHANGE_LOADED)
+    usual = round(_sweep.spread(along, motion, even, per_change, least, share))
     count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
     when, k, nodes = _with(when, joint_path, along, motion, least)
