@@ -230,7 +230,7 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     path : (4, k, n) array
         q, q', q'', q''' [as q over powers of s].
     out : (k, 6, n) array
-        Filled with p, c, g, d, c', g' [N·m or N, over powers of s].
+        Filled with p, c, g, d, c', g' [as torque over powers of s].
     """
     _fixed, prismatic, _tool = chain
     mass, _com, _tensor, motor, gravity = bodies

@@ -65,7 +65,7 @@ class TimeLaw(ABC):
     keeps: ClassVar[tuple[str, ...]]
     """Which limits the law promises to keep; the certificate judges exactly those."""
     counts_torque: ClassVar[bool] = False
-    """Whether the law counts torques where it is made, so that limits on acceleration may be left out where torque is limited."""
+    """Whether the law itself counts torques, so that limits on acceleration may be left out where torque is limited."""
     speed: float | None = None
     """The tool speed [m/s; rad/s for a pure rotation] that was asked and that nothing after the law may change; or None."""
 

@@ -309,8 +309,11 @@ def _tighten(
 
 
 class _Excess(NamedTuple):
-    """By what factors a motion exceeds the limits of every interval: velocities (K, n), what the rows at places limit (K, m),
-    and what the rows in intervals limit (K, e); exact for joints, from samples for torques."""
+    """By what factors a motion exceeds the limits of every interval.
+
+    Velocities (K, n), what the rows at places limit (K, m), and what the rows in intervals limit (K, e); exact for joints,
+    from samples for torques.
+    """
 
     speed: Array
     node: Array

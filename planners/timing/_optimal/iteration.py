@@ -5,10 +5,10 @@ Places s_k are fixed; unknown are ṡ = v and s̈ = a at them, and the duration 
     min Σ τ_k   with   v τ + a τ²/2 + j τ³/6 = Δs,   v + a τ + j τ²/2 = v⁺,   a + j τ = a⁺,
     |q' v| ≤ V,   |q' a + q'' v²| ≤ A,   |q' j + 3 q'' v a + q''' v³| ≤ J at both ends of every interval.
 
-Torques and their rates are such rows with more coefficients: p a + c v² + f v + g and p j + d v a + c' v³ + g' v + f' a + f'' v²
-(`planners.limits._torque_rows`). All of it is polynomial, and nothing is singular at standstill. A Newton step of the barrier problem (Nocedal and Wright,
-Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by one sweep back and one forth
-(Riccati), in which the sign of every pivot shows whether the step goes down.
+Torques and their rates are rows with more coefficients: p a + c v² + f v + g and p j + d v a + c' v³ + g' v + f' a + f'' v²
+(`planners.limits._torque_rows`). All of it is polynomial, and nothing is singular at standstill. A Newton step of the
+barrier problem (Nocedal and Wright, Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by
+one sweep back and one forth (Riccati), in which the sign of every pivot shows whether the step goes down.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ TRUE = 1e-4
 def _edge_value(edge: Array, k: int, end: int, i: int, v: float, a: float, j: float) -> float:
     """Value over its limit of what the jerk changes."""
     p, q, u = edge[k, end, i, 0], edge[k, end, i, 1], edge[k, end, i, 2]
-    return p * j + (q * v + edge[k, end, i, 4]) * a + ((u * v + edge[k, end, i, 5]) * v + edge[k, end, i, 3]) * v
+    linear, square, slope = edge[k, end, i, 3], edge[k, end, i, 5], edge[k, end, i, 4]
+    return float(p * j + (q * v + slope) * a + ((u * v + square) * v + linear) * v)
 
 
 @compiled

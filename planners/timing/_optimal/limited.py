@@ -1,4 +1,4 @@
-"""What the optimum's programme limits at places and in intervals: accelerations and torques, jerks and torque rates, as rows."""
+"""Rows of the optimum's programme: accelerations and torques at places, jerks and torque rates in intervals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planners.trajectory import Trajectory
 
 RESTING = 1e-9
 """Share of the largest q' below which a joint rests: its Coulomb friction may have either sign."""
-INSIDE = np.array([0.21, 0.5, 0.79])
+BETWEEN_PLACES = np.array([0.21, 0.5, 0.79])
 """Shares of an interval at which its torque is compared with the limits: between the places, where rows limit it."""
 SWEPT_EVERY = 4
 """Every which place of the sweeps has rows of its own; those of the others are interpolated."""
@@ -179,13 +179,13 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 
     Parameters
     ----------
-    value, static : arrays of one shape
+    value, static : (...) arrays
         The value and its static part, over the limit [1].
 
     Returns
     -------
-    array
-        At most 1 where the value is within [−1, 1] [1].
+    (...) array
+        At most 1 where the value is within its limits [1].
     """
     with_sign = np.copysign(1.0, value) * static
     room = np.maximum(1.0 - with_sign, LEAST_ROOM)
@@ -214,7 +214,7 @@ def torque_excess(
 
     Returns
     -------
-    tuple of (K, ·) arrays
+    tuple of (K, m) and (K, e) arrays
         `dynamic_excess` of every torque, and the ratio of every torque rate [1]; empty where they are free, 0 where they are
         far from their limits.
     """
@@ -231,15 +231,15 @@ def torque_excess(
     some = np.flatnonzero(near > NEAR)
     if not some.size:
         return torque, rate
-    states = states_within(motion, some, INSIDE)
+    states = states_within(motion, some, BETWEEN_PLACES)
     found = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
-    found = found.reshape(INSIDE.size, some.size, 2, -1)
+    found = found.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
     if m:
         low, high = given.lower[some], given.upper[some]
         half, middle = 0.5 * (high - low), 0.5 * (high + low)
         free = ~np.isfinite(half)
         half, middle = np.where(free, np.inf, half), np.where(free, 0.0, middle)
-        share = INSIDE[:, None, None]
+        share = BETWEEN_PLACES[:, None, None]
         static = (1.0 - share) * given.static[some] + share * given.static[some + 1]
         torque[some] = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
     if rated:
@@ -277,7 +277,9 @@ def _torques_of(chain: Chain, load: Load, states: Array) -> Array:
     return out
 
 
-def swept_rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array) -> tuple[Array, Array, Array, Array]:
+def swept_rows(
+    joint_path: JointPath, limits: MotionLimits, s: Array, found: Array
+) -> tuple[Array, Array, Array, Array]:
     """Torques and torque rates as if each were a joint of its own, for the sweeps that make an initial guess.
 
     A torque is a joint with q' = p and q'' = c over what gravity leaves of the limit, whose acceleration is limited to 1; a
@@ -297,7 +299,7 @@ def swept_rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Arr
     Returns
     -------
     tuple of arrays
-        q', q'' and q''' (k, m), and the limits (2, m) on their accelerations and jerks [1, as 1 over powers of s].
+        q', q'' and q''' (k, m), and the limits (2, m) on their accelerations and jerks [as 1 over powers of s].
 
     Raises
     ------
