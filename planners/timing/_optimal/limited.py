@@ -179,12 +179,12 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 
     Parameters
     ----------
-    value, static : (...) arrays
+    value, static : (..., m) arrays
         The value and its static part, over the limit [1].
 
     Returns
     -------
-    (...) array
+    (..., m) array
         At most 1 where the value is within its limits [1].
     """
     with_sign = np.copysign(1.0, value) * static
