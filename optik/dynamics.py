@@ -71,6 +71,16 @@ def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
 
 
 @inlined
+def _product(A: Array, a: Triple) -> Triple:
+    """A a, of a matrix (3, 3)."""
+    return (
+        A[0, 0] * a[0] + A[0, 1] * a[1] + A[0, 2] * a[2],
+        A[1, 0] * a[0] + A[1, 1] * a[1] + A[1, 2] * a[2],
+        A[2, 0] * a[0] + A[2, 1] * a[1] + A[2, 2] * a[2],
+    )
+
+
+@inlined
 def _second(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
     """d̈ of a vector d that is fixed in a link; wd is ω × d."""
     return _plus(_cross(a, d), _cross(w, wd))
@@ -82,30 +92,13 @@ def _third(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Tripl
     return _plus(_plus(_cross(b, d), _times(2.0, _cross(a, wd))), _cross(w, second))
 
 
-@compiled
-def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array, out: Array) -> None:
-    """Torques of the rigid bodies and of the motors' inertia, and their rates, at one state.
-
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    weight : float
-        Factor of gravity: 1, or 0 without it [1].
-    state : (4, n) array
-        q, q̇, q̈, q⃛ [rad, rad/s, rad/s², rad/s³, or m].
-    work : (8, n + 1, 4, 4) array
-        Overwritten [1].
-    out : (2, n) array
-        Filled with torques [N·m, N] and their rates [N·m/s, N/s].
-    """
+@inlined
+def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array) -> None:
+    """Forces and moments that move each link, with their rates, from the base to the tip, into the parts of `work`."""
     _fixed, prismatic, _tool = chain
-    mass, com, tensor, motor, gravity = bodies
+    mass, com, tensor, _motor, gravity = bodies
     n = mass.shape[0]
     T = work[0]
-    frames(chain, state[0], T[:n])
     F, dF, N, dN, D, dD = work[1, :, 0], work[2, :, 0], work[3, :, 0], work[4, :, 0], work[5, :, 0], work[6, :, 0]
     dz = work[7, :, 0]
     zero = (0.0, 0.0, 0.0)
@@ -144,6 +137,36 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
         _put(dF, i, change)
         _put(N, i, _plus(moment, _cross(c, force)))
         _put(dN, i, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
+
+
+@compiled
+def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array, out: Array) -> None:
+    """Torques of the rigid bodies and of the motors' inertia, and their rates, at one state.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    weight : float
+        Factor of gravity: 1, or 0 without it [1].
+    state : (4, n) array
+        q, q̇, q̈, q⃛ [rad, rad/s, rad/s², rad/s³, or m].
+    work : (8, n + 1, 4, 4) array
+        Overwritten [1].
+    out : (2, n) array
+        Filled with torques [N·m, N] and their rates [N·m/s, N/s].
+    """
+    _fixed, prismatic, _tool = chain
+    motor = bodies[3]
+    n = motor.shape[0]
+    T = work[0]
+    frames(chain, state[0], T[:n])
+    _forces(chain, bodies, weight, state, work)
+    F, dF, N, dN, D, dD = work[1, :, 0], work[2, :, 0], work[3, :, 0], work[4, :, 0], work[5, :, 0], work[6, :, 0]
+    dz = work[7, :, 0]
+    zero = (0.0, 0.0, 0.0)
     f, df, m, dm = zero, zero, zero, zero
     for i in range(n - 1, -1, -1):
         if i < n - 1:
@@ -157,6 +180,148 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
         e, de = (f, df) if prismatic[i] else (m, dm)
         out[0, i] = x * e[0] + y * e[1] + t * e[2] + motor[i] * state[2, i]
         out[1, i] = x * de[0] + y * de[1] + t * de[2] + u[0] * e[0] + u[1] * e[1] + u[2] * e[2] + motor[i] * state[3, i]
+
+
+@compiled
+def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Array) -> None:
+    """Torques of the rigid bodies and of the motors' inertia at one state, as `rigid_torques` without the rates.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    state : (3, n) array
+        q, q̇, q̈ [rad, rad/s, rad/s², or m].
+    work : (4, n + 1, 4, 4) array
+        Overwritten [1].
+    out : (n,) array
+        Filled with torques [N·m, N].
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, motor, gravity = bodies
+    n = motor.shape[0]
+    T = work[0]
+    frames(chain, state[0], T[:n])
+    F, N, D = work[1, :, 0], work[2, :, 0], work[3, :, 0]
+    zero = (0.0, 0.0, 0.0)
+    w, a, r = zero, zero, zero
+    acceleration = (-gravity[0], -gravity[1], -gravity[2])
+    for i in range(n):
+        z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
+        d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
+        r, wz = p, _cross(w, z)
+        acceleration = _plus(acceleration, _second(w, a, d, _cross(w, d)))
+        _put(D, i, d)
+        dq, ddq = state[1, i], state[2, i]
+        if prismatic[i]:
+            acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
+        else:
+            a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
+            w = _plus(w, _times(dq, z))
+        c = _turned(T, i, _row(com, i))
+        force = _times(mass[i], _plus(acceleration, _second(w, a, c, _cross(w, c))))
+        moment = _plus(_tensor(T, tensor, i, a), _cross(w, _tensor(T, tensor, i, w)))
+        _put(F, i, force)
+        _put(N, i, _plus(moment, _cross(c, force)))
+    f, m = zero, zero
+    for i in range(n - 1, -1, -1):
+        if i < n - 1:
+            m = _plus(m, _cross(_row(D, i + 1), f))
+        f, m = _plus(f, _row(F, i)), _plus(m, _row(N, i))
+        e = f if prismatic[i] else m
+        out[i] = T[i, 0, 2] * e[0] + T[i, 1, 2] * e[1] + T[i, 2, 2] * e[2] + motor[i] * state[2, i]
+
+
+@compiled
+def joint_torques(chain: Chain, bodies: Bodies, friction: tuple[Array, Array], states: Array, out: Array) -> None:
+    """Torques at states, with viscous and Coulomb friction.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    friction : tuple of two (n,) arrays
+        Viscous [N·m·s/rad, N·s/m] and Coulomb friction [N·m, N].
+    states : (k, 3, n) array
+        q, q̇, q̈ [rad, rad/s, rad/s², or m].
+    out : (k, n) array
+        Filled with torques [N·m, N]; Coulomb friction is 0 at rest.
+    """
+    viscous, coulomb = friction
+    n = viscous.shape[0]
+    work = np.empty((4, n + 1, 4, 4))
+    for k in range(states.shape[0]):
+        torques_at(chain, bodies, states[k], work, out[k])
+        for i in range(n):
+            speed = states[k, 1, i]
+            out[k, i] += viscous[i] * speed + coulomb[i] * np.sign(speed)
+
+
+@inlined
+def _join(mass: float, centre: Array, about: Array, part: float, at: Triple) -> float:
+    """Join a point mass to a body of which centre of mass and inertia about it are known; return the mass of both."""
+    both = mass + part
+    if part > 0.0:
+        share = part / both
+        d = (at[0] - centre[0], at[1] - centre[1], at[2] - centre[2])
+        reduced, square = mass * share, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        for r in range(3):
+            for c in range(3):
+                about[r, c] -= reduced * d[r] * d[c]
+            about[r, r] += reduced * square
+            centre[r] += share * d[r]
+    return both
+
+
+@compiled
+def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
+    """Mass matrices, by the composite bodies that each joint moves (Walker and Orin 1982), with the motors' inertia.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k, n, n) array
+        Filled with the matrices [kg·m², kg·m, kg].
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, motor, _gravity = bodies
+    n = mass.shape[0]
+    T, centre, about = np.empty((n, 4, 4)), np.empty(3), np.empty((3, 3))
+    for k in range(q.shape[0]):
+        frames(chain, q[k], T)
+        whole = 0.0
+        centre[:], about[:] = 0.0, 0.0
+        for i in range(n - 1, -1, -1):
+            c, R = _turned(T, i, _row(com, i)), T[i, :3, :3]
+            whole = _join(whole, centre, about, mass[i], (T[i, 0, 3] + c[0], T[i, 1, 3] + c[1], T[i, 2, 3] + c[2]))
+            for column in range(3):
+                x, y = 1.0 if column == 0 else 0.0, 1.0 if column == 1 else 0.0
+                turned = _tensor(T, tensor, i, (x, y, 1.0 - x - y))
+                about[0, column] += turned[0]
+                about[1, column] += turned[1]
+                about[2, column] += turned[2]
+            z = (R[0, 2], R[1, 2], R[2, 2])
+            d = (centre[0] - T[i, 0, 3], centre[1] - T[i, 1, 3], centre[2] - T[i, 2, 3])
+            # momentum of the composite body at unit velocity of joint i, and its moment about the centre of mass
+            push, spin = _times(whole, z if prismatic[i] else _cross(z, d)), (0.0, 0.0, 0.0)
+            if not prismatic[i]:
+                spin = _product(about, z)
+            for j in range(i + 1):
+                axis = (T[j, 0, 2], T[j, 1, 2], T[j, 2, 2])
+                arm = (centre[0] - T[j, 0, 3], centre[1] - T[j, 1, 3], centre[2] - T[j, 2, 3])
+                moved = push if prismatic[j] else _plus(spin, _cross(arm, push))
+                out[k, i, j] = axis[0] * moved[0] + axis[1] * moved[1] + axis[2] * moved[2]
+                out[k, j, i] = out[k, i, j]
+            out[k, i, i] += motor[i]
 
 
 @compiled
@@ -203,7 +368,7 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     path : (4, k, n) array
         q, q', q'', q''' [as q over powers of s].
     out : (k, 6, n) array
-        Filled with p, c, g, d, c', g' [N·m or N, over powers of s].
+        Filled with p, c, g, d, c', g', each over powers of s [N·m, N].
     """
     k, n = path.shape[1], path.shape[2]
     work, state, found = np.empty((8, n + 1, 4, 4)), np.empty((4, n)), np.empty((3, 2, n))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -235,11 +234,6 @@ class Robot(ArmDynamics):
             Not a serial arm.
         """
         return _robot(arm_from_dict(data))
-
-    @cached_property
-    def chain(self) -> kinematics.Chain:
-        """The arm as compiled kernels take it: (fixed, prismatic, tool)."""
-        return self.fixed, self.prismatic, self.tool
 
     # ------------------------------------------------------------ kinematics
 
