@@ -16,7 +16,7 @@ from planners.paths.base import Path
 
 RATIO_FLOOR = 1e-6
 """Ratio to a limit below which the excess of the bound is counted from here."""
-SAME_PLACE = 1e-12
+CROSSING_ROUNDING = 1e-12
 """Share of the path, and of the duration, below which a place and a break, or two instants, are the same: rounding is near."""
 CROSSING_STEPS = 60
 """Most steps to the instant at which a break is passed; Newton's method usually needs three."""
@@ -93,8 +93,8 @@ def _stretches(motion: Examined, on_pieces: Array) -> tuple[Indices, Array, Arra
     for when, top, bottom in passage.falls:
         i = min(int(np.searchsorted(t, when, side="right")) - 1, low.size - 1)
         low[i], high[i], back[i] = min(low[i], bottom), max(high[i], top), True
-    first = np.searchsorted(inner, low + SAME_PLACE * path.end, side="right")
-    last = np.maximum(first, np.searchsorted(inner, high - SAME_PLACE * path.end, side="left"))
+    first = np.searchsorted(inner, low + CROSSING_ROUNDING * path.end, side="right")
+    last = np.maximum(first, np.searchsorted(inner, high - CROSSING_ROUNDING * path.end, side="left"))
     piece = np.cumsum(passage.knot)[:-1] - 1
     limit = on_pieces[first]
     for k in np.flatnonzero(back & (first < last)):
@@ -118,7 +118,7 @@ def _stretches(motion: Examined, on_pieces: Array) -> tuple[Indices, Array, Arra
 def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Array, Array], places: Array) -> Array:
     """Instants (k,) between two, at which a motion passes places of its path: Newton's method inside of a bisection."""
     nearest, (low, high) = Nearest(path), ends
-    t, shortest = 0.5 * (low + high), SAME_PLACE * float(bounds.knots[-1])
+    t, shortest = 0.5 * (low + high), CROSSING_ROUNDING * float(bounds.knots[-1])
     for _ in range(CROSSING_STEPS):
         found = nearest.places(bounds.at(piece, t), places)
         off = found.s - places
