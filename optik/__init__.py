@@ -1,6 +1,7 @@
 """optik: where a serial arm's tool is, and which joints put it there."""
 
 from optik import errors, ik
+from optik.arm.inertia import Inertia, Payload
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
@@ -18,8 +19,10 @@ __all__ = [
     "IKBatch",
     "IKResult",
     "IKStatus",
+    "Inertia",
     "JointLimits",
     "OptikError",
+    "Payload",
     "Robot",
     "Scene",
     "Shapes",

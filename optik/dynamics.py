@@ -183,3 +183,39 @@ def torques_batch(chain: Chain, bodies: Bodies, viscous: Array, states: Array, o
         for i in range(n):
             out[k, 0, i] += viscous[i] * states[k, 1, i]
             out[k, 1, i] += viscous[i] * states[k, 2, i]
+
+
+@compiled
+def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
+    """Coefficients of the rigid bodies' torques and of their rates along a joint path q(s), at places.
+
+    With v = ṡ, a = s̈, j = s⃛ the torque is p a + c v² + g and its rate p j + d v a + c' v³ + g' v, where p = M q',
+    c = M q'' + C(q, q') q', g is the torque of gravity, and d = p' + 2 c. All are values of `rigid_torques` on motions of s:
+    (v, a) = (1, 0) without gravity has the torque c and the rate c', (1, 1) the torque c + p and the rate c' + d, and (1, 0)
+    with gravity c + g and c' + g'.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    path : (4, k, n) array
+        q, q', q'', q''' [as q over powers of s].
+    out : (k, 6, n) array
+        Filled with p, c, g, d, c', g' [N·m or N, over powers of s].
+    """
+    k, n = path.shape[1], path.shape[2]
+    work, state, found = np.empty((8, n + 1, 4, 4)), np.empty((4, n)), np.empty((3, 2, n))
+    for at in range(k):
+        for which in range(3):
+            a = 1.0 if which == 1 else 0.0
+            for i in range(n):
+                state[0, i], state[1, i] = path[0, at, i], path[1, at, i]
+                state[2, i] = path[2, at, i] + a * path[1, at, i]
+                state[3, i] = path[3, at, i] + a * 3.0 * path[2, at, i]
+            rigid_torques(chain, bodies, 1.0 if which == 2 else 0.0, state, work, found[which])
+        for i in range(n):
+            c, dc = found[0, 0, i], found[0, 1, i]
+            out[at, 0, i], out[at, 1, i], out[at, 2, i] = found[1, 0, i] - c, c, found[2, 0, i] - c
+            out[at, 3, i], out[at, 4, i], out[at, 5, i] = found[1, 1, i] - dc, dc, found[2, 1, i] - dc

@@ -75,25 +75,29 @@ class Curve(ABC):
 # ---------------------------------------------------------------- curves along which s(t) moves
 
 
-def monomials(rates: Sequence[Array]) -> tuple[Array, ...]:
+def monomials(rates: Sequence[Array], *, full: bool = False) -> tuple[Array, ...]:
     """Products of the derivatives of s(t) that the chain rule multiplies with f', f'', f'''.
 
     Parameters
     ----------
     rates : one to three (k, ...) arrays
         ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
+    full : bool
+        With those of lower order, which torque and its rate have too; for two rates and for three.
 
     Returns
     -------
     tuple of (k, ...) arrays
-        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three [m/s^i, rad/s^i].
+        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three [m/s^i, rad/s^i]. In full s̈, ṡ², ṡ, 1 for two;
+        s⃛, ṡ s̈, ṡ³, ṡ, s̈, ṡ² for three.
     """
     v = rates[0]
     if len(rates) == 1:
         return (v,)
     if len(rates) == 2:
-        return rates[1], v * v
-    return rates[2], v * rates[1], v**3
+        return (rates[1], v * v, v, np.ones_like(v)) if full else (rates[1], v * v)
+    highest = (rates[2], v * rates[1], v**3)
+    return (*highest, v, rates[1], v * v) if full else highest
 
 
 def chain_rows(derivatives: Sequence[Array]) -> Array:

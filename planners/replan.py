@@ -15,7 +15,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.certificate import check_tolerance
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, over
 from planners.plan import Asked, Plan
 from planners.splice import State, begun, joined, rest_of
 from planners.timing import TimeLaw, law_for
@@ -206,9 +206,9 @@ def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
     none = f"no motion from this state {goal} on the path within the limits"
     assert start.at.joints is not None
     _, dq, ddq = start.at.joints
-    bound = limits.arrays(robot.n)
+    bound = limits.bounds(robot.n)
     twist = robot.jacobian(start.at.joints[0]) @ dq
-    here = [(f, np.abs(x) / bound[f], robot.joint_names) for f, x in zip(DERIVATIVES, (dq, ddq), strict=False)]
+    here = [(f, over(x, bound[f]), robot.joint_names) for f, x in zip(DERIVATIVES, (dq, ddq), strict=False)]
     speeds = (
         float(np.linalg.norm(part)) / limit for part, limit in zip((twist[:3], twist[3:]), limits.tool, strict=True)
     )

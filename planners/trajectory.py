@@ -220,6 +220,22 @@ class Trajectory(Curve):
         worst: Array = np.maximum(np.abs(value[..., 0]), np.abs(value[..., 1]))
         return worst
 
+    def piece_range(self, order: int) -> tuple[Array, Array]:
+        """Least and greatest value of a derivative on every piece, exact.
+
+        Parameters
+        ----------
+        order : int
+            Of the derivative, 0 to 3.
+
+        Returns
+        -------
+        tuple of (m, n) arrays
+            [rad, rad/s, rad/s², rad/s³, or m].
+        """
+        value = self._pieces[0][order]
+        return value[..., 0], value[..., 1]
+
     def slowed(self, factor: float) -> Trajectory:
         """Return the same motion, factor times as long: velocities / factor, accelerations / factor², jerks / factor³.
 

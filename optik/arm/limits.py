@@ -1,4 +1,4 @@
-"""Limits of joints: position always, velocity, acceleration and jerk where known."""
+"""Limits of joints: position always; velocity, acceleration, jerk, torque and torque rate where known."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
+
+DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate")
+"""Fields of `JointLimits` that may be unknown."""
 
 LIMIT_TOLERANCE = 1e-9
 """Numerical slack on position limits [rad or m]: rounding in a solver's result is no limit violation."""
@@ -53,6 +56,9 @@ class JointLimits:
         Position limits [rad, or m for prismatic joints]; equal values lock a joint, infinite ones leave it free.
     velocity, acceleration, jerk : scalar or (n,) array, optional
         Symmetric limits [rad/s, rad/s², rad/s³, or metres]; None where unknown.
+    torque, torque_rate : scalar or (n,) array, optional
+        Symmetric limits of the joints' torques [N·m, N] and of their rates in time [N·m/s, N/s]; None where unknown,
+        infinite for a joint whose limit is unknown.
 
     Raises
     ------
@@ -65,6 +71,8 @@ class JointLimits:
     velocity: Array | None = None
     acceleration: Array | None = None
     jerk: Array | None = None
+    torque: Array | None = None
+    torque_rate: Array | None = None
 
     def __post_init__(self) -> None:
         lower, upper = frozen(self.lower, "limits.lower"), frozen(self.upper, "limits.upper")
@@ -85,13 +93,13 @@ class JointLimits:
             )
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)
-        for field in ("velocity", "acceleration", "jerk"):
+        for field in DYNAMIC_LIMITS:
             value = getattr(self, field)
             if value is not None:
                 object.__setattr__(self, field, positive(value, lower.size, field))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return JointLimits, (self.lower, self.upper, self.velocity, self.acceleration, self.jerk)
+        return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
     def middle(self) -> Array:
@@ -208,8 +216,9 @@ class JointLimits:
         Parameters
         ----------
         **limits
-            lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk, scalars or (n,) arrays [rad/s,
-            rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not named stay as they are.
+            lower and upper, (n,) arrays [rad, m]; velocity, acceleration, jerk, torque and torque_rate, scalars or (n,)
+            arrays [rad/s, rad/s², rad/s³, N·m, N·m/s, or metres]; None for an unknown one. Limits that are not named stay
+            as they are.
 
         Returns
         -------
@@ -235,7 +244,8 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
     Parameters
     ----------
     value : scalar or (n,) array
-        A limit of the velocity [rad/s, m/s], acceleration [rad/s², m/s²] or jerk [rad/s³, m/s³].
+        A limit of the velocity [rad/s, m/s], acceleration [rad/s², m/s²], jerk [rad/s³, m/s³], torque [N·m, N] or torque
+        rate [N·m/s, N/s].
     n : int
         Number of joints.
     argument : str

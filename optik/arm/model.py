@@ -1,4 +1,4 @@
-"""An arm as data: its joints, limits, base, tool and gravity, checked; equal by content; copied with one part exchanged."""
+"""An arm as data: joints, limits, base, tool, gravity and masses, checked; equal by content; copied with parts exchanged."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, frozen
 from optik.arm.shapes import Shapes
-from optik.check import check_flag, check_words, real_array
+from optik.check import check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array, Flags
 
@@ -28,7 +29,7 @@ class ArmModel:
 
     Parameters
     ----------
-    name, fixed, prismatic, tool, limits, joint_names, gravity, source, shapes
+    name, fixed, prismatic, tool, limits, joint_names, gravity, source, gravity_magnitude, inertia, payload, shapes
         As those of `optik.Robot`.
 
     Raises
@@ -36,7 +37,8 @@ class ArmModel:
     InvalidInput
         A value of the wrong type.
     RobotModelError
-        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity.
+        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity,
+        masses of another number of links, or a payload on an arm whose masses are unknown.
     """
 
     name: str
@@ -47,6 +49,9 @@ class ArmModel:
     joint_names: tuple[str, ...] = ()
     gravity: Array = (0.0, 0.0, -1.0)  # type: ignore[assignment]
     source: str = ""
+    gravity_magnitude: float = STANDARD_GRAVITY
+    inertia: Inertia | None = None
+    payload: Payload | None = None
     shapes: Shapes | None = None
 
     def __post_init__(self) -> None:
@@ -65,8 +70,12 @@ class ArmModel:
             "tool": frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"),
             "joint_names": _checked_names(self.name, self.joint_names, n),
             "gravity": _checked_gravity(self.name, self.gravity),
+            "gravity_magnitude": check_number(
+                self.gravity_magnitude, "gravity_magnitude", "an acceleration ≥ 0 [m/s²]", least=0.0
+            ),
             "shapes": _checked_shapes(self.name, self.shapes, n),
         }
+        _check_masses(self.name, self.inertia, self.payload, n)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         if self.shapes is not None:
@@ -82,6 +91,16 @@ class ArmModel:
             digest.update(array.tobytes())
         for limit in (lim.velocity, lim.acceleration, lim.jerk):
             digest.update(b"-" if limit is None else limit.tobytes())
+        later = {  # only where known: the fingerprint of an arm without them is older than they are
+            "torque": None if lim.torque is None else lim.torque.tobytes(),
+            "torque_rate": None if lim.torque_rate is None else lim.torque_rate.tobytes(),
+            "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
+            "inertia": None if self.inertia is None else self.inertia.content,
+            "payload": None if self.payload is None else self.payload.content,
+        }
+        for name, part in later.items():
+            if part is not None:
+                digest.update(name.encode() + part)
         if self.shapes is not None:
             digest.update(self.shapes.digest)
         return digest.digest()
@@ -210,9 +229,9 @@ class ArmModel:
         limits : JointLimits, optional
             Limits of all joints; by default the present ones.
         **fields
-            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration and jerk,
-            scalars or (n,) arrays [rad/s, rad/s², rad/s³, or metres]; None for an unknown one. Limits that are not
-            named stay as they are.
+            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration, jerk, torque
+            and torque_rate, scalars or (n,) arrays [rad/s, rad/s², rad/s³, N·m, N·m/s, or metres]; None for an unknown
+            one. Limits that are not named stay as they are.
 
         Returns
         -------
@@ -285,6 +304,17 @@ def _checked_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
     if len(joint_names) != n or len(set(joint_names)) != n:
         raise RobotModelError(name, f"{n} joints need {n} different names, got {joint_names}")
     return joint_names
+
+
+def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n: int) -> None:
+    if not isinstance(inertia, Inertia | None):
+        raise InvalidInput("inertia", repr(inertia)[:60], "Inertia(mass, com, tensor)")
+    if not isinstance(payload, Payload | None):
+        raise InvalidInput("payload", repr(payload)[:60], "Payload(mass, com, inertia)")
+    if inertia is not None and inertia.mass.size != n:
+        raise RobotModelError(name, f"{n} joints but masses of {inertia.mass.size} links")
+    if payload is not None and inertia is None:
+        raise RobotModelError(name, f"a payload of {payload}, but the masses of the arm are unknown; see with_inertia")
 
 
 def _checked_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:

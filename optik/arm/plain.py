@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.errors import InvalidInput
@@ -16,10 +17,22 @@ INFINITE = {"inf": np.inf, "-inf": -np.inf}
 """Words for infinite numbers, which JSON does not have."""
 
 LIMIT_KEYS = ("lower", "upper", "velocity", "acceleration", "jerk")
-"""Keys of an arm's limits: the fields of `JointLimits`."""
+"""Keys of an arm's limits that are always written: fields of `JointLimits`."""
+
+TORQUE_KEYS = ("torque", "torque_rate")
+"""Keys of an arm's limits that are written where known: files without torques are as they were before there were any."""
 
 ARM_KEYS = ("name", "joint_names", "prismatic", "fixed", "tool", "gravity", "limits", "source")
-"""Keys of an arm: the fields of `ArmModel`."""
+"""Keys of an arm that are always written: fields of `ArmModel`."""
+
+MASS_KEYS = ("gravity_magnitude", "inertia", "payload")
+"""Keys of an arm that are written where they are known, gravity's where it is not the standard value."""
+
+INERTIA_KEYS = ("mass", "com", "tensor", "motor", "viscous", "coulomb", "source")
+"""Keys of an arm's masses: the fields of `Inertia`."""
+
+PAYLOAD_KEYS = ("mass", "com", "inertia")
+"""Keys of a payload: the fields of `Payload`."""
 
 
 def plain_numbers(values: ArrayLike) -> Any:
@@ -189,9 +202,18 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
     Returns
     -------
     dict
-        Data that JSON can hold, with the keys `ARM_KEYS`.
+        Data that JSON can hold, with the keys `ARM_KEYS` and those of `MASS_KEYS` that are known.
     """
     limits = {k: None if (v := getattr(arm.limits, k)) is None else plain_numbers(v) for k in LIMIT_KEYS}
+    limits |= {k: plain_numbers(v) for k in TORQUE_KEYS if (v := getattr(arm.limits, k)) is not None}
+    masses: dict[str, Any] = {}
+    if arm.gravity_magnitude != STANDARD_GRAVITY:
+        masses["gravity_magnitude"] = arm.gravity_magnitude
+    if arm.inertia is not None:
+        masses["inertia"] = {k: plain_numbers(getattr(arm.inertia, k)) for k in INERTIA_KEYS[:-1]}
+        masses["inertia"]["source"] = arm.inertia.source
+    if arm.payload is not None:
+        masses["payload"] = {k: plain_numbers(getattr(arm.payload, k)) for k in PAYLOAD_KEYS}
     return {
         "name": arm.name,
         "joint_names": list(arm.joint_names),
@@ -201,6 +223,7 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
         "gravity": plain_numbers(arm.gravity),
         "limits": limits,
         "source": arm.source,
+        **masses,
     }
 
 
@@ -224,14 +247,14 @@ def arm_from_dict(data: Any) -> ArmModel:
     RobotModelError
         Not a serial arm.
     """
-    data = record(data, ARM_KEYS, "robot")
+    data = record(data, ARM_KEYS, "robot", optional=MASS_KEYS)
     joint_names = words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
         raise InvalidInput("robot.prismatic", repr(prismatic)[:60], f"{n} times true or false")
     limits = {
         k: None if v is None and k not in ("lower", "upper") else numbers(v, (n,), f"robot.limits.{k}")
-        for k, v in record(data["limits"], LIMIT_KEYS, "robot.limits").items()
+        for k, v in record(data["limits"], LIMIT_KEYS, "robot.limits", optional=TORQUE_KEYS).items()
     }
     return ArmModel(
         name=word(data["name"], "robot.name"),
@@ -242,4 +265,21 @@ def arm_from_dict(data: Any) -> ArmModel:
         joint_names=joint_names,
         gravity=numbers(data["gravity"], (3,), "robot.gravity"),
         source=word(data["source"], "robot.source"),
+        gravity_magnitude=_number(data.get("gravity_magnitude", STANDARD_GRAVITY), "robot.gravity_magnitude"),
+        inertia=_inertia(data["inertia"], n) if "inertia" in data else None,
+        payload=_payload(data["payload"]) if "payload" in data else None,
     )
+
+
+def _inertia(data: Any, n: int) -> Inertia:
+    data = record(data, INERTIA_KEYS, "robot.inertia")
+    shapes = {"com": (n, 3), "tensor": (n, 3, 3)}
+    arrays = {k: numbers(data[k], shapes.get(k, (n,)), f"robot.inertia.{k}") for k in INERTIA_KEYS[:-1]}
+    return Inertia(**arrays, source=word(data["source"], "robot.inertia.source"))
+
+
+def _payload(data: Any) -> Payload:
+    data = record(data, PAYLOAD_KEYS, "robot.payload")
+    mass = numbers(data["mass"], (2,) if isinstance(data["mass"], list) else (), "robot.payload.mass")
+    com, tensor = (numbers(data[k], s, f"robot.payload.{k}") for k, s in (("com", (3,)), ("inertia", (3, 3))))
+    return Payload(tuple(mass.tolist()) if mass.ndim else float(mass), com, tensor)

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
+from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
+from optik.arm.torques import ArmDynamics
 from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot(ArmModel):
+class Robot(ArmDynamics):
     """A serial arm of revolute and prismatic joints about or along their z axes.
 
     Use `from_mdh`, `from_dh`, `from_urdf` or `optik.load`; a constructor's name states the convention.
@@ -48,6 +50,12 @@ class Robot(ArmModel):
         Direction of gravity in the base frame, of any length [1]; −z by default.
     source : str
         Where the numbers come from.
+    gravity_magnitude : float, optional
+        Acceleration of free fall [m/s²]; 9.80665 by default, 0 without weight.
+    inertia : Inertia, optional
+        Masses of the links, motors and friction; None where unknown.
+    payload : Payload, optional
+        A body in the tool's frame; see `with_payload`.
     shapes : Shapes, optional
         Capsules that enclose the links.
 
@@ -56,7 +64,8 @@ class Robot(ArmModel):
     InvalidInput
         A value of the wrong type.
     RobotModelError
-        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity.
+        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity,
+        masses of another number of links, or a payload on an arm whose masses are unknown.
     """
 
     def __repr__(self) -> str:
@@ -75,8 +84,8 @@ class Robot(ArmModel):
         limits : JointLimits
             Of all joints.
         **options
-            name, joint_names, gravity, source as of `Robot`; base and tool, both (4, 4): the base stands before the
-            table's first transform, the tool after its last.
+            name, joint_names, gravity, source, gravity_magnitude, inertia, payload as of `Robot`; base and tool, both
+            (4, 4): the base stands before the table's first transform, the tool after its last.
 
         Returns
         -------
@@ -105,8 +114,9 @@ class Robot(ArmModel):
         limits : JointLimits
             Of all joints.
         **options
-            name, joint_names, gravity, source as of `Robot`; base and tool, both (4, 4): the base stands before the
-            table's first transform, the tool after its last.
+            name, joint_names, gravity, source, gravity_magnitude, payload as of `Robot`; base and tool, both (4, 4): the
+            base stands before the table's first transform, the tool after its last; inertia: in the table's frames, which
+            stand a_i and α_i behind the joints' frames.
 
         Returns
         -------
@@ -123,6 +133,8 @@ class Robot(ArmModel):
         table = rows_of(rows)
         before = [np.eye(4), *(screw_x(r.alpha, r.a) for r in table)]
         fixed = [b @ screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
+        if isinstance(options.get("inertia"), Inertia) and options["inertia"].mass.size == len(table):
+            options["inertia"] = options["inertia"].moved(before[1:])
         return _assemble(fixed, before[-1], table, limits, options)
 
     @staticmethod
@@ -404,9 +416,10 @@ def _assemble(
         raise RobotModelError(name, "no joints")
     base = se3.check_pose(options.pop("base", np.eye(4)), "base")
     tool = last @ se3.check_pose(options.pop("tool", np.eye(4)), "tool")
-    known = {key: options.pop(key) for key in ("joint_names", "gravity", "source") if key in options}
+    given = ("joint_names", "gravity", "source", "gravity_magnitude", "inertia", "payload")
+    known = {key: options.pop(key) for key in given if key in options}
     if options:
-        raise InvalidInput("options", ", ".join(options), "name, base, tool, joint_names, gravity or source")
+        raise InvalidInput("options", ", ".join(options), f"some of name, base, tool, {', '.join(given)}")
     chain = np.array(fixed)
     chain[0] = base @ chain[0]
     return Robot(name, chain, np.array([r.prismatic for r in table]), tool, limits, **known)

@@ -45,6 +45,9 @@ class Certificate:
         The limits that are promised: `holds` judges exactly these, and the position limits.
     velocity, acceleration, jerk : Extreme
         Exact worst values over the limits; NaN ratios where there is no limit. Infinite jerk where acceleration jumps.
+    torque, torque_rate : Extreme
+        Proved bounds on the torques [N·m, N], with Coulomb friction, and on their rates [N·m/s, N/s], without it, for this
+        model of the arm's masses; NaN where they are not limited.
     extra : mapping of str to Extreme or ToolExtreme
         The same of further kinds of limits, by name (``MotionLimits(extra=...)``).
     sampled_jerk : (n,) array
@@ -93,6 +96,8 @@ class Certificate:
     coverage: Coverage
     continuous: int
     rest: tuple[bool, bool]
+    torque: Extreme
+    torque_rate: Extreme
     extra: Mapping[str, Extreme | ToolExtreme] = dataclasses.field(default_factory=dict)
 
     def judged(self, field: str) -> Extreme | ToolExtreme:

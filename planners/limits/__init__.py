@@ -2,9 +2,19 @@
 
 from planners.limits._derivative import DerivativeLimit
 from planners.limits._extreme import Extreme, ToolExtreme
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, TOOL_SPEEDS, check_names, kind_of, register
+from planners.limits._known import (
+    ALL_LIMITS,
+    DERIVATIVES,
+    FIELD_LIMITS,
+    LOADED,
+    TOOL_SPEEDS,
+    check_names,
+    kind_of,
+    register,
+)
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._points import PathPoints
+from planners.limits._sides import inner, over, sides
 from planners.limits._tool import ToolSpeedLimit
 from planners.limits.base import Limit, scale_of
 
@@ -15,6 +25,7 @@ __all__ = [
     "ALL_LIMITS",
     "DERIVATIVES",
     "FIELD_LIMITS",
+    "LOADED",
     "SAME_SPEED",
     "TOOL_SPEEDS",
     "DerivativeLimit",
@@ -25,7 +36,10 @@ __all__ = [
     "ToolExtreme",
     "ToolSpeedLimit",
     "check_names",
+    "inner",
     "kind_of",
+    "over",
     "register",
     "scale_of",
+    "sides",
 ]

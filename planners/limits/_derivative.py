@@ -10,7 +10,9 @@ from planners.certificate.examined import Examined
 from planners.curve import chain_rows
 from planners.limits._extreme import Extreme
 from planners.limits._points import PathPoints
+from planners.limits._sides import centred, inner, over, sides
 from planners.limits.base import Limit, scale_of
+from planners.trajectory import Extrema
 
 
 class DerivativeLimit(Limit):
@@ -23,15 +25,21 @@ class DerivativeLimit(Limit):
         ----------
         at : PathPoints
             Points of the joint path.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `Limit.array` returned [as its units].
 
         Returns
         -------
         (k, m, order) array
-            [as 1 over the monomials].
+            [as 1 over the monomials]; (k, m, 4) for an acceleration with two sides.
         """
-        return chain_rows([at.q(order) for order in range(1, self.order + 1)]) / bound[:, None]
+        rows = chain_rows([at.q(order) for order in range(1, self.order + 1)])
+        if bound.ndim == 1:
+            return rows / bound[:, None]
+        if self.order == 1:  # ṡ is never negative: the sign of q' tells the side, and the value keeps its sign
+            lower, upper = sides(bound)
+            return np.asarray(rows / np.where(rows < 0.0, -lower[:, None], upper[:, None]))
+        return centred(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
 
     def judge(self, motion: Examined, bound: Array) -> Extreme:
         """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`.
@@ -40,7 +48,7 @@ class DerivativeLimit(Limit):
         ----------
         motion : Examined
             The motion.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `Limit.array` returned [as its units].
 
         Returns
@@ -49,8 +57,11 @@ class DerivativeLimit(Limit):
             Value, ratio and time.
         """
         extrema = motion.trajectory.extrema(self.order)
-        ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
-        extreme = Extreme(extrema.worst, ratio, extrema.t_worst)
+        if bound.ndim == 1:
+            ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
+            extreme = Extreme(extrema.worst, ratio, extrema.t_worst)
+        else:
+            extreme = _nearest_side(extrema, bound)
         for order in range(self.order):
             if motion.jumps[order].any():
                 extreme = _infinite_at_jumps(motion, order, extreme, motion.jumps[order], bound)
@@ -63,7 +74,7 @@ class DerivativeLimit(Limit):
         ----------
         motion : Examined
             The motion.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `Limit.array` returned [as its units].
 
         Returns
@@ -71,7 +82,9 @@ class DerivativeLimit(Limit):
         (pieces, m) array
             Ratios [1].
         """
-        return motion.trajectory.piece_worst(self.order) / bound
+        if bound.ndim == 1:
+            return motion.trajectory.piece_worst(self.order) / bound
+        return np.maximum(*(over(value, bound) for value in motion.trajectory.piece_range(self.order)))
 
     def slowing(self, motion: Examined, bound: Array) -> float:
         """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`.
@@ -80,7 +93,7 @@ class DerivativeLimit(Limit):
         ----------
         motion : Examined
             The motion.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `Limit.array` returned [as its units].
 
         Returns
@@ -91,13 +104,23 @@ class DerivativeLimit(Limit):
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
 
+def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
+    """Of least and greatest value the one with the larger ratio to its side; of a free joint the larger one."""
+    free = np.isinf(bound[0])
+    lower, upper = np.where(free, -1.0, bound[0]), np.where(free, 1.0, bound[1])
+    below, above = extrema.least / lower, extrema.greatest / upper
+    down = below > above
+    value, time = np.where(down, -extrema.least, extrema.greatest), np.where(down, extrema.t_least, extrema.t_greatest)
+    return Extreme(value, np.where(free, np.nan, np.maximum(below, above)), time)
+
+
 def _infinite_at_jumps(motion: Examined, order: int, extreme: Extreme, jumps: Flags, bound: Array) -> Extreme:
     """Extreme with infinite values at the largest jump of each joint that jumps in a derivative of this order."""
     trajectory = motion.trajectory
     size = np.where(jumps, np.abs(steps(trajectory, order)), 0.0)
     jumping = jumps.any(axis=0)
     when = trajectory.knots[size.argmax(axis=0)]
-    infinite = np.where(np.isfinite(bound), np.inf, np.nan)
+    infinite = np.where(np.isfinite(inner(bound)), np.inf, np.nan)
     return Extreme(
         np.where(jumping, np.inf, extreme.value),
         np.where(jumping, infinite, extreme.ratio),

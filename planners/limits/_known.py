@@ -7,16 +7,21 @@ from functools import cache
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
 from planners.limits._derivative import DerivativeLimit
+from planners.limits._loaded import LoadedLimit
 from planners.limits.acceleration import Acceleration
 from planners.limits.base import Limit
 from planners.limits.jerk import Jerk
 from planners.limits.rotation_speed import RotationSpeed
 from planners.limits.tool_speed import ToolSpeed
+from planners.limits.torque import Torque
+from planners.limits.torque_rate import TorqueRate
 from planners.limits.velocity import Velocity
 
 FOLDER = "planners.limits"
 """Where a limit is a file."""
-FIELD_LIMITS: tuple[Limit, ...] = (Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed())
+FIELD_LIMITS: tuple[Limit, ...] = (
+    Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed(), Torque(), TorqueRate()
+)  # fmt: skip
 """The limits that are arguments of `MotionLimits`, in the order of its arguments, of files and of reports."""
 ALL_LIMITS = tuple(kind.name for kind in FIELD_LIMITS)
 """Names of the limits that are arguments of `MotionLimits`."""
@@ -24,6 +29,8 @@ DERIVATIVES = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, Deriv
 """Names of those on derivatives of every joint, by order."""
 TOOL_SPEEDS = tuple(kind.name for kind in FIELD_LIMITS if kind.subject == "tool")
 """Names of those of the tool."""
+LOADED = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, LoadedLimit))
+"""Names of those that need the arm's masses. Files have them only where they are given."""
 
 _BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
 """Limits that are fields of `MotionLimits`, by name."""

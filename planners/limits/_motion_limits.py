@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -16,24 +16,30 @@ from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, is_known, kind_of
+from planners.limits._extreme import plain
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, is_known, kind_of
 from planners.limits._points import PathPoints
+from planners.limits._sides import inner, is_pair, over
 from planners.limits.base import Limit
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of a motion, symmetric, per joint; None where free.
+    """Limits of a motion, per joint; None where free.
 
     Parameters
     ----------
     velocity, acceleration, jerk : scalar or (n,) array, optional
-        [rad/s, rad/s², rad/s³, or metres for prismatic joints].
+        Bounds on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity,
+        acceleration and torque also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
     tool_speed, rotation_speed : float, optional
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms.
     extra : mapping, optional
         Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws keep those of first order as they
         keep velocities, and the others by a uniform slow-down.
+    torque, torque_rate : scalar or (n,) array, optional
+        Greatest torques [N·m, N] and rates of the torques [N·m/s, N/s], of an arm whose masses are known. Coulomb friction
+        counts in the torque, and not in its rate.
 
     Raises
     ------
@@ -49,6 +55,8 @@ class MotionLimits:
     tool_speed: float | None = None
     rotation_speed: float | None = None
     extra: Mapping[str, Any] | None = None
+    torque: ArrayLike | None = None
+    torque_rate: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         for kind in FIELD_LIMITS:
@@ -71,8 +79,8 @@ class MotionLimits:
         return hash(self._content())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = [getattr(self, name) for name in ALL_LIMITS]
-        return MotionLimits, (*values, None if self.extra is None else dict(self.extra))
+        values = [getattr(self, field.name) for field in fields(self)]
+        return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
     def _content(self) -> Any:
         return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
@@ -89,9 +97,15 @@ class MotionLimits:
         Returns
         -------
         MotionLimits
-            Its velocities, accelerations and jerks, where it has them.
+            Its velocities, accelerations and jerks, where it has them; torques and their rates where it has masses too.
         """
-        return MotionLimits(robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
+        own = robot.limits
+        loaded = getattr(robot, "inertia", None) is not None
+        return MotionLimits(
+            own.velocity, own.acceleration, own.jerk,
+            torque=getattr(own, "torque", None) if loaded else None,
+            torque_rate=getattr(own, "torque_rate", None) if loaded else None,
+        )  # fmt: skip
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -113,8 +127,8 @@ class MotionLimits:
 
         Returns
         -------
-        float, (n,) array or None
-            In the limit's units; None where free.
+        float, (n,), (2,) or (2, n) array, or None
+            In the limit's units; the last two for a pair, lower first; None where free.
         """
         return getattr(self, name) if name in ALL_LIMITS else (self.extra or {}).get(name)
 
@@ -129,7 +143,8 @@ class MotionLimits:
         Returns
         -------
         dict of arrays
-            By name: (n,), or (1,) for limits of the whole arm [as the limit's units], infinity where free; read-only.
+            By name: (n,), (2, n) for a pair, lower first, or (1,) for limits of the whole arm [as the limit's units],
+            infinity where free; read-only.
 
         Raises
         ------
@@ -142,7 +157,7 @@ class MotionLimits:
         return dict(kept[n])
 
     def arrays(self, n: int) -> dict[str, Array]:
-        """Return the bounds on velocity, acceleration and jerk as arrays.
+        """Return the bounds on the absolute values of velocity, acceleration and jerk as arrays.
 
         Parameters
         ----------
@@ -152,7 +167,7 @@ class MotionLimits:
         Returns
         -------
         dict of (n,) arrays
-            By name [rad/s, rad/s², rad/s³, or m]; infinity where free; read-only.
+            By name [rad/s, rad/s², rad/s³, or m]; infinity where free. Of a pair the side that is nearer to zero.
 
         Raises
         ------
@@ -160,7 +175,20 @@ class MotionLimits:
             A length other than n.
         """
         bounds = self.bounds(n)
-        return {name: bounds[name] for name in DERIVATIVES}
+        return {name: inner(bounds[name]) for name in DERIVATIVES}
+
+    def symmetric(self) -> MotionLimits:
+        """Return the limits with the side nearer to zero in place of every pair; what they allow is allowed here too."""
+        values = {name: self.value(name) for name in self.names}
+        changed: dict[str, Any] = {
+            name: np.minimum(-np.asarray(v[0]), v[1])
+            for name, v in values.items()
+            if kind_of(name).sided and is_pair(v)
+        }
+        if not changed:
+            return self
+        extra = None if self.extra is None else {name: changed.pop(name, self.extra[name]) for name in self.extra}
+        return replace(self, **changed, extra=extra)
 
     def rows(self, name: str, at: PathPoints) -> Array:
         """Return the rows of one limit at points of a joint path.
@@ -174,7 +202,7 @@ class MotionLimits:
 
         Returns
         -------
-        (k, m, order) array
+        (k, m, order) array, or of more columns
             See `Limit.rows` [as 1 over the monomials].
         """
         return kind_of(name).rows(at, self.bounds(at.joint_path.robot.n)[name])
@@ -194,10 +222,14 @@ class MotionLimits:
         Returns
         -------
         (k, m) array
-            Absolute values [1]; the limit is kept where they are at most 1.
+            Absolute values over the side that they go to [1]; the limit is kept where they are at most 1.
         """
-        products = monomials(rates[: kind_of(name).order])
-        return np.asarray(np.abs(np.einsum("kmi,ik->km", self.rows(name, at), np.stack(products))))
+        kind, bound = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
+        two_sided = bound.ndim == 2 and kind.homogeneous  # the row would not scale with time, the value does
+        rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
+        products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
+        values = np.einsum("kmi,ik->km", rows, np.stack(products))
+        return over(values, bound) if two_sided else np.asarray(np.abs(values))
 
     def only(self, names: tuple[str, ...]) -> MotionLimits:
         """Return those limits that have these names; all others are free.
@@ -240,7 +272,7 @@ class MotionLimits:
         return replace(self, **wider, extra=extra)
 
     def to_dict(self, n: int) -> dict[str, Any]:
-        """Return plain data for programs: lists of n numbers, None where free.
+        """Return plain data for programs: lists of n numbers, None where free; two of them for a pair.
 
         Parameters
         ----------
@@ -252,13 +284,15 @@ class MotionLimits:
         dict
             By name, in the limits' units.
         """
-        joints = {f: [float(x) if np.isfinite(x) else None for x in a] for f, a in self.arrays(n).items()}
+        bounds = self.bounds(n)
+        joints = {f: plain(b) if b.ndim == 1 else [plain(x) for x in b] for f in DERIVATIVES for b in (bounds[f],)}
         others = [kind for kind in self.kinds if kind.name not in joints]
         return joints | {kind.name: kind.to_plain(self.value(kind.name)) for kind in others}
 
     def to_plain(self) -> dict[str, Any]:
         """Return plain data for files, which `from_plain` reads back to the last bit."""
-        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in self.kinds}
+        given = [kind for kind in self.kinds if kind.name not in LOADED or self.value(kind.name) is not None]
+        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in given}
 
     @classmethod
     def from_plain(cls, data: Any, n: int) -> MotionLimits:
@@ -267,7 +301,8 @@ class MotionLimits:
         Parameters
         ----------
         data : mapping
-            Plain data by name: all limits with an argument of their own, and any others that are known.
+            Plain data by name: the limits with an argument of their own, those on torque only where they are given, and any
+            others that are known.
         n : int
             Number of joints.
 
@@ -282,9 +317,10 @@ class MotionLimits:
             Names that are missing or not known here, or data that describe no bound.
         """
         extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
-        checked = record(data, (*ALL_LIMITS, *extra), "limits")
+        required = tuple(name for name in ALL_LIMITS if name not in LOADED)
+        checked = record(data, (*required, *extra), "limits", optional=LOADED)
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
-        return cls(**{name: found.pop(name) for name in ALL_LIMITS}, extra=found)
+        return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 
     @property
     def tool(self) -> tuple[float, float]:

@@ -27,6 +27,7 @@ class PathPoints:
     def __init__(self, joint_path: JointPath, s: Array, derivatives: Array | tuple[Array, ...] = ()) -> None:
         self.joint_path, self.s = joint_path, s
         self._derivatives: list[Array] = list(derivatives)
+        self.torques: dict[int, Array] = {}  # what `_torque_rows` found here, by load
 
     def q(self, order: int = 0) -> Array:
         """Configurations or their derivatives in s.

@@ -13,6 +13,7 @@ class Acceleration(DerivativeLimit):
     name: ClassVar[str] = "acceleration"
     units: ClassVar[tuple[str, str]] = ("rad/s²", "m/s²")
     order: ClassVar[int] = 2
+    sided: ClassVar[bool] = True
 
 
 METHOD = Acceleration

@@ -8,14 +8,16 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import positive
+from optik.arm.limits import frozen, positive
 from optik.arm.plain import numbers, plain_numbers
 from optik.arm.robot import Robot
 from optik.check import check_number
+from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.examined import Examined
 from planners.limits._extreme import Extreme, ToolExtreme
 from planners.limits._points import PathPoints
+from planners.limits._sides import checked_pair, is_pair
 
 
 class Limit(ABC):
@@ -35,12 +37,18 @@ class Limit(ABC):
         Power of the time scale: a motion run c times as slowly has 1 / c**order of the value. Also the order of its rows.
     subject : str or None
         What the one bound of the whole arm is on, such as ``"tool"``; None for a bound on every joint.
+    sided : bool
+        Whether the bound may be a pair (lower, upper). If so, all methods take a bound of shape (2, n) too, lower first.
+    homogeneous : bool
+        Whether the whole value goes with the time scale; not the torque, of which gravity is a part.
     """
 
     name: ClassVar[str]
     units: ClassVar[tuple[str, str]]
     order: ClassVar[int]
     subject: ClassVar[str | None] = None
+    sided: ClassVar[bool] = False
+    homogeneous: ClassVar[bool] = True
 
     # ------------------------------------------------------------ the bound, as given and in files
 
@@ -49,21 +57,26 @@ class Limit(ABC):
 
         Parameters
         ----------
-        value : scalar or (n,) array
+        value : scalar or (n,) array, or a pair of them
             The bound [as `units`]; a scalar for a limit of the whole arm.
 
         Returns
         -------
-        float or (n,) array
-            The bound [as `units`].
+        float, (n,), (2,) or (2, n) array
+            The bound [as `units`]; the last two for a pair, lower first.
 
         Raises
         ------
         InvalidInput
-            No number, or none above 0.
+            No number, none above 0, or a pair that this limit cannot have or that does not have zero between its sides.
         """
         if self.subject is not None:
             return check_number(value, self.name, f"a {self.name.replace('_', ' ')} above 0", above=0.0)
+        if is_pair(value):
+            if not self.sided:
+                expected = f"one number above 0, or one for each joint: {self.name} has no two sides"
+                raise InvalidInput(self.name, "a pair (lower, upper)", expected)
+            return checked_pair(value, self.name)
         kept = positive(value, np.size(value), self.name)
         return kept if np.ndim(value) else float(kept[0])
 
@@ -72,14 +85,14 @@ class Limit(ABC):
 
         Parameters
         ----------
-        value : scalar or (n,) array, or None
+        value : scalar or (n,) array, or a pair of them, or None
             What `checked` returned [as `units`]; None where nothing is limited.
         n : int
             Number of joints.
 
         Returns
         -------
-        (n,) array, or (1,) array for a limit of the whole arm
+        (n,) array, (2, n) for a pair, or (1,) for a limit of the whole arm
             [as `units`], infinity where free; read-only.
 
         Raises
@@ -87,6 +100,11 @@ class Limit(ABC):
         InvalidInput
             A length other than n.
         """
+        if self.sided and is_pair(value):
+            pair = np.asarray(value, dtype=np.float64)
+            if pair.shape not in ((2,), (2, n)):
+                raise InvalidInput(self.name, f"a pair of {pair.shape[-1]} numbers each", f"numbers or {n} of them")
+            return frozen(np.broadcast_to(pair.reshape(2, -1), (2, n)), self.name)
         return positive(np.inf if value is None else value, 1 if self.subject is not None else n, self.name)
 
     def to_plain(self, value: ArrayLike | None) -> Any:
@@ -94,7 +112,7 @@ class Limit(ABC):
 
         Parameters
         ----------
-        value : scalar or (n,) array, or None
+        value : scalar or (n,) array, or a pair of them, or None
             What `checked` returned [as `units`].
 
         Returns
@@ -116,8 +134,8 @@ class Limit(ABC):
 
         Returns
         -------
-        float, (n,) array or None
-            The bound [as `units`].
+        float, (n,), (2,) or (2, n) array, or None
+            The bound [as `units`]; a pair has two lists of numbers, or two numbers of which the first is negative.
 
         Raises
         ------
@@ -126,9 +144,12 @@ class Limit(ABC):
         """
         if data is None:
             return None
+        where = f"limits.{self.name}"
+        if self.sided and isinstance(data, list) and len(data) == 2 and (data[0] == "-inf" or is_pair(data)):
+            return numbers(data, (2, n) if isinstance(data[0], list) else (2,), where)
         if self.subject is None and isinstance(data, list):
-            return numbers(data, (n,), f"limits.{self.name}")
-        return float(numbers(data, (), f"limits.{self.name}"))
+            return numbers(data, (n,), where)
+        return float(numbers(data, (), where))
 
     # ------------------------------------------------------------ time laws
 
@@ -140,14 +161,15 @@ class Limit(ABC):
         ----------
         at : PathPoints
             Points of the joint path.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `array` returned [as `units`].
 
         Returns
         -------
-        (k, m, order) array
+        (k, m, order) array, or of more columns
             [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
-            s⃛, ṡ s̈ and ṡ³ for order 3. The limit is kept where |rows · monomials| ≤ 1.
+            s⃛, ṡ s̈ and ṡ³ for order 3; or (k, m, 4) and (k, m, 6) for the full sets of orders 2 and 3. The limit is
+            kept where |rows · monomials| ≤ 1.
         """
 
     # ------------------------------------------------------------ judgement
@@ -175,7 +197,7 @@ class Limit(ABC):
         ----------
         motion : Examined
             The motion.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `array` returned [as `units`].
 
         Returns
@@ -192,7 +214,7 @@ class Limit(ABC):
         ----------
         motion : Examined
             The motion.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `array` returned [as `units`].
 
         Returns
@@ -211,7 +233,7 @@ class Limit(ABC):
         ----------
         motion : Examined
             The motion.
-        bound : (m,) array
+        bound : (m,) or (2, m) array
             What `array` returned [as `units`].
 
         Returns

@@ -13,6 +13,7 @@ class Velocity(DerivativeLimit):
     name: ClassVar[str] = "velocity"
     units: ClassVar[tuple[str, str]] = ("rad/s", "m/s")
     order: ClassVar[int] = 1
+    sided: ClassVar[bool] = True
 
 
 METHOD = Velocity

@@ -95,7 +95,9 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     u = np.union1d(np.linspace(0.0, 1.0, instants), _when(joint_path.nodes / joint_path.end))
     s, *rates = (np.asarray(joint_path.end * np.polyval(np.polyder(QUINTIC, k), u)) for k in range(4))
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
-    ratios = [(float(limits.ratios(kind.name, at, rates).max()), kind.order) for kind in limits.kinds]
+    ratios = [
+        (float(limits.ratios(kind.name, at, rates).max()), kind.order) for kind in limits.kinds if kind.homogeneous
+    ]
     duration: float = max(ratio ** (1.0 / order) for ratio, order in ratios)
     if not 0.0 < duration < np.inf:
         names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))

@@ -15,7 +15,7 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
+from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints, sides
 from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
@@ -108,10 +108,10 @@ def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | No
     """ṡ at the grid points, or None where TOPP-RA finds no motion."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
     # free joints get a bound that cannot bind: an infinite one makes NaN of its arithmetic
-    a = np.minimum(limits.arrays(joint_path.robot.n)["acceleration"], 1e12)
+    acceleration = sides(limits.bounds(joint_path.robot.n)["acceleration"])
     constraints = [
         _Speed(speed_bound(joint_path, limits, s)),
-        toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
+        toppra.constraint.JointAccelerationConstraint(np.clip(np.stack(acceleration, axis=1), -1e12, 1e12)),
     ]
     try:
         with np.errstate(all="ignore"):

@@ -12,7 +12,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.registry import short_name
 from optik.types import Array
 from planners import JointPath, Line, MotionLimits, Plan, Polyline, TimeLaw, Trajectory, certify, make_law, plan
-from planners.limits import ALL_LIMITS, DERIVATIVES, TOOL_SPEEDS
+from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED, TOOL_SPEEDS
 from tests import oracles
 from tests.oracles import PAPER
 from tests.outside import everything
@@ -60,7 +60,7 @@ def test_a_law_says_its_name_and_what_it_keeps(law: str) -> None:
     assert built.name == short_name(law)
     assert isinstance(built.keeps, tuple)
     assert set(built.keeps) <= set(ALL_LIMITS)
-    assert built.keeps == joint_limits(law) + tuple(f for f in TOOL_SPEEDS if f in built.keeps)
+    assert built.keeps == joint_limits(law) + tuple(f for f in (*TOOL_SPEEDS, *LOADED) if f in built.keeps)
 
 
 @every_law

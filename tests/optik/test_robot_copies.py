@@ -93,7 +93,7 @@ MISUSE = {
     "limits that are a list": (lambda r: r.with_limits([[-1, 1]]), r"^limits: "),
     "limits that are a list, and a field": (lambda r: r.with_limits([[-1, 1]], jerk=1.0), r"^limits: "),
     "limits of another arm": (lambda r: r.with_limits(JointLimits([0], [1])), "limits for 1"),
-    "a limit that does not exist": (lambda r: r.with_limits(torque=1.0), r"^limits: .*got torque"),
+    "a limit that does not exist": (lambda r: r.with_limits(effort=1.0), r"^limits: .*got effort"),
 }
 
 

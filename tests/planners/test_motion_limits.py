@@ -219,6 +219,8 @@ def test_each_limit_is_one_file_that_says_its_name_units_and_order() -> None:
         ("jerk", ("rad/s³", "m/s³"), 3, None),
         ("tool_speed", ("m/s", "m/s"), 1, "tool"),
         ("rotation_speed", ("rad/s", "rad/s"), 1, "tool"),
+        ("torque", ("N·m", "N"), 2, None),
+        ("torque_rate", ("N·m/s", "N/s"), 3, None),
     )
     assert all(type(k).__module__ == f"planners.limits.{k.name}" for k in FIELD_LIMITS)
 

@@ -14,7 +14,7 @@ from benchmarks.records import Journal, RunFolder
 from optik.ik import make_solver
 from optik.types import Array
 from planners.following.follow import JointPath, follow
-from planners.limits import DERIVATIVES, MotionLimits
+from planners.limits import DERIVATIVES, MotionLimits, over, sides
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import speed_bound
 
@@ -89,9 +89,9 @@ def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
     twist, tool = path.twist(s), np.einsum("kij,kj->ki", robot.jacobian(q), motion(t, 1))
     part = slice(3, 6) if path.unit == "rad" else slice(0, 3)
     speed = np.einsum("ki,ki->k", tool[:, part], twist[:, part]) / np.einsum("ki,ki->k", twist[:, part], twist[:, part])
-    bound = limits.arrays(robot.n)
+    bound = limits.bounds(robot.n)
     ratios = {
-        field: (np.abs(motion(t, order)) / bound[field]).max(axis=1) for order, field in enumerate(DERIVATIVES, start=1)
+        field: over(motion(t, order), bound[field]).max(axis=1) for order, field in enumerate(DERIVATIVES, start=1)
     }
     return pl.DataFrame({"t": t, "s": s, "speed": speed, **ratios})
 
@@ -131,15 +131,14 @@ def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
         One row a place: s [m], both speeds [m/s], the joint whose velocity limit is active, the smallest singular value.
     """
     s = np.linspace(0.0, joints.end, CURVE_PLACES)
-    bound, names = limits.arrays(joints.robot.n), joints.robot.joint_names
-    with np.errstate(divide="ignore"):
-        by_joint = bound["velocity"] / np.abs(joints(s, 1))
+    bound, names = limits.bounds(joints.robot.n), joints.robot.joint_names
+    by_joint = over(joints(s, 1), bound["velocity"])
     acceleration = maximum_velocity(joints(s, 1), joints(s, 2), bound["acceleration"])
     return pl.DataFrame(
         {
             "s": s,
             "velocity": np.minimum(speed_bound(joints, limits, s), MOST_SPEED),
-            "velocity_joint": [names[i] for i in by_joint.argmin(axis=1)],
+            "velocity_joint": [names[i] for i in by_joint.argmax(axis=1)],
             "acceleration": np.minimum(acceleration, MOST_SPEED),
             "singular_value": joints.robot.singular_values(joints(s))[:, -1],
         }
@@ -156,8 +155,8 @@ def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
     ----------
     q1, q2 : (k, n) array
         q' [rad/m] and q'' [rad/m²].
-    limit : (n,) array
-        Of the accelerations [rad/s²].
+    limit : (n,) or (2, n) array
+        Of the accelerations [rad/s²]; two rows where the lower limits differ from the upper ones.
 
     Returns
     -------
@@ -179,10 +178,11 @@ def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
 
 def _some_acceleration(q1: Array, q2: Array, limit: Array, x: Array) -> NDArray[np.bool_]:
     """Whether an s̈ keeps all limits at ṡ² = x (k,)."""
+    lower, upper = sides(limit)
     moves = np.abs(q1) > 1e-12 * np.abs(q1).max()
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = (np.array([-1.0, 1.0])[:, None, None] * limit - q2 * x[:, None]) / q1
+        ends = (np.stack([lower, upper])[:, None] - q2 * x[:, None]) / q1
     least = np.where(moves, ends.min(axis=0), -np.inf).max(axis=1)
     most = np.where(moves, ends.max(axis=0), np.inf).min(axis=1)
-    stands = np.where(moves, True, np.abs(q2) * x[:, None] <= limit).all(axis=1)
+    stands = np.where(moves, True, over(q2 * x[:, None], limit) <= 1.0).all(axis=1)
     return np.asarray((least <= most) & stands)

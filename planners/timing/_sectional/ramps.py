@@ -117,7 +117,7 @@ def fine_enough(path: Path) -> int:
 
 
 def parts(limits: MotionLimits, at: PathPoints) -> Array:
-    """A table's `parts`: the rows of the limits on acceleration and jerk.
+    """A table's `parts`: the rows of the limits on acceleration and jerk, of a pair of limits by the nearer side.
 
     Parameters
     ----------
@@ -131,7 +131,8 @@ def parts(limits: MotionLimits, at: PathPoints) -> Array:
     (m, 5, n) array
         See `Table` [as 1 over the monomials].
     """
-    rows = np.concatenate([limits.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
+    nearer = limits.symmetric()
+    rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
@@ -339,8 +340,9 @@ def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Ar
         By which factor the motion would have to be slowed, where, and for which limit.
     """
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
-    ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in limits.kinds]
-    columns = [(kind, i) for kind, ratio in zip(limits.kinds, ratios, strict=True) for i in range(ratio.shape[1])]
+    kinds = [kind for kind in limits.kinds if kind.homogeneous]
+    ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in kinds]
+    columns = [(kind, i) for kind, ratio in zip(kinds, ratios, strict=True) for i in range(ratio.shape[1])]
     together = np.concatenate(ratios, axis=1)
     place, column = np.unravel_index(int(np.nanargmax(together)), together.shape)
     kind, i = columns[column]

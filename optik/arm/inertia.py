@@ -1,0 +1,300 @@
+"""Masses of an arm and of its payload: checked, combined with the payload, and as compiled kernels take them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.body import Body, checked_body, joined, moved_body, shaped
+from optik.arm.limits import frozen
+from optik.check import check_number, real_array
+from optik.errors import InvalidInput
+from optik.types import Array
+
+if TYPE_CHECKING:
+    from optik.dynamics import Bodies
+
+STANDARD_GRAVITY = 9.80665
+"""Acceleration of free fall where none is given [m/s²]: the standard value (3rd CGPM, 1901)."""
+
+
+class Load(NamedTuple):
+    """What the joints of an arm move, as compiled kernels take it.
+
+    Attributes
+    ----------
+    bodies : Bodies
+        Masses of the links, the payload in the last one, with the motors and gravity; see `optik.dynamics`.
+    viscous : (n,) array
+        Viscous friction [N·m·s/rad, N·s/m].
+    coulomb : (n,) array
+        Coulomb friction [N·m, N].
+    """
+
+    bodies: Bodies
+    viscous: Array
+    coulomb: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """Masses of the links and inertia and friction of the joints of an arm.
+
+    Link i is what joint i moves: its figures are stated in the frame of that joint (`Robot.frames`), which moves with it.
+    Equal by content; the source does not count.
+
+    Parameters
+    ----------
+    mass : (n,) array
+        Masses [kg]; 0 for a link without mass, whose inertia is then 0 too.
+    com : (n, 3) array
+        Centres of mass in the joint frames [m].
+    tensor : (n, 3, 3) array
+        Inertia about the centres of mass, in the axes of the joint frames [kg·m²].
+    motor : scalar or (n,) array, optional
+        Inertia of the motors and gears, reflected to the joints [kg·m², kg].
+    viscous : scalar or (n,) array, optional
+        Viscous friction [N·m·s/rad, N·s/m].
+    coulomb : scalar or (n,) array, optional
+        Coulomb friction [N·m, N].
+    source : str, optional
+        Where the numbers come from.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, NaN or infinity, negative numbers, a mass of 0 with an inertia, a tensor that no body has (not
+        symmetric, negative moments, one moment above the sum of the others), or lengths and masses that are too large for
+        metres and kilograms. The error names the link.
+    """
+
+    mass: Array
+    com: Array
+    tensor: Array
+    motor: Array = 0.0  # type: ignore[assignment]
+    viscous: Array = 0.0  # type: ignore[assignment]
+    coulomb: Array = 0.0  # type: ignore[assignment]
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.source, str):
+            raise InvalidInput("inertia.source", repr(self.source)[:60], "a word")
+        mass = real_array(self.mass, "inertia.mass", "masses, one for each link")
+        if mass.ndim != 1 or mass.size == 0:
+            raise InvalidInput("inertia.mass", f"shape {mass.shape}", "masses (n,), one for each link")
+        n = mass.size
+        com, tensor = shaped(self.com, (n, 3), "inertia.com"), shaped(self.tensor, (n, 3, 3), "inertia.tensor")
+        bodies = [checked_body((mass[i], com[i], tensor[i]), f"link {i + 1}") for i in range(n)]
+        for field, part in (("mass", 0), ("com", 1), ("tensor", 2)):
+            object.__setattr__(self, field, frozen(np.array([body[part] for body in bodies]), field))
+        for field in ("motor", "viscous", "coulomb"):
+            object.__setattr__(self, field, _per_joint(getattr(self, field), n, f"inertia.{field}"))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Inertia, tuple(getattr(self, field.name) for field in fields(self))
+
+    @property
+    def content(self) -> bytes:
+        """All numbers, to the last bit."""
+        arrays = (self.mass, self.com, self.tensor, self.motor, self.viscous, self.coulomb)
+        return b"".join(array.tobytes() for array in arrays)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Inertia) and self.content == other.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
+
+    def moved(self, poses: ArrayLike) -> Inertia:
+        """Return the same bodies, stated in other frames.
+
+        Parameters
+        ----------
+        poses : (n, 4, 4) array
+            Poses of the present frames in the new ones, link by link [1, m].
+
+        Returns
+        -------
+        Inertia
+            The same masses, motors and friction.
+
+        Raises
+        ------
+        InvalidInput
+            Not n poses.
+        """
+        frames = shaped(poses, (self.mass.size, 4, 4), "poses")
+        turned = [moved_body(body, T) for body, T in zip(self.bodies, frames, strict=True)]
+        return replace(self, com=np.array([b[1] for b in turned]), tensor=np.array([b[2] for b in turned]))
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The links as rigid bodies, each in the frame of its joint."""
+        return tuple((float(m), c, t) for m, c, t in zip(self.mass, self.com, self.tensor, strict=True))
+
+    def replaced(self, **values: ArrayLike | str) -> Inertia:
+        """Return these masses with some of the fields exchanged.
+
+        Parameters
+        ----------
+        **values
+            mass, motor, viscous and coulomb (n,) [kg, kg·m², N·m·s/rad, N·m, or metres], com (n, 3) [m], tensor
+            (n, 3, 3) [kg·m²], source; what is not named stays as it is.
+
+        Returns
+        -------
+        Inertia
+            The masses.
+
+        Raises
+        ------
+        InvalidInput
+            A field that does not exist, or values that `Inertia` refuses.
+        """
+        known = [field.name for field in fields(self)]
+        unknown = [name for name in values if name not in known]
+        if unknown:
+            raise InvalidInput("inertia", ", ".join(unknown), f"some of {', '.join(known)}")
+        changes: dict[str, Any] = values
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A rigid body in the tool's frame, of a known mass or of any mass in an interval.
+
+    Parameters
+    ----------
+    mass : float or pair of floats
+        Mass, or smallest and largest mass [kg]. Equal ends are one mass.
+    com : (3,) array, optional
+        Centre of mass in the tool's frame [m].
+    inertia : (3, 3) array, optional
+        Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. Of an interval
+        it is the inertia of the largest mass, and scales with the mass.
+
+    Raises
+    ------
+    InvalidInput
+        A mass that is not above 0, ends in the wrong order, wrong shapes, NaN or infinity, a tensor that no body has, or
+        lengths and masses that are too large for metres and kilograms.
+    """
+
+    mass: float | tuple[float, float]
+    com: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+    inertia: Array = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        low, high = payload_masses(self.mass)
+        com = shaped(self.com, (3,), "payload.com")
+        tensor = np.zeros((3, 3)) if self.inertia is None else shaped(self.inertia, (3, 3), "payload.inertia")
+        if high == 0.0:
+            raise InvalidInput("payload.mass", repr(self.mass)[:60], "a mass above 0 [kg]")
+        _mass, com, tensor = checked_body((high, com, tensor), "payload")
+        object.__setattr__(self, "mass", high if low == high else (low, high))
+        object.__setattr__(self, "com", frozen(com, "payload.com"))
+        object.__setattr__(self, "inertia", frozen(tensor, "payload.inertia"))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Payload, (self.mass, self.com, self.inertia)
+
+    @property
+    def masses(self) -> tuple[float, ...]:
+        """The mass, or the smallest and the largest mass [kg]."""
+        return self.mass if isinstance(self.mass, tuple) else (self.mass,)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The payload in the tool's frame: one body, or the lightest and the heaviest."""
+        heaviest = self.masses[-1]
+        return tuple((mass, self.com, self.inertia * (mass / heaviest)) for mass in self.masses)
+
+    @property
+    def content(self) -> bytes:
+        """All numbers, to the last bit."""
+        return b"".join(array.tobytes() for array in (np.array(self.masses), self.com, self.inertia))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Payload) and self.content == other.content
+
+    def __hash__(self) -> int:
+        return hash(self.content)
+
+    def __str__(self) -> str:
+        return " to ".join(f"{mass:.6g}" for mass in self.masses) + " kg"
+
+
+def arm_loads(inertia: Inertia, payload: Payload | None, tool: Array, gravity: Array) -> tuple[Load, ...]:
+    """Return what the joints of an arm move: one load, or two for a payload whose mass is an interval.
+
+    Parameters
+    ----------
+    inertia : Inertia
+        Of the arm.
+    payload : Payload or None
+        In the tool's frame.
+    tool : (4, 4) array
+        Pose of the tool in the last joint's frame [1, m].
+    gravity : (3,) array
+        Acceleration of free fall in the base frame [m/s²].
+
+    Returns
+    -------
+    tuple of Load
+        With the lightest and the heaviest payload; between them, torques are affine in the mass.
+    """
+    found = []
+    for carried in (None,) if payload is None else payload.bodies:
+        *links, last = inertia.bodies
+        if carried is not None:
+            last = joined([last, moved_body(carried, tool)])
+        mass, com, tensor = (frozen(np.array(part), "load") for part in zip(*links, last, strict=True))
+        bodies = (mass, com, tensor, inertia.motor, frozen(gravity, "gravity"))
+        found.append(Load(bodies, inertia.viscous, inertia.coulomb))
+    return tuple(found)
+
+
+# ---------------------------------------------------------------- checks
+
+
+def payload_masses(mass: Any) -> tuple[float, float]:
+    """Return the smallest and the largest mass of a payload, equal if one number is given.
+
+    Parameters
+    ----------
+    mass : float or pair of floats
+        Mass or interval [kg].
+
+    Returns
+    -------
+    tuple of two floats
+        Smallest and largest mass [kg].
+
+    Raises
+    ------
+    InvalidInput
+        Neither a number nor two, a negative mass, NaN or infinity, or ends in the wrong order.
+    """
+    expected = "a finite mass ≥ 0 [kg], or an interval (lightest, heaviest)"
+    masses = real_array(mass, "payload.mass", expected)
+    if masses.shape not in ((), (2,)):
+        raise InvalidInput("payload.mass", f"shape {masses.shape}", expected)
+    low, high = (float(m) for m in (masses if masses.ndim else (masses, masses)))
+    for value in (low, high):
+        check_number(value, "payload.mass", expected, least=0.0)
+    if low > high:
+        raise InvalidInput("payload.mass", f"{low:.6g} to {high:.6g} kg", "the lightest first")
+    return low, high
+
+
+def _per_joint(value: ArrayLike, n: int, argument: str) -> Array:
+    expected = f"a finite number ≥ 0, or {n} of them"
+    array = real_array(value, argument, expected)
+    if array.shape not in ((), (n,)):
+        raise InvalidInput(argument, f"shape {array.shape}", expected)
+    if not (np.isfinite(array) & (array >= 0.0)).all():
+        raise InvalidInput(argument, np.array2string(array, precision=6)[:60], expected)
+    return frozen(np.broadcast_to(array, (n,)), argument)

@@ -1,0 +1,111 @@
+"""What the limits on torque and on its rate share: they are on the loads of an arm whose masses are known."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optik.types import Array
+from planners.certificate.examined import Examined
+from planners.limits._extreme import Extreme
+from planners.limits._points import PathPoints
+from planners.limits.base import Limit
+
+
+class LoadedLimit(Limit):
+    """A limit on a value of every joint that its masses make. It costs nothing where it is free.
+
+    A payload given as an interval is two loads, the lightest and the heaviest: the value is affine in the payload's mass, so
+    one of the two is the worst.
+    """
+
+    homogeneous: ClassVar[bool] = False
+    columns: ClassVar[int]
+    """Columns of the rows: the full set of monomials of the limit's order."""
+
+    def rows(self, at: PathPoints, bound: Array) -> Array:
+        """Coefficients of the value over its bound, those of the second load behind those of the first; see `Limit.rows`.
+
+        Parameters
+        ----------
+        at : PathPoints
+            Points of the joint path.
+        bound : (m,) or (2, m) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        (k, m, columns) or (k, 2m, columns) array
+            [as 1 over the monomials].
+
+        Raises
+        ------
+        InvalidInput
+            The masses of the arm are unknown.
+        """
+        if not np.isfinite(bound).any():
+            return np.zeros((at.s.size, 1, self.columns))
+        found = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+
+    @abstractmethod
+    def _rows_of(self, at: PathPoints, bound: Array, load: Any) -> Array:
+        """The rows (k, n, columns) of one load."""
+
+    def judge(self, motion: Examined, bound: Array) -> Extreme:
+        """The proved bound; NaN where the limit is free. See `Limit.judge`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) or (2, m) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        Extreme
+            Value, ratio and time.
+
+        Raises
+        ------
+        InvalidInput
+            The masses of the arm are unknown.
+        """
+        if not np.isfinite(bound).any():
+            return Extreme(*np.full((3, motion.robot.n), np.nan))
+        return self._judged(motion, bound)
+
+    @abstractmethod
+    def _judged(self, motion: Examined, bound: Array) -> Extreme:
+        """The proved bound against a limit that is given."""
+
+    def piece_ratios(self, motion: Examined, bound: Array) -> Array:
+        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) or (2, m) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        (pieces, m) array
+            Ratios [1].
+
+        Raises
+        ------
+        InvalidInput
+            The masses of the arm are unknown.
+        """
+        if not np.isfinite(bound).any():
+            return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
+        return self._pieces(motion, bound)
+
+    @abstractmethod
+    def _pieces(self, motion: Examined, bound: Array) -> Array:
+        """The ratios on the pieces of a limit that is given."""

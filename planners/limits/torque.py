@@ -1,0 +1,88 @@
+"""Greatest torque of every joint."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from optik.types import Array
+from planners.certificate.examined import Examined
+from planners.limits._extreme import Extreme
+from planners.limits._loaded import LoadedLimit
+from planners.limits._points import PathPoints
+from planners.limits._sides import sides
+from planners.limits._torque_rows import torque_rows
+
+STANDING_SHARE = 1e-9
+"""Share of the largest |q'| of an arm below which a joint does not move along the path there: rounding of the path is near."""
+
+
+class Torque(LoadedLimit):
+    """Greatest torque of every joint, friction included.
+
+    Coulomb friction counts as +f sign(q̇), and as the whole set [−f, f] where a joint rests or reverses: the worst of it.
+    """
+
+    name: ClassVar[str] = "torque"
+    units: ClassVar[tuple[str, str]] = ("N·m", "N")
+    order: ClassVar[int] = 2
+    sided: ClassVar[bool] = True
+    columns: ClassVar[int] = 4
+
+    def _rows_of(self, at: PathPoints, bound: Array, load: Any) -> Array:
+        lower, upper = sides(bound)
+        free = ~np.isfinite(upper - lower)
+        lower, upper = np.where(free, -1.0, lower), np.where(free, 1.0, upper)
+        sign, still = _senses(at)
+        rows = torque_rows(at, load).copy()
+        rows[:, :, 3] += load.coulomb * sign - 0.5 * (lower + upper)
+        half = 0.5 * (upper - lower) - load.coulomb * still
+        with np.errstate(divide="ignore", invalid="ignore"):  # friction alone may pass the limit: then nothing keeps it
+            return np.where(free[:, None], 0.0, rows / np.maximum(half, 0.0)[:, :, None])
+
+    def _judged(self, motion: Examined, bound: Array) -> Extreme:
+        value = np.abs(_sampled(motion)).max(axis=0)
+        return Extreme(value, value / sides(bound)[1], np.zeros(value.size))
+
+    def _pieces(self, motion: Examined, bound: Array) -> Array:
+        return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
+
+
+def _senses(at: PathPoints) -> tuple[Array, Array]:
+    """Sign (k, n) of each joint's motion along the path, 0 where it rests or reverses; and 1 there, else 0.
+
+    All joints rest at both ends of the path. A joint reverses between two neighbouring places where its sign changes, so at
+    both of them.
+
+    Returns
+    -------
+    tuple of (k, n) arrays
+        Signs, and where the whole set of friction counts.
+    """
+    q1 = at.q(1)
+    sign = np.where(np.abs(q1) > STANDING_SHARE * np.abs(q1).max(initial=0.0), np.sign(q1), 0.0)
+    turning = sign[1:] * sign[:-1] < 0.0
+    turning &= (np.diff(at.s) > 0.0)[:, None]
+    still = sign == 0.0
+    still[1:] |= turning
+    still[:-1] |= turning
+    still |= ((at.s <= 0.0) | (at.s >= at.joint_path.end))[:, None]
+    return np.where(still, 0.0, sign), still.astype(np.float64)
+
+
+def _sampled(motion: Examined) -> Array:
+    from optik.dynamics import torques_batch
+
+    t = np.linspace(0.0, motion.trajectory.end, 4001)
+    states = np.ascontiguousarray(np.stack([motion.trajectory(t, i) for i in range(4)], axis=1))
+    found = []
+    for load in motion.robot.loads:
+        out = np.empty((t.size, 2, motion.robot.n))
+        torques_batch(motion.robot.chain, load.bodies, load.viscous, states, out)
+        found.append(np.abs(out[:, 0]) + load.coulomb)
+    return np.asarray(np.maximum(found[0], found[-1]))
+
+
+METHOD = Torque
+"""What the registry builds."""
