@@ -46,7 +46,7 @@ ENTRY_KEYS = {
 
 MOTION_LIMIT_KEYS = {
     "label": Described("str", "What reports call these limits.", ""),
-    "velocity": Described("", "Limit of the joints' velocities, one number, one for each joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
+    "velocity": Described("", "Limit of the joints' velocities: a number, one a joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
     "acceleration": Described("", "Limit of the joints' accelerations [rad/s², m/s²].", "rad/s², m/s²"),
     "jerk": Described("", "Limit of the joints' jerks [rad/s³, m/s³].", "rad/s³, m/s³"),
     "tool_speed": Described("", "Limit of the speed of the tool's point [m/s].", "m/s"),

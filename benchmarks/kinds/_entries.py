@@ -6,7 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.kinds.base import Entry
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, check_table, optional_count
+from benchmarks.settings import (
+    all_of,
+    check_different,
+    check_keys,
+    check_known,
+    check_list,
+    check_table,
+    optional_count,
+)
 from optik.errors import InvalidInput
 from optik.registry import short_name
 from planners.limits import ALL_LIMITS

@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.kinds._problems import about_file, check_same
 from benchmarks.kinds.laws.lines import DrawnLine
 from benchmarks.kinds.laws.motions import draw_motion
-from benchmarks.kinds.laws.settings import LawBlock, LineSet
+from benchmarks.kinds.laws.sets import LineSet
+from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.records import RunFolder
 
 
@@ -95,7 +96,13 @@ class Motions:
         """
         part, index = self._lines[number]
         line = draw_motion(
-            part.robot, part.kind, index, seed=self._seed, path=part.path, payload=part.payload, limits=self._block.limits
+            part.robot,
+            part.kind,
+            index,
+            seed=self._seed,
+            path=part.path,
+            payload=part.payload,
+            limits=self._block.limits,
         )
         now, before = motion_hash(line), self._hashes.get(str(number))
         if before is None:

@@ -100,8 +100,9 @@ def draw_line(
 
     A start uniform inside the limits, a direction uniform on the sphere, a length, for odd indices a turn; drawn again
     until the arm can follow the whole line with `LIMIT_MARGIN` to its limits and its smallest singular value is of the kind,
-    and can stand everywhere on it within the limits on torque. A line counts as followed where Newton's method on the pose converges at many small steps of least joint motion. That
-    needs no planner, so the set stays the same when planners change.
+    and can stand everywhere on it within the limits on torque. A line counts as followed where Newton's method on the pose
+    converges at many small steps of least joint motion. That needs no planner, so the set stays the same when planners
+    change.
 
     Parameters
     ----------

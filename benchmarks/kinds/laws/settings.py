@@ -16,7 +16,6 @@ from benchmarks.settings import all_of, check_different, check_keys, check_known
 from benchmarks.targets import read_target
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.registry import short_name
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,13 @@ class ToppraConstAccel(TimingPeer):
         self._toppra: Any = toppra
         self._jerk = limits["jerk"]
         ranges = {field: np.stack([-limits[field], limits[field]], axis=1) for field in ("velocity", "acceleration")}
-        self._constraints = [
-            toppra.constraint.JointVelocityConstraint(ranges["velocity"]),
-            toppra.constraint.JointAccelerationConstraint(
-                ranges["acceleration"], discretization_scheme=toppra.constraint.DiscretizationType.Interpolation
-            ),
-        ]
+        kinds = toppra.constraint
+        self._constraints = [kinds.JointVelocityConstraint(ranges["velocity"])]
+        if np.isfinite(limits["acceleration"]).all():
+            scheme = kinds.DiscretizationType.Interpolation
+            self._constraints.append(
+                kinds.JointAccelerationConstraint(ranges["acceleration"], discretization_scheme=scheme)
+            )
 
     def call(self, joint_path: JointPath) -> Any:
         """Spline through the samples, and the optimum along it.

@@ -56,7 +56,7 @@ def _dynamics(robot: Robot, load: Load) -> Callable[[Array, Array, Array], Array
     def torque(q: Array, dq: Array, ddq: Array) -> Array:
         state[0, :3] = q, dq, ddq
         torques_batch(robot.chain, load.bodies, frictionless, state, out)
-        return out[0, 0].copy()
+        return np.array(out[0, 0])
 
     return torque
 
