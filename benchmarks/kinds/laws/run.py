@@ -19,6 +19,7 @@ from benchmarks.kinds.laws.example import write_example
 from benchmarks.kinds.laws.facts import SCHEMA, blank, facts_of
 from benchmarks.kinds.laws.lines import DrawnLine
 from benchmarks.kinds.laws.motions import draw_motion, motion_in_file
+from benchmarks.kinds.laws.sets import told
 from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
@@ -150,7 +151,7 @@ def check_laws(block: LawBlock) -> None:
         for limits in block.limits:
             stands_of(arm, [limits])
             for entry in entries:
-                make_law(entry.name, **entry.options).need(_told(limits.of(arm), entry), arm)
+                make_law(entry.name, **entry.options).need(told(limits.of(arm), entry), arm)
     for peer in block.peers:
         load_method(TIMING_PEERS, peer.name, "peer of timing")
     for part in block.lines:
@@ -319,14 +320,9 @@ def _crashed(entry: Entry, why: str) -> Timer:
 
 
 def _ours(entry: Entry, limits: MotionLimits) -> Timer:
-    law, told = make_law(entry.name, **entry.options), _told(limits, entry)
+    law, within = make_law(entry.name, **entry.options), told(limits, entry)
     keeps = tuple(name for name in law.keeps if name not in entry.without)
-    return Timer(entry.label, entry.role, keeps, lambda q: law.run(q, told), lambda q, raw: raw, law, told)
-
-
-def _told(limits: MotionLimits, entry: Entry) -> MotionLimits:
-    """Limits that a law is told: all but those that its entry leaves out."""
-    return limits.only(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
+    return Timer(entry.label, entry.role, keeps, lambda q: law.run(q, within), lambda q, raw: raw, law, within)
 
 
 def _times(

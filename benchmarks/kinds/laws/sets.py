@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
+from benchmarks.kinds.base import Entry
 from benchmarks.kinds.laws.arms import arm_label, arm_with
 from benchmarks.kinds.laws.motions import MOTION_KINDS
 from benchmarks.settings import check_keys, check_known, check_table
@@ -112,6 +113,24 @@ class LimitSet:
     def counts_torque(self) -> bool:
         """Whether the torque is limited."""
         return "torque" in self.own or self.limits.torque is not None
+
+
+def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
+    """Limits that a law is told: all but those that its entry leaves out.
+
+    Parameters
+    ----------
+    limits : MotionLimits
+        All limits.
+    entry : Entry
+        The law.
+
+    Returns
+    -------
+    MotionLimits
+        The same object where none is left out.
+    """
+    return limits.only(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
 
 
 def read_lines(data: Any, where: str) -> LineSet:
