@@ -43,8 +43,8 @@ SLOWER = 1.5
 """Largest factor by which an initial guess is slowed as a whole: one bad place should not slow a long path."""
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
 """Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
-SLOWDOWN_LEFT = 2e-4
-"""Share of the duration that is left to the uniform slow-down."""
+SLOWDOWN_LEFT, SLOWDOWN_LOADED = 2e-4, 5e-4
+"""Shares of the duration that are left to the uniform slow-down, the second where torques are limited."""
 OFF_JOINT_PATH = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals in which it is farther off are halved."""
 COARSE, WORSE, INTERVAL_HALVINGS = 1.05, 1.2, 2
@@ -109,7 +109,8 @@ class Optimal(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         for problem, weight in _problems(joint_path, limits, self.intervals):
-            trajectory = _solved(joint_path, problem, limits, SLOWDOWN_LEFT, weight)
+            close = SLOWDOWN_LOADED if problem.rows.static.size else SLOWDOWN_LEFT
+            trajectory = _solved(joint_path, problem, limits, close, weight)
             if trajectory is not None:
                 return fitted(joint_path.robot, trajectory, limits, self.promises(limits))
         limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
@@ -178,7 +179,7 @@ def _most_violated(joint_path: JointPath, given: Programme) -> tuple[str, str, f
     K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _values(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
-    accelerations = m - given.rows.static.shape[1]
+    accelerations = given.rows.node.shape[1] - given.rows.static.shape[1]
     if i < m:
         limit, place = ("acceleration" if i < accelerations else "torque"), given.s[k]
     else:
@@ -299,8 +300,9 @@ def _tighten(
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
     speed, node, edge = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in excess)
-    problem.node[:-1, :, :3] *= node[:, :, None]  # not the static part, which no tightening changes
-    problem.node[1:, :, :3] *= node[:, :, None]
+    m = node.shape[1]
+    problem.node[:-1, :m, :3] *= node[:, :, None]  # not the static part, which no tightening changes
+    problem.node[1:, :m, :3] *= node[:, :, None]
     problem.edge[...] *= edge[:, None, :, None]
     slow = np.maximum(speed.max(axis=1), np.where(tool > 1.0, 1.0 + 1.2 * (tool - 1.0), 1.0))
     problem.top[:-1] /= slow
@@ -331,7 +333,8 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     speed, acceleration, jerk = (
         _pieces_over(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
     )
-    torque, rate = torque_excess(joint_path, limits, given.rows, motion, _values(given.problem, z))
+    m, c = given.problem.node.shape[1], _values(given.problem, z)
+    torque, rate = torque_excess(joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))

@@ -46,7 +46,9 @@ def best_duration(joint_path: Any, model: Any, friction: tuple[Array, Array], li
         for i in range(q1.shape[1]):
             for e in (k, k + 1):
                 keep(q1[e, i] * j[k] + 3 * q2[e, i] * v[e] * a[e] + q3[e, i] * v[e] ** 3, -jerk[i], jerk[i])
-                turning = p[e, i] * j[k] + (dp[e, i] + 2 * c[e, i]) * v[e] * a[e] + dc[e, i] * v[e] ** 3 + dg[e, i] * v[e]
+                turning = (
+                    p[e, i] * j[k] + (dp[e, i] + 2 * c[e, i]) * v[e] * a[e] + dc[e, i] * v[e] ** 3 + dg[e, i] * v[e]
+                )
                 turning += viscous[i] * (q1[e, i] * a[e] + q2[e, i] * v[e] ** 2)
                 keep(turning, -rate[i], rate[i])
             keep(q1[k, i] * v[k], -velocity[i], velocity[i])

@@ -193,7 +193,7 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 
 
 def torque_excess(
-    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: Array
+    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """By how much torques and torque rates exceed their limits inside the pieces of a motion.
 
@@ -209,8 +209,8 @@ def torque_excess(
         At the motion's knots.
     motion : Trajectory
         A motion of K pieces.
-    values : (K + 1, m + 2·e) array
-        Values of the rows at the ends, over their limits [1].
+    values : (2,) tuple of (K + 1, ·) arrays
+        Values of the rows at places and in intervals, over their limits; shapes (K + 1, m) and (K + 1, 2·e) [1].
 
     Returns
     -------
@@ -225,9 +225,8 @@ def torque_excess(
         return np.empty((K, 0)), np.empty((K, 0))
     loads = robot.loads
     torque, rate = np.zeros((K, m)), np.zeros((K, len(loads) * robot.n if rated else 0))
-    at = np.abs(values)
-    place = at[:, every - m : every].max(axis=1, initial=0.0)
-    near = np.maximum(np.maximum(place[:-1], place[1:]), at[:-1, every + robot.n :].max(axis=1, initial=0.0))
+    place = np.abs(values[0][:, every - m : every]).max(axis=1, initial=0.0)
+    near = np.maximum(np.maximum(place[:-1], place[1:]), np.abs(values[1][:-1]).max(axis=1, initial=0.0))
     some = np.flatnonzero(near > NEAR)
     if not some.size:
         return torque, rate
