@@ -254,10 +254,15 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
 
 
 def _peaks(tau: Array, top: Array) -> Array:
-    """One row more for every place (K + 1, 1, 4), which keeps the speed's peak inside the interval behind it below the greatest.
+    """One row for every place (K + 1, 1, 4), which limits the peak of the speed inside the interval behind it.
 
     Where torques are limited the acceleration changes so slowly that it reverses inside one interval. From v with the
     acceleration a, and with −a/2 at the end, the speed peaks at v + a τ/3; the duration is that of the initial guess.
+
+    Returns
+    -------
+    array
+        The rows.
     """
     row = np.zeros((top.size, 1, 4))
     row[:-1, 0, 0], row[:-1, 0, 2] = tau / (3.0 * top[:-1]), 1.0 / top[:-1]
