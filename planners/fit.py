@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from planners.certificate.examined import Examined
+from planners.certificate.examined import examined
 from planners.limits import MotionLimits, check_names
 from planners.trajectory import Trajectory
 
@@ -40,7 +40,7 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     """
     if keeps is not None:
         check_names(keeps, "keeps")
-    motion, bounds = Examined(robot, trajectory), limits.bounds(robot.n)
+    motion, bounds = examined(robot, trajectory), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 

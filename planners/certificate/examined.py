@@ -9,6 +9,7 @@ from optik.types import Flags
 from planners.certificate import continuity
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
+from planners.certificate.torque import TorqueBounds
 from planners.trajectory import Trajectory
 
 
@@ -37,6 +38,12 @@ class Examined:
         return tool_speed(self.robot, self.trajectory, self.bounds)
 
     @cached_property
+    def torques(self) -> TorqueBounds:
+        """Its torques, and proved bounds on them; raises `InvalidInput` where the arm's masses are unknown."""
+        first, last = self.bounds.ends
+        return TorqueBounds(self.robot, self.bounds.knots, first.joints, last.joints)
+
+    @cached_property
     def jumps(self) -> Flags:
         """Where (4, m + 1, n) a joint's derivative of order 0 to 3 jumps."""
         return continuity.jumps(self.trajectory)
@@ -45,3 +52,29 @@ class Examined:
     def rest(self) -> tuple[bool, bool]:
         """Whether the motion starts and ends at rest."""
         return continuity.rest(self.trajectory)
+
+
+_LAST: list[Examined] = []
+"""The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
+
+
+def examined(robot: Robot, trajectory: Trajectory) -> Examined:
+    """Return a motion under examination: the last one again, with all that is known of it, where it is the same.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        Its motion.
+
+    Returns
+    -------
+    Examined
+        The motion.
+    """
+    for last in _LAST[:]:
+        if last.trajectory is trajectory and last.robot == robot:
+            return last
+    _LAST[:] = [Examined(robot, trajectory)]
+    return _LAST[0]
