@@ -1,7 +1,7 @@
 """Greatest torque and greatest rate of the torque of every joint along a trajectory: proved upper bounds, not samples.
 
-Coulomb friction counts in the torque as f sign(q̇) where the sign of the velocity is proved constant on an interval,
-as the whole set [−f, f] where a joint rests or reverses: in an interval with a change of sign, and at the instants of rest at its ends.
+Coulomb friction counts in the torque as f sign(q̇) where the sign of the velocity is proved constant on an interval, and as
+the whole set [−f, f] where a joint rests or reverses: in an interval with a change of sign, and at instants of rest.
 The rate is that of the torque without Coulomb friction, which jumps there.
 """
 
