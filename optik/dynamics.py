@@ -44,8 +44,13 @@ def _row(x: Array, i: int) -> Triple:
 
 
 @inlined
-def _put(x: Array, i: int, a: Triple) -> None:
-    x[i, 0], x[i, 1], x[i, 2] = a[0], a[1], a[2]
+def _part(work: Array, what: int, i: int, column: int) -> Triple:
+    return work[what, i, column, 0], work[what, i, column, 1], work[what, i, column, 2]
+
+
+@inlined
+def _put(work: Array, what: int, i: int, column: int, a: Triple) -> None:
+    work[what, i, column, 0], work[what, i, column, 1], work[what, i, column, 2] = a[0], a[1], a[2]
 
 
 @inlined
@@ -83,6 +88,67 @@ def _third(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Tripl
 
 
 @compiled
+def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array) -> None:
+    """Forces and moments on the links, and their momenta, from the base to the tool.
+
+    Rows of ``work`` (7, n + 1, 4, 4) behind the joint frames, in the base frame, moments about the joint's origin: columns 0 of
+    the 4 × 4 hold force, its rate, moment, its rate, the way from the joint before, its rate, and the rate of the axis; columns
+    1 hold linear and angular momentum, mass times centre of mass, and the velocity of the joint's origin.
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, _motor, gravity = bodies
+    T = work[0]
+    frames(chain, state[0], T[: mass.shape[0]])
+    zero = (0.0, 0.0, 0.0)
+    w, a, b, r, velocity, jerk = zero, zero, zero, zero, zero, zero
+    acceleration = (-weight * gravity[0], -weight * gravity[1], -weight * gravity[2])
+    for i in range(mass.shape[0]):
+        z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
+        d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
+        r, wd, wz = p, _cross(w, d), _cross(w, z)
+        second = _second(w, a, d, wd)
+        acceleration = _plus(acceleration, second)
+        jerk = _plus(jerk, _third(w, a, b, d, wd, second))
+        _put(work, 5, i, 0, d)
+        _put(work, 7, i, 0, wz)
+        dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
+        bend = _second(w, a, z, wz)  # z̈
+        if prismatic[i]:
+            acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
+            jerk = _plus(jerk, _plus(_times(dddq, z), _plus(_times(3.0 * ddq, wz), _times(3.0 * dq, bend))))
+            wd = _plus(wd, _times(dq, z))
+        else:
+            b = _plus(b, _plus(_times(dddq, z), _plus(_times(2.0 * ddq, wz), _times(dq, bend))))
+            a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
+            w = _plus(w, _times(dq, z))
+        velocity = _plus(velocity, wd)
+        _put(work, 6, i, 0, wd)
+        _put(work, 4, i, 1, velocity)
+        c = _turned(T, i, _row(com, i))
+        wc = _cross(w, c)
+        second = _second(w, a, c, wc)
+        force = _times(mass[i], _plus(acceleration, second))
+        change = _times(mass[i], _plus(jerk, _third(w, a, b, c, wc, second)))
+        momentum = _times(mass[i], _plus(velocity, wc))
+        spin, twist, wa = _tensor(T, tensor, i, w), _tensor(T, tensor, i, a), _cross(w, a)
+        moment = _plus(twist, _cross(w, spin))
+        rest = _tensor(T, tensor, i, (b[0] - wa[0], b[1] - wa[1], b[2] - wa[2]))
+        turning = _plus(_plus(_cross(a, spin), _cross(w, _plus(moment, twist))), rest)
+        _put(work, 1, i, 0, force)
+        _put(work, 2, i, 0, change)
+        _put(work, 3, i, 0, _plus(moment, _cross(c, force)))
+        _put(work, 4, i, 0, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
+        _put(work, 1, i, 1, momentum)
+        _put(work, 2, i, 1, _plus(spin, _cross(c, momentum)))
+        _put(work, 3, i, 1, _times(mass[i], c))
+
+
+@inlined
+def _dot(a: Triple, b: Triple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
 def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array, out: Array) -> None:
     """Torques of the rigid bodies and of the motors' inertia, and their rates, at one state.
 
@@ -102,61 +168,21 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
         Filled with torques [N·m, N] and their rates [N·m/s, N/s].
     """
     _fixed, prismatic, _tool = chain
-    mass, com, tensor, motor, gravity = bodies
-    n = mass.shape[0]
-    T = work[0]
-    frames(chain, state[0], T[:n])
-    F, dF, N, dN, D, dD = work[1, :, 0], work[2, :, 0], work[3, :, 0], work[4, :, 0], work[5, :, 0], work[6, :, 0]
-    dz = work[7, :, 0]
-    zero = (0.0, 0.0, 0.0)
-    w, a, b, r, jerk = zero, zero, zero, zero, zero
-    acceleration = (-weight * gravity[0], -weight * gravity[1], -weight * gravity[2])
-    for i in range(n):
-        z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
-        d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
-        r, wd, wz = p, _cross(w, d), _cross(w, z)
-        second = _second(w, a, d, wd)
-        acceleration = _plus(acceleration, second)
-        jerk = _plus(jerk, _third(w, a, b, d, wd, second))
-        _put(D, i, d)
-        _put(dz, i, wz)
-        dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
-        bend = _second(w, a, z, wz)  # z̈
-        if prismatic[i]:
-            acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
-            jerk = _plus(jerk, _plus(_times(dddq, z), _plus(_times(3.0 * ddq, wz), _times(3.0 * dq, bend))))
-            wd = _plus(wd, _times(dq, z))
-        else:
-            b = _plus(b, _plus(_times(dddq, z), _plus(_times(2.0 * ddq, wz), _times(dq, bend))))
-            a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
-            w = _plus(w, _times(dq, z))
-        _put(dD, i, wd)
-        c = _turned(T, i, _row(com, i))
-        wc = _cross(w, c)
-        second = _second(w, a, c, wc)
-        force = _times(mass[i], _plus(acceleration, second))
-        change = _times(mass[i], _plus(jerk, _third(w, a, b, c, wc, second)))
-        spin, twist, wa = _tensor(T, tensor, i, w), _tensor(T, tensor, i, a), _cross(w, a)
-        moment = _plus(twist, _cross(w, spin))
-        rest = _tensor(T, tensor, i, (b[0] - wa[0], b[1] - wa[1], b[2] - wa[2]))
-        turning = _plus(_plus(_cross(a, spin), _cross(w, _plus(moment, twist))), rest)
-        _put(F, i, force)
-        _put(dF, i, change)
-        _put(N, i, _plus(moment, _cross(c, force)))
-        _put(dN, i, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
-    f, df, m, dm = zero, zero, zero, zero
+    _mass, _com, _inertia, motor, _gravity = bodies
+    n, T = motor.shape[0], work[0]
+    _forces(chain, bodies, weight, state, work)
+    f, df, m, dm = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(n - 1, -1, -1):
         if i < n - 1:
-            d, wd = _row(D, i + 1), _row(dD, i + 1)
+            d, wd = _part(work, 5, i + 1, 0), _part(work, 6, i + 1, 0)
             m = _plus(m, _cross(d, f))
             dm = _plus(dm, _plus(_cross(wd, f), _cross(d, df)))
-        f, df = _plus(f, _row(F, i)), _plus(df, _row(dF, i))
-        m, dm = _plus(m, _row(N, i)), _plus(dm, _row(dN, i))
-        x, y, t = T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]
-        u = _row(dz, i)
+        f, df = _plus(f, _part(work, 1, i, 0)), _plus(df, _part(work, 2, i, 0))
+        m, dm = _plus(m, _part(work, 3, i, 0)), _plus(dm, _part(work, 4, i, 0))
+        z, dz = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), _part(work, 7, i, 0)
         e, de = (f, df) if prismatic[i] else (m, dm)
-        out[0, i] = x * e[0] + y * e[1] + t * e[2] + motor[i] * state[2, i]
-        out[1, i] = x * de[0] + y * de[1] + t * de[2] + u[0] * e[0] + u[1] * e[1] + u[2] * e[2] + motor[i] * state[3, i]
+        out[0, i] = _dot(z, e) + motor[i] * state[2, i]
+        out[1, i] = _dot(z, de) + _dot(dz, e) + motor[i] * state[3, i]
 
 
 @compiled
@@ -190,9 +216,10 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     """Coefficients of the rigid bodies' torques and of their rates along a joint path q(s), at places.
 
     With v = ṡ, a = s̈, j = s⃛ the torque is p a + c v² + g and its rate p j + d v a + c' v³ + g' v, where p = M q',
-    c = M q'' + C(q, q') q', g is the torque of gravity, and d = p' + 2 c. All are values of `rigid_torques` on motions of s:
-    (v, a) = (1, 0) without gravity has the torque c and the rate c', (1, 1) the torque c + p and the rate c' + d, and (1, 0)
-    with gravity c + g and c' + g'.
+    c = M q'' + C(q, q') q', g is the torque of gravity, and d = p' + 2 c. On the motion s = t without gravity c is the torque
+    and c' its rate; p is the momentum about (or along) each joint's axis of the links that the joint moves, whose angular
+    momentum L about the joint's origin o changes by the moment of the forces less ȯ × their linear momentum; and g is the
+    moment of their weight.
 
     Parameters
     ----------
@@ -203,19 +230,40 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     path : (4, k, n) array
         q, q', q'', q''' [as q over powers of s].
     out : (k, 6, n) array
-        Filled with p, c, g, d, c', g' [N·m or N, over powers of s].
+        Filled with p, c, g, d, c', g' [as torque over powers of s].
     """
+    _fixed, prismatic, _tool = chain
+    mass, _com, _tensor, motor, gravity = bodies
     k, n = path.shape[1], path.shape[2]
-    work, state, found = np.empty((8, n + 1, 4, 4)), np.empty((4, n)), np.empty((3, 2, n))
+    work, state = np.empty((8, n + 1, 4, 4)), np.empty((4, n))
+    T, down = work[0], (gravity[0], gravity[1], gravity[2])
     for at in range(k):
-        for which in range(3):
-            a = 1.0 if which == 1 else 0.0
+        for order in range(4):
             for i in range(n):
-                state[0, i], state[1, i] = path[0, at, i], path[1, at, i]
-                state[2, i] = path[2, at, i] + a * path[1, at, i]
-                state[3, i] = path[3, at, i] + a * 3.0 * path[2, at, i]
-            rigid_torques(chain, bodies, 1.0 if which == 2 else 0.0, state, work, found[which])
-        for i in range(n):
-            c, dc = found[0, 0, i], found[0, 1, i]
-            out[at, 0, i], out[at, 1, i], out[at, 2, i] = found[1, 0, i] - c, c, found[2, 0, i] - c
-            out[at, 3, i], out[at, 4, i], out[at, 5, i] = found[1, 1, i] - dc, dc, found[2, 1, i] - dc
+                state[order, i] = path[order, at, i]
+        _forces(chain, bodies, 0.0, state, work)
+        zero = (0.0, 0.0, 0.0)
+        f, df, m, dm, P, L, S, M = zero, zero, zero, zero, zero, zero, zero, 0.0
+        for i in range(n - 1, -1, -1):
+            if i < n - 1:
+                d, wd = _part(work, 5, i + 1, 0), _part(work, 6, i + 1, 0)
+                m = _plus(m, _cross(d, f))
+                dm = _plus(dm, _plus(_cross(wd, f), _cross(d, df)))
+                L, S = _plus(L, _cross(d, P)), _plus(S, _times(M, d))
+            f, df = _plus(f, _part(work, 1, i, 0)), _plus(df, _part(work, 2, i, 0))
+            m, dm = _plus(m, _part(work, 3, i, 0)), _plus(dm, _part(work, 4, i, 0))
+            P, L = _plus(P, _part(work, 1, i, 1)), _plus(L, _part(work, 2, i, 1))
+            S, M = _plus(S, _part(work, 3, i, 1)), M + mass[i]
+            z, dz, do = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), _part(work, 7, i, 0), _part(work, 4, i, 1)
+            moved = _plus(P, _times(-M, do))  # rate of S
+            if prismatic[i]:
+                p, dp, c, dc = _dot(z, P), _dot(dz, P) + _dot(z, f), _dot(z, f), _dot(z, df) + _dot(dz, f)
+                g, dg = -M * _dot(z, down), -M * _dot(dz, down)
+            else:
+                p, dp = _dot(z, L), _dot(dz, L) + _dot(z, _plus(m, _cross(P, do)))
+                c, dc = _dot(z, m), _dot(z, dm) + _dot(dz, m)
+                g, dg = -_dot(z, _cross(S, down)), -_dot(dz, _cross(S, down)) - _dot(z, _cross(moved, down))
+            p, dp = p + motor[i] * state[1, i], dp + motor[i] * state[2, i]
+            c, dc = c + motor[i] * state[2, i], dc + motor[i] * state[3, i]
+            out[at, 0, i], out[at, 1, i], out[at, 2, i] = p, c, g
+            out[at, 3, i], out[at, 4, i], out[at, 5, i] = dp + 2.0 * c, dc, dg
