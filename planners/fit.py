@@ -57,6 +57,34 @@ def stretch(
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
+def keeps_all(
+    robot: Robot, trajectory: Trajectory, limits: MotionLimits, names: tuple[str, ...], path: Path | None = None
+) -> bool:
+    """Say whether a motion keeps its limits, by the judgements of the certificate.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        The motion.
+    limits : MotionLimits
+        The limits that it should keep.
+    names : tuple of str
+        Which of them.
+    path : Path, optional
+        What the tool follows; limits with one bound for each of its segments need it.
+
+    Returns
+    -------
+    bool
+        True where every ratio is at most 1.
+    """
+    motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
+    chosen = [kind for kind in limits.kinds if kind.name in names and np.isfinite(bounds[kind.name]).any()]
+    return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
+
+
 def fitted(
     robot: Robot,
     trajectory: Trajectory,

@@ -38,7 +38,7 @@ class Rows(NamedTuple):
     ``node`` (K + 1, m, 4) coefficients of s̈, ṡ², ṡ and 1; ``edge`` (K, 2, e, 6) those of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² at both ends
     of each interval; ``lower`` and ``upper`` (K, m − n) the limits [N·m, N] of the torque without Coulomb friction in each
     interval, those of every load side by side, and ``static`` (K + 1, m − n) the torque of gravity. Accelerations and jerks
-    come first.
+    come first, of ``joints`` joints.
     """
 
     node: Array
@@ -46,6 +46,12 @@ class Rows(NamedTuple):
     lower: Array
     upper: Array
     static: Array
+    joints: int
+
+    @property
+    def loaded(self) -> bool:
+        """Whether torques or their rates are limited."""
+        return bool(self.edge.shape[2] > self.joints or self.static.size)
 
 
 def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]) -> Rows:
@@ -90,7 +96,7 @@ def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, ar
     if np.isfinite(bounds["torque_rate"]).any():
         edge.append(_rates(at, before, bounds["torque_rate"]))
     nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))
-    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static)
+    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static, joint_path.robot.n)
 
 
 def _padded(given: Array, columns: int) -> Array:

@@ -322,7 +322,7 @@ def numbers(
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
-    if given.static.shape[1]:
+    if given.loaded:
         node = np.concatenate([node, _peaks(tau, top)], axis=1)
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
