@@ -203,6 +203,11 @@ def _passed(solved: Plan) -> float:
 def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
     """Why there is no motion: the state itself passes a limit, or where the running motion does."""
     limits, robot = asked.limits, plan.robot
+    try:
+        asked.check_statics(plan.joint_path, start.at.s)
+    except NoSolution as error:
+        if not stop:
+            return error
     goal = "comes to rest" if stop else "ends at rest"
     none = f"no motion from this state {goal} on the path within the limits"
     assert start.at.joints is not None

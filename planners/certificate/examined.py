@@ -11,6 +11,7 @@ from planners.certificate import continuity
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
+from planners.certificate.torque import TorqueBounds
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -62,6 +63,12 @@ class Examined:
         return tool_speed(self.robot, self.trajectory, self.bounds)
 
     @cached_property
+    def torques(self) -> TorqueBounds:
+        """Its torques, and proved bounds on them; raises `InvalidInput` where the arm's masses are unknown."""
+        first, last = self.bounds.ends
+        return TorqueBounds(self.robot, self.bounds.knots, first.joints, last.joints)
+
+    @cached_property
     def jumps(self) -> Flags:
         """Where (4, m + 1, n) a joint's derivative of order 0 to 3 jumps."""
         return continuity.jumps(self.trajectory)
@@ -70,3 +77,41 @@ class Examined:
     def rest(self) -> tuple[bool, bool]:
         """Whether the motion starts and ends at rest."""
         return continuity.rest(self.trajectory)
+
+
+SHARED = ("bounds", "tool_speed", "torques", "jumps", "rest")
+"""What is known of a motion whatever its path is."""
+_LAST: list[Examined] = []
+"""The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
+
+
+def examined(
+    robot: Robot,
+    trajectory: Trajectory,
+    path: Path | None = None,
+    enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
+) -> Examined:
+    """Return a motion under examination, with all that is known of it where it is the one that was examined last.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        Its motion.
+    path : Path, optional
+        As of `Examined`.
+    enough : (2,) tuple of float
+        As of `Examined` [m, rad].
+
+    Returns
+    -------
+    Examined
+        The motion.
+    """
+    motion = Examined(robot, trajectory, path, enough)
+    for last in _LAST[:]:
+        if last.trajectory is trajectory and last.robot == robot:
+            motion.__dict__.update({name: last.__dict__[name] for name in SHARED if name in last.__dict__})
+    _LAST[:] = [motion]
+    return motion

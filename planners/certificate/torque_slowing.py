@@ -1,0 +1,144 @@
+"""By how much a motion is slowed, or may be hastened, so that its torques or their rates just keep their limits.
+
+A motion that runs x times as fast has the torques g + b x + a x², with the torque g against gravity, viscous friction b and the
+rest a; Coulomb friction stays. Their rates are g' x + b' x² + a' x³. So no slow-down helps where gravity alone passes a limit.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.compiled import compiled
+from optik.dynamics import rigid_torques
+from optik.types import Array
+from planners.certificate.torque import Ends, Model, TorqueBounds, resting
+
+FASTEST = 1e6
+"""Greatest factor of speed that is tried: a motion that keeps its limits there too is not limited by them."""
+SLOWING_ROUNDS = 100
+"""Steps of the search for the factor at most: it needs about ten."""
+
+
+class _Parts(NamedTuple):
+    """Of k instants: what goes with powers 0 to 3 of the speed (k, 4, n), and friction of both sides (k, 2, n)."""
+
+    powers: Array
+    friction: Array
+
+
+def slowing(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
+    """Least factor by which a motion is stretched in time so that it keeps the limits at the ends of its pieces.
+
+    The limits are tightened first by what the proved bound of each joint has over its largest value there, so that the motion
+    that results is likely to be proved.
+
+    Parameters
+    ----------
+    torques : TorqueBounds
+        The motion with its torques.
+    bound : (2, n) array
+        Lower and upper limits [N·m, N, or over s]; infinite where free.
+    rate : bool
+        Whether of the rates, and not of the torques.
+
+    Returns
+    -------
+    float
+        Below 1 where the motion may be faster; 0 where nothing limits it; infinity where no factor suffices.
+    """
+    proved = torques.proved(bound, rate=rate).ratio
+    parts = [_parts(model, ends, rate) for model, ends in zip(torques.models, torques.ends, strict=True)]
+    powers, friction = (np.concatenate(part) for part in zip(*parts, strict=True))
+    limited = np.isfinite(bound[1])
+    weights = np.where(limited, 1.0 / np.where(limited, bound, 1.0), 0.0)
+    there = np.empty(proved.size)
+    _worst(powers, friction, weights, 1.0, there)
+    weights *= np.where(limited & (there > 0.0), np.maximum(proved, there) / np.where(there > 0.0, there, 1.0), 1.0)
+    return _least(powers, friction, weights)
+
+
+def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
+    """The parts of the torques, or of their rates, at both ends of all pieces."""
+    joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
+    load = model[1]
+    kinetic = np.empty_like(values)
+    _kinetic(model, joints, kinetic)
+    powers = np.zeros((len(joints), 4, joints.shape[2]))
+    viscous = load.viscous * joints[:, 2 if rate else 1]
+    first = 1 if rate else 0
+    powers[:, first + 1], powers[:, first + 2] = viscous, kinetic[:, first]
+    powers[:, first] = values[:, first] - viscous - kinetic[:, first]
+    friction = np.zeros((len(joints), 2, joints.shape[2]))
+    if not rate:
+        still = np.abs(joints[:, 1]) <= resting(ends)
+        sign = np.sign(joints[:, 1])
+        friction[:, 0] = load.coulomb * np.where(still, -1.0, sign)
+        friction[:, 1] = load.coulomb * np.where(still, 1.0, sign)
+    return _Parts(powers, friction)
+
+
+@compiled
+def _kinetic(model: Model, joints: Array, out: Array) -> None:
+    """Torques and their rates (m, 2, n) without gravity and friction."""
+    work = np.empty((8, joints.shape[2] + 1, 4, 4))
+    for k in range(joints.shape[0]):
+        rigid_torques(model[0], model[1].bodies, 0.0, joints[k, :4], work, out[k])
+
+
+@compiled
+def _worst(powers: Array, friction: Array, weights: Array, x: float, out: Array) -> float:
+    """Largest ratio of each joint (n,), into out, at x times the speed; and of all.
+
+    Returns
+    -------
+    float
+        The largest of all joints [1].
+    """
+    most = 0.0
+    for i in range(out.shape[0]):
+        out[i] = 0.0
+        for k in range(powers.shape[0]):
+            value = powers[k, 0, i] + x * (powers[k, 1, i] + x * (powers[k, 2, i] + x * powers[k, 3, i]))
+            for side in range(2):
+                out[i] = max(out[i], weights[side, i] * (value + friction[k, side, i]))
+        most = max(most, out[i])
+    return most
+
+
+@compiled
+def _least(powers: Array, friction: Array, weights: Array) -> float:
+    """The factor, from the fastest speed near 1 at which the largest ratio is 1: regula falsi (Illinois)."""
+    spare = np.empty(weights.shape[1])
+    low, high = 0.0, 1.0
+    f_high = _worst(powers, friction, weights, high, spare) - 1.0
+    if f_high > 0.0:
+        f_low = _worst(powers, friction, weights, low, spare) - 1.0
+        if f_low > 0.0:
+            return np.inf
+    else:
+        low, f_low = high, f_high
+        while f_high <= 0.0:
+            if high >= FASTEST:
+                return 0.0
+            low, f_low = high, f_high
+            high *= 2.0
+            f_high = _worst(powers, friction, weights, high, spare) - 1.0
+    last = 0
+    for _ in range(SLOWING_ROUNDS):
+        if high - low <= 1e-15 * high or f_low == 0.0:
+            break
+        x = (low * f_high - high * f_low) / (f_high - f_low)
+        if not low < x < high:
+            x = 0.5 * (low + high)
+        f = _worst(powers, friction, weights, x, spare) - 1.0
+        if f > 0.0:
+            high, f_high = x, f
+            f_low = 0.5 * f_low if last == 1 else f_low
+            last = 1
+        else:
+            low, f_low = x, f
+            f_high = 0.5 * f_high if last == -1 else f_high
+            last = -1
+    return 1.0 / low if low > 0.0 else np.inf
