@@ -85,16 +85,17 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
     return found
 
 
-def _divided(
-    parts: list[Array], found: list[Capsule], i: int, tree: Any
-) -> tuple[list[Array], list[Capsule]] | None:
+def _divided(parts: list[Array], found: list[Capsule], i: int, tree: Any) -> tuple[list[Array], list[Capsule]] | None:
     """Parts and capsules with one part cut in two, if that brings its excess down by a tenth at least; else None."""
     others = found[:i] + found[i + 1 :]
     halves = _cut(parts[i], others, tree)
     if halves is None:
         return None
     capsules = [fitted(half) for half in halves]
-    if max(_farthest(c, [*others, capsules[1 - k]], tree) for k, c in enumerate(capsules)) > LEAST_GAIN * found[i].excess:
+    if (
+        max(_farthest(c, [*others, capsules[1 - k]], tree) for k, c in enumerate(capsules))
+        > LEAST_GAIN * found[i].excess
+    ):
         return None
     return [*parts[:i], *halves, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
 
