@@ -37,7 +37,7 @@ TORQUE_INTERVALS = 200_000
 """Most intervals: a second of computing; a motion that needs more keeps the bound it has then."""
 NARROWEST = 1e-9
 """Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
-RESTING = 1e-9
+STANDSTILL = 1e-9
 """Share of the largest velocity of all joints below which a joint is at rest at an instant: rounding of the polynomials."""
 DEEPEST = 64
 """Intervals that wait at most while one piece is halved: more than the halvings down to the narrowest."""
@@ -72,7 +72,7 @@ class Ends(NamedTuple):
     first, last : (m, 6, n) array
         The joints' derivatives [rad/s^i, m/s^i].
     left, right : (m, 2, n) array
-        Torques and their rates, without Coulomb friction [N·m, N, or over s].
+        Torques and their rates, without Coulomb friction [N·m, N, N·m/s, N/s].
     """
 
     t0: Array
@@ -129,7 +129,7 @@ class TorqueBounds:
         Parameters
         ----------
         bound : (2, n) array
-            Lower and upper limits [N·m, N, or over s]; infinite where free.
+            Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
         rate : bool
             Whether the rates are bounded, and not the torques.
         excess : float
@@ -157,7 +157,7 @@ class TorqueBounds:
         Parameters
         ----------
         bound : (2, n) array
-            Lower and upper limits [N·m, N, or over s]; infinite where free.
+            Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
         rate : bool
             Whether of the rates, and not of the torques.
 
@@ -211,7 +211,7 @@ def resting(ends: Ends) -> float:
     float
         [rad/s, m/s].
     """
-    return RESTING * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
+    return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
 
 @compiled
@@ -243,7 +243,7 @@ def torques_at(model: Model, joints: Array, out: Array) -> None:
     joints : (k, 6, n) array
         Derivatives of the joints at instants [rad/s^i, m/s^i].
     out : (k, 2, n) array
-        Filled [N·m, N, or over s].
+        Filled [N·m, N, N·m/s, N/s].
     """
     work = np.empty((8, joints.shape[2] + 1, 4, 4))
     for k in range(joints.shape[0]):
@@ -263,7 +263,7 @@ def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
     Returns
     -------
     tuple of (m, 6, n) and (m, 2, n) arrays
-        The joints' derivatives [rad/s^i, m/s^i], and torques and their rates without Coulomb friction [N·m, N, or over s].
+        The joints' derivatives [rad/s^i, m/s^i], and torques and their rates without Coulomb friction [N·m, N, N·m/s, N/s].
     """
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
     for k in range(len(joints)):

@@ -14,7 +14,7 @@ from optik.compiled import compiled
 from optik.types import Array
 from planners.certificate.torque import MOTION, Ends, Model, TorqueBounds, resting, torques_at
 
-FASTEST = 1e6
+MOST_HASTENED = 1e6
 """Greatest factor of speed that is tried: a motion that keeps its limits there too is not limited by them."""
 SLOWING_ROUNDS = 100
 """Steps of the search for the factor at most: it needs about ten."""
@@ -38,7 +38,7 @@ def slowing(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
     torques : TorqueBounds
         The motion with its torques.
     bound : (2, n) array
-        Lower and upper limits [N·m, N, or over s]; infinite where free.
+        Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
     rate : bool
         Whether of the rates, and not of the torques.
 
@@ -119,7 +119,7 @@ def _least(kept: _Kept) -> float:
     else:
         low, f_low = high, f_high
         while f_high <= 0.0:
-            if high >= FASTEST:
+            if high >= MOST_HASTENED:
                 return 0.0
             low, f_low = high, f_high
             high *= 2.0
