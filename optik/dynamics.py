@@ -49,8 +49,13 @@ def _part(work: Array, what: int, i: int, column: int) -> Triple:
 
 
 @inlined
-def _put(work: Array, what: int, i: int, column: int, a: Triple) -> None:
+def _keep(work: Array, what: int, i: int, column: int, a: Triple) -> None:
     work[what, i, column, 0], work[what, i, column, 1], work[what, i, column, 2] = a[0], a[1], a[2]
+
+
+@inlined
+def _put(x: Array, i: int, a: Triple) -> None:
+    x[i, 0], x[i, 1], x[i, 2] = a[0], a[1], a[2]
 
 
 @inlined
@@ -73,6 +78,16 @@ def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
     v = tensor[i, 1, 0] * x + tensor[i, 1, 1] * y + tensor[i, 1, 2] * z
     w = tensor[i, 2, 0] * x + tensor[i, 2, 1] * y + tensor[i, 2, 2] * z
     return _turned(T, i, (u, v, w))
+
+
+@inlined
+def _product(A: Array, a: Triple) -> Triple:
+    """A a, of a matrix (3, 3)."""
+    return (
+        A[0, 0] * a[0] + A[0, 1] * a[1] + A[0, 2] * a[2],
+        A[1, 0] * a[0] + A[1, 1] * a[1] + A[1, 2] * a[2],
+        A[2, 0] * a[0] + A[2, 1] * a[1] + A[2, 2] * a[2],
+    )
 
 
 @inlined
@@ -109,8 +124,8 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
         second = _second(w, a, d, wd)
         acceleration = _plus(acceleration, second)
         jerk = _plus(jerk, _third(w, a, b, d, wd, second))
-        _put(work, 5, i, 0, d)
-        _put(work, 7, i, 0, wz)
+        _keep(work, 5, i, 0, d)
+        _keep(work, 7, i, 0, wz)
         dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
         bend = _second(w, a, z, wz)  # z̈
         if prismatic[i]:
@@ -122,8 +137,8 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
             a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
             w = _plus(w, _times(dq, z))
         velocity = _plus(velocity, wd)
-        _put(work, 6, i, 0, wd)
-        _put(work, 4, i, 1, velocity)
+        _keep(work, 6, i, 0, wd)
+        _keep(work, 4, i, 1, velocity)
         c = _turned(T, i, _row(com, i))
         wc = _cross(w, c)
         second = _second(w, a, c, wc)
@@ -134,13 +149,13 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
         moment = _plus(twist, _cross(w, spin))
         rest = _tensor(T, tensor, i, (b[0] - wa[0], b[1] - wa[1], b[2] - wa[2]))
         turning = _plus(_plus(_cross(a, spin), _cross(w, _plus(moment, twist))), rest)
-        _put(work, 1, i, 0, force)
-        _put(work, 2, i, 0, change)
-        _put(work, 3, i, 0, _plus(moment, _cross(c, force)))
-        _put(work, 4, i, 0, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
-        _put(work, 1, i, 1, momentum)
-        _put(work, 2, i, 1, _plus(spin, _cross(c, momentum)))
-        _put(work, 3, i, 1, _times(mass[i], c))
+        _keep(work, 1, i, 0, force)
+        _keep(work, 2, i, 0, change)
+        _keep(work, 3, i, 0, _plus(moment, _cross(c, force)))
+        _keep(work, 4, i, 0, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
+        _keep(work, 1, i, 1, momentum)
+        _keep(work, 2, i, 1, _plus(spin, _cross(c, momentum)))
+        _keep(work, 3, i, 1, _times(mass[i], c))
 
 
 @inlined
@@ -183,6 +198,148 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
         e, de = (f, df) if prismatic[i] else (m, dm)
         out[0, i] = _dot(z, e) + motor[i] * state[2, i]
         out[1, i] = _dot(z, de) + _dot(dz, e) + motor[i] * state[3, i]
+
+
+@compiled
+def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Array) -> None:
+    """Torques of the rigid bodies and of the motors' inertia at one state, as `rigid_torques` without the rates.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    state : (3, n) array
+        q, q̇, q̈ [rad, rad/s, rad/s², or m].
+    work : (4, n + 1, 4, 4) array
+        Overwritten [1].
+    out : (n,) array
+        Filled with torques [N·m, N].
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, motor, gravity = bodies
+    n = motor.shape[0]
+    T = work[0]
+    frames(chain, state[0], T[:n])
+    F, N, D = work[1, :, 0], work[2, :, 0], work[3, :, 0]
+    zero = (0.0, 0.0, 0.0)
+    w, a, r = zero, zero, zero
+    acceleration = (-gravity[0], -gravity[1], -gravity[2])
+    for i in range(n):
+        z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
+        d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
+        r, wz = p, _cross(w, z)
+        acceleration = _plus(acceleration, _second(w, a, d, _cross(w, d)))
+        _put(D, i, d)
+        dq, ddq = state[1, i], state[2, i]
+        if prismatic[i]:
+            acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
+        else:
+            a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
+            w = _plus(w, _times(dq, z))
+        c = _turned(T, i, _row(com, i))
+        force = _times(mass[i], _plus(acceleration, _second(w, a, c, _cross(w, c))))
+        moment = _plus(_tensor(T, tensor, i, a), _cross(w, _tensor(T, tensor, i, w)))
+        _put(F, i, force)
+        _put(N, i, _plus(moment, _cross(c, force)))
+    f, m = zero, zero
+    for i in range(n - 1, -1, -1):
+        if i < n - 1:
+            m = _plus(m, _cross(_row(D, i + 1), f))
+        f, m = _plus(f, _row(F, i)), _plus(m, _row(N, i))
+        e = f if prismatic[i] else m
+        out[i] = T[i, 0, 2] * e[0] + T[i, 1, 2] * e[1] + T[i, 2, 2] * e[2] + motor[i] * state[2, i]
+
+
+@compiled
+def joint_torques(chain: Chain, bodies: Bodies, friction: tuple[Array, Array], states: Array, out: Array) -> None:
+    """Torques at states, with viscous and Coulomb friction.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    friction : tuple of two (n,) arrays
+        Viscous [N·m·s/rad, N·s/m] and Coulomb friction [N·m, N].
+    states : (k, 3, n) array
+        q, q̇, q̈ [rad, rad/s, rad/s², or m].
+    out : (k, n) array
+        Filled with torques [N·m, N]; Coulomb friction is 0 at rest.
+    """
+    viscous, coulomb = friction
+    n = viscous.shape[0]
+    work = np.empty((4, n + 1, 4, 4))
+    for k in range(states.shape[0]):
+        torques_at(chain, bodies, states[k], work, out[k])
+        for i in range(n):
+            speed = states[k, 1, i]
+            out[k, i] += viscous[i] * speed + coulomb[i] * np.sign(speed)
+
+
+@inlined
+def _join(mass: float, centre: Array, about: Array, part: float, at: Triple) -> float:
+    """Join a point mass to a body of which centre of mass and inertia about it are known; return the mass of both."""
+    both = mass + part
+    if part > 0.0:
+        share = part / both
+        d = (at[0] - centre[0], at[1] - centre[1], at[2] - centre[2])
+        reduced, square = mass * share, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        for r in range(3):
+            for c in range(3):
+                about[r, c] -= reduced * d[r] * d[c]
+            about[r, r] += reduced * square
+            centre[r] += share * d[r]
+    return both
+
+
+@compiled
+def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
+    """Mass matrices, by the composite bodies that each joint moves (Walker and Orin 1982), with the motors' inertia.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k, n, n) array
+        Filled with the matrices [kg·m², kg·m, kg].
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, motor, _gravity = bodies
+    n = mass.shape[0]
+    T, centre, about = np.empty((n, 4, 4)), np.empty(3), np.empty((3, 3))
+    for k in range(q.shape[0]):
+        frames(chain, q[k], T)
+        whole = 0.0
+        centre[:], about[:] = 0.0, 0.0
+        for i in range(n - 1, -1, -1):
+            c, R = _turned(T, i, _row(com, i)), T[i, :3, :3]
+            whole = _join(whole, centre, about, mass[i], (T[i, 0, 3] + c[0], T[i, 1, 3] + c[1], T[i, 2, 3] + c[2]))
+            for column in range(3):
+                x, y = 1.0 if column == 0 else 0.0, 1.0 if column == 1 else 0.0
+                turned = _tensor(T, tensor, i, (x, y, 1.0 - x - y))
+                about[0, column] += turned[0]
+                about[1, column] += turned[1]
+                about[2, column] += turned[2]
+            z = (R[0, 2], R[1, 2], R[2, 2])
+            d = (centre[0] - T[i, 0, 3], centre[1] - T[i, 1, 3], centre[2] - T[i, 2, 3])
+            # momentum of the composite body at unit velocity of joint i, and its moment about the centre of mass
+            push, spin = _times(whole, z if prismatic[i] else _cross(z, d)), (0.0, 0.0, 0.0)
+            if not prismatic[i]:
+                spin = _product(about, z)
+            for j in range(i + 1):
+                axis = (T[j, 0, 2], T[j, 1, 2], T[j, 2, 2])
+                arm = (centre[0] - T[j, 0, 3], centre[1] - T[j, 1, 3], centre[2] - T[j, 2, 3])
+                moved = push if prismatic[j] else _plus(spin, _cross(arm, push))
+                out[k, i, j] = axis[0] * moved[0] + axis[1] * moved[1] + axis[2] * moved[2]
+                out[k, j, i] = out[k, i, j]
+            out[k, i, i] += motor[i]
 
 
 @compiled

@@ -8,6 +8,7 @@ from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from planners.certificate.examined import examined
 from planners.limits import MotionLimits, check_names
+from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 FIRST_MARGIN = 1e-12
@@ -20,7 +21,13 @@ HASTENED = 4
 """Times at most that such a motion is hastened again: each brings it nearer by a few digits."""
 
 
-def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None = None) -> float:
+def stretch(
+    robot: Robot,
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    keeps: tuple[str, ...] | None = None,
+    path: Path | None = None,
+) -> float:
     """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly.
 
     Parameters
@@ -33,6 +40,8 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
         The limits that it should keep.
     keeps : tuple of str, optional
         Which of them; by default all.
+    path : Path, optional
+        What the tool follows; limits with one bound for each of its segments need it.
 
     Returns
     -------
@@ -42,17 +51,21 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     Raises
     ------
     InvalidInput
-        ``keeps`` is no tuple of names of limits.
+        ``keeps`` is no tuple of names of limits, or a path is needed and none is given.
     """
     if keeps is not None:
         check_names(keeps, "keeps")
-    motion, bounds = examined(robot, trajectory), limits.bounds(robot.n)
+    motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
 def fitted(
-    robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None = None
+    robot: Robot,
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    keeps: tuple[str, ...] | None = None,
+    path: Path | None = None,
 ) -> Trajectory:
     """Return a motion from rest to rest, scaled in time so that it just keeps its limits.
 
@@ -66,6 +79,8 @@ def fitted(
         The limits that it should keep.
     keeps : tuple of str, optional
         Which of them; by default all.
+    path : Path, optional
+        What the tool follows; limits with one bound for each of its segments need it.
 
     Returns
     -------
@@ -75,11 +90,11 @@ def fitted(
     Raises
     ------
     InvalidInput
-        ``keeps`` is no tuple of names of limits.
+        ``keeps`` is no tuple of names of limits, or a path is needed and none is given.
     NoSolution
         A limit that no slow-down keeps.
     """
-    factor = stretch(robot, trajectory, limits, keeps)
+    factor = stretch(robot, trajectory, limits, keeps, path)
     if not factor > 0.0:
         return trajectory
     margin = 0.0
@@ -87,21 +102,15 @@ def fitted(
         if not np.isfinite(factor):
             raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
         trajectory = trajectory.slowed(factor * (1.0 + margin))
-        factor = stretch(robot, trajectory, limits, keeps)
+        factor = stretch(robot, trajectory, limits, keeps, path)
         if factor <= 1.0:
-            return _closer(robot, trajectory, limits, keeps, factor)
+            break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
-
-
-def _closer(
-    robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None, factor: float
-) -> Trajectory:
-    """A motion that keeps the limits, hastened by the factor that it may be, while the result keeps them."""
     for _ in range(HASTENED):
         if not 0.0 < factor < 1.0 - SPARE:
             break
         closer = trajectory.slowed(factor)
-        factor = stretch(robot, closer, limits, keeps)
+        factor = stretch(robot, closer, limits, keeps, path)
         if factor > 1.0:
             break
         trajectory = closer

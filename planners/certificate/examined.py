@@ -5,11 +5,14 @@ from __future__ import annotations
 from functools import cached_property
 
 from optik.arm.robot import Robot
+from optik.errors import InvalidInput
 from optik.types import Flags
 from planners.certificate import continuity
 from planners.certificate.bounds import MotionBounds
+from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
 from planners.certificate.torque import TorqueBounds
+from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 
@@ -22,10 +25,32 @@ class Examined:
         The arm.
     trajectory : Trajectory
         Its motion.
+    path : Path, optional
+        What its tool should follow; only judgements that ask for places on it need it.
+    enough : (2,) tuple of float
+        Distance [m] and angle [rad] below which no bound on the path error need be finer.
     """
 
-    def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
-        self.robot, self.trajectory = robot, trajectory
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        path: Path | None = None,
+        enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
+    ) -> None:
+        self.robot, self.trajectory, self._path, self._enough = robot, trajectory, path, enough
+
+    @property
+    def path(self) -> Path:
+        """The path; raises InvalidInput where none is known."""
+        if self._path is None:
+            raise InvalidInput("path", "none", "the path of the motion: limits of its segments need it")
+        return self._path
+
+    @cached_property
+    def along(self) -> tuple[PathError, Passage]:
+        """How far the tool leaves its path, and where on it the motion is."""
+        return path_error(self.robot, self.path, self.trajectory, self.bounds, self._enough)
 
     @cached_property
     def bounds(self) -> MotionBounds:
@@ -54,12 +79,18 @@ class Examined:
         return continuity.rest(self.trajectory)
 
 
+NO_FINER = (ERROR_FLOOR, ERROR_FLOOR)
+"""Distance [m] and angle [rad] of a path error that need not be finer by default: those of rounding."""
+OF_THE_MOTION = ("bounds", "tool_speed", "torques", "jumps", "rest")
+"""What is known of a motion whatever path it follows."""
 _LAST: list[Examined] = []
 """The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
 
 
-def examined(robot: Robot, trajectory: Trajectory) -> Examined:
-    """Return a motion under examination: the last one again, with all that is known of it, where it is the same.
+def examined(
+    robot: Robot, trajectory: Trajectory, path: Path | None = None, enough: tuple[float, float] = NO_FINER
+) -> Examined:
+    """Return a motion under examination, with all that is known of it where it is the one that was examined last.
 
     Parameters
     ----------
@@ -67,14 +98,20 @@ def examined(robot: Robot, trajectory: Trajectory) -> Examined:
         The arm.
     trajectory : Trajectory
         Its motion.
+    path : Path, optional
+        What its tool should follow.
+    enough : (2,) tuple of float
+        Distance [m] and angle [rad] below which no bound on the path error need be finer.
 
     Returns
     -------
     Examined
         The motion.
     """
+    motion = Examined(robot, trajectory, path, enough)
     for last in _LAST[:]:
         if last.trajectory is trajectory and last.robot == robot:
-            return last
-    _LAST[:] = [Examined(robot, trajectory)]
-    return _LAST[0]
+            known = vars(last)
+            vars(motion).update({name: known[name] for name in OF_THE_MOTION if name in known})
+    _LAST[:] = [motion]
+    return motion
