@@ -17,6 +17,9 @@ FIRST_MARGIN = 1e-12
 SPARE = 1e-6
 """Share of the duration that a scaled motion may be too slow: what gravity is part of does not go with a power of the speed."""
 
+HASTENED = 4
+"""Times at most that such a motion is hastened again: each brings it nearer by a few digits."""
+
 
 def stretch(
     robot: Robot,
@@ -129,13 +132,14 @@ def fitted(
         trajectory = trajectory.slowed(factor * (1.0 + margin))
         factor = stretch(robot, trajectory, limits, keeps, path)
         if factor <= 1.0:
-            return _closer(robot, trajectory, limits, keeps, factor) if 0.0 < factor < 1.0 - SPARE else trajectory
+            break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
-
-
-def _closer(
-    robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None, factor: float
-) -> Trajectory:
-    """A motion that may be faster still, hastened where the result keeps the limits."""
-    closer = trajectory.slowed(factor)
-    return closer if stretch(robot, closer, limits, keeps) <= 1.0 else trajectory
+    for _ in range(HASTENED):
+        if not 0.0 < factor < 1.0 - SPARE:
+            break
+        closer = trajectory.slowed(factor)
+        factor = stretch(robot, closer, limits, keeps, path)
+        if factor > 1.0:
+            break
+        trajectory = closer
+    return trajectory

@@ -20,7 +20,7 @@ from planners.certificate.statics import check_statics
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
-from planners.limits import SAME_SPEED, MotionLimits, sides
+from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
@@ -362,26 +362,6 @@ class Asked:
             self.span, self.law.speed,
         )  # fmt: skip
 
-    def check_statics(self, joints: JointPath, since: float = 0.0) -> None:
-        """Check that the limits of the torque let the arm stand and creep on its whole path, where the law promises them.
-
-        Parameters
-        ----------
-        joints : JointPath
-            The joint path.
-        since : float
-            Place from which on it is run [m, or rad].
-
-        Raises
-        ------
-        InvalidInput
-            Limits of the torque for an arm whose masses are unknown.
-        NoSolution
-            Gravity and friction alone pass a limit: with the joint, the place, and the torque that it would need.
-        """
-        if self.limits.torque is not None and "torque" in self.law.promises(self.limits):
-            check_statics(joints, np.stack(sides(self.limits.bounds(self.robot.n)["torque"])), since)
-
     def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
         """Return the plan of a law that found no motion.
 
@@ -423,7 +403,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     assert followed.joint_path is not None
     joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
-        asked.check_statics(joints)
+        check_statics(joints, asked.limits, keeps)
         raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
         factor = stretch(asked.robot, raw, asked.limits, keeps, asked.path)
         exceeded = factor > 1.0

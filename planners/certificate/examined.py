@@ -79,17 +79,16 @@ class Examined:
         return continuity.rest(self.trajectory)
 
 
-SHARED = ("bounds", "tool_speed", "torques", "jumps", "rest")
-"""What is known of a motion whatever its path is."""
+NO_FINER = (ERROR_FLOOR, ERROR_FLOOR)
+"""Distance [m] and angle [rad] of a path error that need not be finer by default: those of rounding."""
+OF_THE_MOTION = ("bounds", "tool_speed", "torques", "jumps", "rest")
+"""What is known of a motion whatever path it follows."""
 _LAST: list[Examined] = []
 """The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
 
 
 def examined(
-    robot: Robot,
-    trajectory: Trajectory,
-    path: Path | None = None,
-    enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
+    robot: Robot, trajectory: Trajectory, path: Path | None = None, enough: tuple[float, float] = NO_FINER
 ) -> Examined:
     """Return a motion under examination, with all that is known of it where it is the one that was examined last.
 
@@ -100,9 +99,9 @@ def examined(
     trajectory : Trajectory
         Its motion.
     path : Path, optional
-        As of `Examined`.
+        What its tool should follow.
     enough : (2,) tuple of float
-        As of `Examined` [m, rad].
+        Distance [m] and angle [rad] below which no bound on the path error need be finer.
 
     Returns
     -------
@@ -112,6 +111,7 @@ def examined(
     motion = Examined(robot, trajectory, path, enough)
     for last in _LAST[:]:
         if last.trajectory is trajectory and last.robot == robot:
-            motion.__dict__.update({name: last.__dict__[name] for name in SHARED if name in last.__dict__})
+            known = vars(last)
+            vars(motion).update({name: known[name] for name in OF_THE_MOTION if name in known})
     _LAST[:] = [motion]
     return motion

@@ -15,6 +15,7 @@ from planners.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from planners.following.joint_path import JointPath
+    from planners.limits import MotionLimits
 
 STATIC_EXCESS = 1e-3
 """Largest excess of the bound on the static torque over the largest value found, as a share of it: where the limit lies between
@@ -71,15 +72,17 @@ def _with_rest(found: Proved, bound: Array, s: float, value: Array, friction: Ar
     )
 
 
-def check_statics(joint_path: JointPath, bound: Array, since: float = 0.0) -> None:
-    """Raise an error for a path on which gravity and friction alone pass the limits of the torque.
+def check_statics(joint_path: JointPath, limits: MotionLimits, keeps: tuple[str, ...], since: float = 0.0) -> None:
+    """Raise an error for a path on which gravity and friction alone pass the limits of the torque, where those are promised.
 
     Parameters
     ----------
     joint_path : JointPath
         q(s).
-    bound : (2, n) array
-        Lower and upper limits of the torque [N·m, N]; infinite where free.
+    limits : MotionLimits
+        Limits of the motion.
+    keeps : tuple of str
+        Names of those that are promised.
     since : float
         Place from which on the path is run, moving unless it is 0; from the start of its piece [m, or rad].
 
@@ -90,6 +93,10 @@ def check_statics(joint_path: JointPath, bound: Array, since: float = 0.0) -> No
     NoSolution
         With the joint, the place, and the torque that it would need.
     """
+    if limits.torque is None or "torque" not in keeps:
+        return
+    given = limits.bounds(joint_path.robot.n)["torque"]
+    bound = np.stack([-given, given]) if given.ndim == 1 else given
     found = static_torque(joint_path, bound, since)
     ratio = np.where(np.isfinite(bound[1]), found.found, 0.0)
     i = int(ratio.argmax())

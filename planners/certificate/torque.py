@@ -37,7 +37,7 @@ TORQUE_INTERVALS = 200_000
 """Most intervals: a second of computing; a motion that needs more keeps the bound it has then."""
 NARROWEST = 1e-9
 """Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
-RESTING = 1e-9
+STANDSTILL = 1e-9
 """Share of the largest velocity of all joints below which a joint is at rest at an instant: rounding of the polynomials."""
 DEEPEST = 64
 """Intervals that wait at most while one piece is halved: more than the halvings down to the narrowest."""
@@ -72,7 +72,7 @@ class Ends(NamedTuple):
     first, last : (m, 6, n) array
         The joints' derivatives [rad/s^i, m/s^i].
     left, right : (m, 2, n) array
-        Torques and their rates, without Coulomb friction [N·m, N, or over s].
+        Torques and their rates, without Coulomb friction [N·m, N, N·m/s, N/s].
     """
 
     t0: Array
@@ -83,8 +83,10 @@ class Ends(NamedTuple):
     right: Array
 
 
-Model = tuple[Chain, Load, Sizes, bool]
-"""An arm, what its joints move, the sizes of both, and whether only gravity counts."""
+ALL, GRAVITY, MOTION = 0, 1, 2
+"""What counts of the torque: all but Coulomb friction, only what holds the arm against gravity, or what moves its masses."""
+Model = tuple[Chain, Load, Sizes, int]
+"""An arm, what its joints move, the sizes of both, and what counts of the torque."""
 
 
 class TorqueBounds:
@@ -108,12 +110,14 @@ class TorqueBounds:
     """
 
     def __init__(self, robot: Robot, knots: Array, first: Array, last: Array, *, still: bool = False) -> None:
-        self.models: tuple[Model, ...] = tuple((robot.chain, load, sizes(robot, load), still) for load in robot.loads)
+        self.models: tuple[Model, ...] = tuple(
+            (robot.chain, load, sizes(robot, load), GRAVITY if still else ALL) for load in robot.loads
+        )
         self.ends: list[Ends] = []
         for model in self.models:
             left, right = (np.empty((len(first), 2, robot.n)) for _ in range(2))
-            _torques(model, first, left)
-            _torques(model, last, right)
+            torques_at(model, first, left)
+            torques_at(model, last, right)
             self.ends.append(Ends(knots[:-1], knots[1:], first, last, left, right))
         self._kept: dict[tuple[bool, bytes], Proved] = {}
 
@@ -125,7 +129,7 @@ class TorqueBounds:
         Parameters
         ----------
         bound : (2, n) array
-            Lower and upper limits [N·m, N, or over s]; infinite where free.
+            Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
         rate : bool
             Whether the rates are bounded, and not the torques.
         excess : float
@@ -153,7 +157,7 @@ class TorqueBounds:
         Parameters
         ----------
         bound : (2, n) array
-            Lower and upper limits [N·m, N, or over s]; infinite where free.
+            Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
         rate : bool
             Whether of the rates, and not of the torques.
 
@@ -207,31 +211,76 @@ def resting(ends: Ends) -> float:
     float
         [rad/s, m/s].
     """
-    return RESTING * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
+    return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
 
 @compiled
 def _torque(model: Model, joints: Array, work: Array, out: Array) -> None:
     """Torques and their rates (2, n) at an instant, without Coulomb friction."""
-    chain, load, _, still = model
-    rigid_torques(chain, load.bodies, 1.0, joints[:4], work, out)
+    chain, load, _, part = model
     n = out.shape[1]
-    if still:
-        kinetic = np.empty((2, n))
-        rigid_torques(chain, load.bodies, 0.0, joints[:4], work, kinetic)
-        out -= kinetic
-        return
+    found = np.empty((2, 2, n))
+    for k in range(2 if part == GRAVITY else 1):  # one place of the call: its code is long
+        weight = 0.0 if part == MOTION else 1.0 - k
+        rigid_torques(chain, load.bodies, weight, joints[:4], work, found[k])
     for order in range(2):
         for i in range(n):
-            out[order, i] += load.viscous[i] * joints[order + 1, i]
+            out[order, i] = found[0, order, i]
+            if part == GRAVITY:
+                out[order, i] -= found[1, order, i]
+            elif part == ALL:
+                out[order, i] += load.viscous[i] * joints[order + 1, i]
 
 
 @compiled
-def _torques(model: Model, joints: Array, out: Array) -> None:
-    """Torques and their rates (m, 2, n) at instants (m, 6, n), without Coulomb friction."""
+def torques_at(model: Model, joints: Array, out: Array) -> None:
+    """Torques and their rates, without Coulomb friction.
+
+    Parameters
+    ----------
+    model : Model
+        The arm, its load, and what counts.
+    joints : (k, 6, n) array
+        Derivatives of the joints at instants [rad/s^i, m/s^i].
+    out : (k, 2, n) array
+        Filled [N·m, N, N·m/s, N/s].
+    """
     work = np.empty((8, joints.shape[2] + 1, 4, 4))
     for k in range(joints.shape[0]):
         _torque(model, joints[k], work, out[k])
+
+
+def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
+    """Return a motion in the middle of every piece.
+
+    Parameters
+    ----------
+    model : Model
+        The arm and its load.
+    ends : Ends
+        The motion at the ends of the pieces.
+
+    Returns
+    -------
+    tuple of (m, 6, n) and (m, 2, n) arrays
+        The joints' derivatives [rad/s^i, m/s^i], and torques and their rates without Coulomb friction [N·m, N, N·m/s, N/s].
+    """
+    joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
+    for k in range(len(joints)):
+        _shifted(ends.first[k], 0.5 * float(ends.t1[k] - ends.t0[k]), joints[k])
+    torques_at(model, joints, values)
+    return joints, values
+
+
+@compiled
+def _shifted(joints: Array, t: float, out: Array) -> None:
+    """Derivatives of quintics (6, n) later by t, from those at an instant."""
+    for i in range(joints.shape[1]):
+        for order in range(6):
+            value = joints[5, i]
+            for m in range(4, order - 1, -1):
+                value = joints[m, i] + value * t / (m + 1 - order)
+            out[order, i] = value
 
 
 What = tuple[Array, Array, bool, float]
@@ -332,7 +381,7 @@ def _within(
     coulomb, weights, rate, rest = what
     _, space, D, fourth = work
     joint_bounds(joints, np.full(1, h), D)
-    fourth_bounds(model[2], D[0], model[3], space, fourth)
+    fourth_bounds(model[2], D[0], model[3] == GRAVITY, space, fourth)
     for i in range(coulomb.shape[0]):
         a, c, b, d = values[0, i], values[1, i], values[2, i], values[3, i]
         if rate:
@@ -368,12 +417,6 @@ def _halve(
     span[top + 1, 0], span[top + 1, 1] = t, half
     joints[top + 1], values[top + 1, :2] = joints[top], values[top, :2]
     span[top, 0], span[top, 1] = t + half, half
-    n = first.shape[1]
-    for i in range(n):
-        for order in range(6):
-            value = first[5, i]
-            for m in range(4, order - 1, -1):
-                value = first[m, i] + value * (t + half) / (m + 1 - order)
-            joints[top, order, i] = value
+    _shifted(first, t + half, joints[top])
     _torque(model, joints[top], work[0], values[top, :2])
     values[top + 1, 2:] = values[top, :2]

@@ -19,10 +19,10 @@ In link l, x = c_l + ρ with the centre of mass c_l and ρ fixed in the link; te
 A vector of length 1 that is fixed in link l is turned by the joints 1 to l: its kth derivative is at most B_k(S_1 to S_k),
 the complete Bell polynomial of S_i = Σ |dⁱq_j/dtⁱ| over the revolute ones of them; see `planners.certificate.bounds`. So
 |c_l⁽ᵏ⁾| is at most Σ_j |d_j| B_k(S of joints before j) + |c| B_k(S of joint l), with d_j the fixed vector before joint j; one
-that slides adds z_j q_j, by Leibniz's rule. For a revolute joint i, ∂c_l/∂q_i = z_i × (c_l − p_i), where z_i turns with the joints
-before i and each part of c_l − p_i with these and further ones: a product of rotations, whose derivatives have the bounds of that
-part alone. So has z_i × ρ, and ∫ |ρ|² dm is half of the trace of the inertia about the centre of mass. Leibniz's rule on the
-products gives the bound on τ⁗; q⁽⁶⁾ = 0 in quintics, so that the motors' inertia adds nothing, and viscous friction |q⁽⁵⁾|.
+that slides adds z_j q_j, by Leibniz's rule. For a revolute joint i, ∂c_l/∂q_i = z_i × (c_l − p_i), where z_i turns with joints
+before i and each part of c_l − p_i with these and further ones: a product of rotations, whose derivatives have the bounds of
+that part alone. So has z_i × ρ, and ∫ |ρ|² dm is half of the trace of the inertia about the centre of mass. Leibniz's rule
+gives the bound on τ⁗. As q⁽⁶⁾ = 0 in quintics, the motors' inertia adds nothing to it, and viscous friction |q⁽⁵⁾|.
 Of gravity alone, −Σ m_l ∂c_l/∂q_i · g, only the fourth derivative of ∂c_l/∂q_i remains.
 """
 

@@ -11,11 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.compiled import compiled
-from optik.dynamics import rigid_torques
 from optik.types import Array
-from planners.certificate.torque import Ends, Model, TorqueBounds, resting
+from planners.certificate.torque import MOTION, Ends, Model, TorqueBounds, resting, torques_at
 
-FASTEST = 1e6
+MOST_HASTENED = 1e6
 """Greatest factor of speed that is tried: a motion that keeps its limits there too is not limited by them."""
 SLOWING_ROUNDS = 100
 """Steps of the search for the factor at most: it needs about ten."""
@@ -31,15 +30,15 @@ class _Parts(NamedTuple):
 def slowing(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
     """Least factor by which a motion is stretched in time so that it keeps the limits at the ends of its pieces.
 
-    The limits are tightened first by what the proved bound of each joint has over its largest value there, so that the motion
-    that results is likely to be proved.
+    What the proved bound of each joint has over its largest value there is added to the values, as a part that goes with the
+    highest power of the speed: so the motion that results nearly has the proof that it needs.
 
     Parameters
     ----------
     torques : TorqueBounds
         The motion with its torques.
     bound : (2, n) array
-        Lower and upper limits [N·m, N, or over s]; infinite where free.
+        Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
     rate : bool
         Whether of the rates, and not of the torques.
 
@@ -53,10 +52,11 @@ def slowing(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
     powers, friction = (np.concatenate(part) for part in zip(*parts, strict=True))
     limited = np.isfinite(bound[1])
     weights = np.where(limited, 1.0 / np.where(limited, bound, 1.0), 0.0)
-    there = np.empty(proved.size)
-    _worst(powers, friction, weights, 1.0, there)
-    weights *= np.where(limited & (there > 0.0), np.maximum(proved, there) / np.where(there > 0.0, there, 1.0), 1.0)
-    return _least(powers, friction, weights)
+    excess, there = np.zeros(proved.size), np.empty(proved.size)
+    kept = (powers, friction, weights, excess, 3 if rate else 2)
+    _worst(kept, 1.0, there)
+    excess[:] = np.where(limited, np.maximum(proved - there, 0.0), 0.0)
+    return _least(kept)
 
 
 def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
@@ -64,7 +64,7 @@ def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
     joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
     load = model[1]
     kinetic = np.empty_like(values)
-    _kinetic(model, joints, kinetic)
+    torques_at((*model[:3], MOTION), joints, kinetic)
     powers = np.zeros((len(joints), 4, joints.shape[2]))
     viscous = load.viscous * joints[:, 2 if rate else 1]
     first = 1 if rate else 0
@@ -79,16 +79,13 @@ def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
     return _Parts(powers, friction)
 
 
-@compiled
-def _kinetic(model: Model, joints: Array, out: Array) -> None:
-    """Torques and their rates (m, 2, n) without gravity and friction."""
-    work = np.empty((8, joints.shape[2] + 1, 4, 4))
-    for k in range(joints.shape[0]):
-        rigid_torques(model[0], model[1].bodies, 0.0, joints[k, :4], work, out[k])
+_Kept = tuple[Array, Array, Array, Array, int]
+"""What the ratios are made from: powers, friction, weights (2, n) of both sides, which are 1 over the limits, what the bounds
+have over the largest ratios (n,), and the power of the speed that it goes with."""
 
 
 @compiled
-def _worst(powers: Array, friction: Array, weights: Array, x: float, out: Array) -> float:
+def _worst(kept: _Kept, x: float, out: Array) -> float:
     """Largest ratio of each joint (n,), into out, at x times the speed; and of all.
 
     Returns
@@ -96,6 +93,7 @@ def _worst(powers: Array, friction: Array, weights: Array, x: float, out: Array)
     float
         The largest of all joints [1].
     """
+    powers, friction, weights, excess, power = kept
     most = 0.0
     for i in range(out.shape[0]):
         out[i] = 0.0
@@ -103,28 +101,29 @@ def _worst(powers: Array, friction: Array, weights: Array, x: float, out: Array)
             value = powers[k, 0, i] + x * (powers[k, 1, i] + x * (powers[k, 2, i] + x * powers[k, 3, i]))
             for side in range(2):
                 out[i] = max(out[i], weights[side, i] * (value + friction[k, side, i]))
+        out[i] += excess[i] * x**power
         most = max(most, out[i])
     return most
 
 
 @compiled
-def _least(powers: Array, friction: Array, weights: Array) -> float:
+def _least(kept: _Kept) -> float:
     """The factor, from the fastest speed near 1 at which the largest ratio is 1: regula falsi (Illinois)."""
-    spare = np.empty(weights.shape[1])
+    spare = np.empty(kept[3].shape[0])
     low, high = 0.0, 1.0
-    f_high = _worst(powers, friction, weights, high, spare) - 1.0
+    f_high = _worst(kept, high, spare) - 1.0
     if f_high > 0.0:
-        f_low = _worst(powers, friction, weights, low, spare) - 1.0
+        f_low = _worst(kept, low, spare) - 1.0
         if f_low > 0.0:
             return np.inf
     else:
         low, f_low = high, f_high
         while f_high <= 0.0:
-            if high >= FASTEST:
+            if high >= MOST_HASTENED:
                 return 0.0
             low, f_low = high, f_high
             high *= 2.0
-            f_high = _worst(powers, friction, weights, high, spare) - 1.0
+            f_high = _worst(kept, high, spare) - 1.0
     last = 0
     for _ in range(SLOWING_ROUNDS):
         if high - low <= 1e-15 * high or f_low == 0.0:
@@ -132,7 +131,7 @@ def _least(powers: Array, friction: Array, weights: Array) -> float:
         x = (low * f_high - high * f_low) / (f_high - f_low)
         if not low < x < high:
             x = 0.5 * (low + high)
-        f = _worst(powers, friction, weights, x, spare) - 1.0
+        f = _worst(kept, x, spare) - 1.0
         if f > 0.0:
             high, f_high = x, f
             f_low = 0.5 * f_low if last == 1 else f_low
