@@ -7,6 +7,7 @@ surface, so that the capsules enclose the solid and not only its surface.
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +17,10 @@ from optik.types import Array, Flags
 ROUNDING = 1e-9
 """Added to every radius [m]: a million times what rounding moves a point of an arm by, and too little to be seen."""
 
-WELL_ENCLOSED = 0.02
+WELL_ENCLOSED = 0.03
 """A mesh is cut until its capsules stand out less than this [m], or as many as are allowed are used."""
 
-MOST_OF_ONE = 4
+MOST_OF_ONE = 3
 """Most capsules that enclose one mesh: the time of a proof grows with the number of capsules."""
 
 SPACING = 60
@@ -33,7 +34,7 @@ EXCESS_STEP = 2e-4
 
 
 LEAST_GAIN = 0.9
-"""A part is cut if its excess falls below this part of what it was: else the proof would take longer for nothing gained."""
+"""A part is cut if the product of excess and size falls below this part of what it was: a proof takes longer with more."""
 
 CUTS = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
 """Where planes across an axis are tried, as parts of the extent."""
@@ -77,7 +78,7 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
         if not open_:
             break
         i = max(open_, key=lambda k: found[k].excess)
-        better = _divided(parts, found, i, tree)
+        better = _divided(parts, found, i, tree, most + 1 - len(parts))
         if better is None:
             closed.add(id(parts[i]))
         else:
@@ -86,17 +87,24 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
 
 
 def _divided(
-    parts: list[Array], found: list[Capsule], i: int, tree: Any
+    parts: list[Array], found: list[Capsule], i: int, tree: Any, most: int
 ) -> tuple[list[Array], list[Capsule]] | None:
-    """Parts and capsules with one part cut in two, if that brings its excess down by a tenth at least; else None."""
+    """Parts and capsules with one part cut in at most so many, if that brings excess and size down enough; else None."""
     others = found[:i] + found[i + 1 :]
-    halves = _cut(parts[i], others, tree)
-    if halves is None:
+    pieces = _cut(parts[i], others, tree, most)
+    capsules = [fitted(piece) for piece in pieces]
+    if not capsules:
         return None
-    capsules = [fitted(half) for half in halves]
-    if max(_farthest(c, [*others, capsules[1 - k]], tree) for k, c in enumerate(capsules)) > LEAST_GAIN * found[i].excess:
+    before = found[i].excess * _size([found[i]])
+    if _worst(capsules, others, tree) * _size(capsules) > LEAST_GAIN * before:
         return None
-    return [*parts[:i], *halves, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+    return [*parts[:i], *pieces, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+
+
+def _worst(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
+    """Largest excess of some capsules of a mesh."""
+    rest = [[*others, *capsules[:k], *capsules[k + 1 :]] for k in range(len(capsules))]
+    return max(_farthest(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
 
 
 # ---------------------------------------------------------------- one capsule
@@ -121,7 +129,7 @@ def fitted(triangles: Array) -> Capsule:
     corners = _hull(points)
     starts = sorted(_starts(corners), key=lambda start: _volume(*_about(corners, *start)))
 
-    best = starts[0]
+    best: tuple[Array, Array, float] = (*starts[0], 0.0)
     for origin, u in starts[:2]:
         v, w = _across(u)
         size = float(np.ptp(corners, axis=0).max())
@@ -214,21 +222,36 @@ def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
 # ---------------------------------------------------------------- cutting
 
 
-def _cut(triangles: Array, others: list[Capsule], tree: Any) -> tuple[Array, Array] | None:
-    """Two parts of a mesh, cut by the plane of a few that leaves the least excess; None if none cuts it."""
+def _size(capsules: list[Capsule]) -> float:
+    """Cube root of the total volume [m]."""
+    return float(np.cbrt(sum(_volume(c.a, c.b, c.radius) for c in capsules)))
+
+
+def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[Array]:
+    """The mesh cut across an axis in two or three parts, the way of a few that leaves the least excess; or no parts."""
     points = np.unique(triangles.reshape(-1, 3), axis=0)
-    best, least = None, np.inf
+    best: list[Array] = []
+    least = np.inf
     for u in np.vstack((np.eye(3), _principal(points))):
         low, high = float((points @ u).min()), float((points @ u).max())
-        for part in CUTS:
-            halves = clipped(triangles, u, low + part * (high - low))
-            if min(len(half) for half in halves) == 0:
+        for cuts in (c for count in range(1, min(most, 3)) for c in combinations(CUTS, count)):
+            pieces = _slabs(triangles, u, [low + part * (high - low) for part in cuts])
+            if min(len(piece) for piece in pieces) == 0:
                 continue
-            capsules = [_roughly(half) for half in halves]
-            worst = max(_farthest(c, [*others, capsules[1 - k]], tree, coarse=True) for k, c in enumerate(capsules))
-            if worst < least:
-                best, least = halves, worst
+            capsules = [_roughly(piece) for piece in pieces]
+            worst = _worst(capsules, others, tree, coarse=True) * _size(capsules)
+            if worst < (1.0 if len(pieces) == 2 else LEAST_GAIN) * least:  # a third capsule has to pay
+                best, least = pieces, worst
     return best
+
+
+def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]:
+    """Parts of a mesh between parallel planes."""
+    pieces = []
+    for offset in offsets:
+        below, triangles = clipped(triangles, normal, offset)
+        pieces.append(below)
+    return [*pieces, triangles]
 
 
 def _principal(points: Array) -> Array:
@@ -312,12 +335,10 @@ def _measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
 
 
 def _farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Bound of the distance of a capsule's surface, as far as it is on the surface of the union, from points of the mesh.
-
-    The surface is covered by cells along the meridian and around the axis. No point of a cell is farther from the mesh than
-    its centre is, plus half the cell's extent; cells that may hold the farthest point are divided. The coarse value is no
-    bound: it takes the centres of the first cells.
-    """
+    """Bound of the distance of a capsule's surface, as far as it is on the surface of the union, from points of the mesh."""
+    # The surface is covered by cells along the meridian and around the axis. No point of a cell is farther from the mesh
+    # than its centre is, plus half the cell's extent; cells that may hold the farthest point are divided. The coarse value
+    # is no bound: it takes the centres of the first cells.
     meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
     steps = (np.arange(CELLS) + 0.5) / CELLS
     s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))
