@@ -16,7 +16,7 @@ from planners.certificate.continuity import continuity_failures, continuous_orde
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.examined import Examined
 from planners.certificate.failure import Failure
-from planners.certificate.path_error import PathError, path_error
+from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
@@ -242,7 +242,7 @@ def certify(
     ------
     InvalidInput
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``keeps``, a span that is none.
+        is not above 0, an unknown name in ``keeps``, a span that is none, another number of limits than the path has segments.
     """
     _check_kinds(robot, path, trajectory, limits)
     span = check_span(span, path)
@@ -251,7 +251,8 @@ def certify(
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
-    return _proved(Examined(robot, trajectory), path, limits, _Promise(law, keeps, rate, tolerance), span)
+    enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
+    return _proved(Examined(robot, trajectory, path, enough), limits, _Promise(law, keeps, rate, tolerance), span)
 
 
 class _Promise(NamedTuple):
@@ -263,15 +264,12 @@ class _Promise(NamedTuple):
     tolerance: tuple[float, float] | None
 
 
-def _proved(
-    motion: Examined, path: Path, limits: MotionLimits, promise: _Promise, span: tuple[float, float]
-) -> Certificate:
+def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
     """The certificate of checked arguments: all judgements."""
     law, keeps, rate, tolerance = promise
     robot, trajectory, bounds = motion.robot, motion.trajectory, limits.bounds(motion.robot.n)
     judged: dict[str, Any] = {kind.name: kind.judge(motion, bounds[kind.name]) for kind in limits.kinds}
-    enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
-    off, passage = path_error(robot, path, trajectory, motion.bounds, enough)
+    off, passage = motion.along
     singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
@@ -286,7 +284,7 @@ def _proved(
         singular_value=singular_value,
         t_singular_value=t_singular_value,
         binding=active_constraints(motion, limits, passage.s[passage.knot]),
-        coverage=coverage(path, passage, span),
+        coverage=coverage(motion.path, passage, span),
         continuous=continuous_order(motion.jumps),
         rest=motion.rest,
         **{name: judged.pop(name) for name in ALL_LIMITS},
@@ -307,6 +305,7 @@ def _check_kinds(robot: Robot, path: Path, trajectory: Trajectory, limits: Motio
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
+    limits.check_path(path)
 
 
 def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
