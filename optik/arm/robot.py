@@ -15,6 +15,7 @@ from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.plain import arm_from_dict, arm_to_dict
+from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
 from optik.arm.torques import ArmDynamics
 from optik.check import real_array
@@ -83,7 +84,7 @@ class Robot(ArmDynamics):
         limits : JointLimits
             Of all joints.
         **options
-            name, joint_names, gravity, source, gravity_magnitude, inertia, payload as of `Robot`; base and tool, both
+            name, joint_names, gravity, source, gravity_magnitude, inertia, payload, shapes as of `Robot`; base and tool, both
             (4, 4): the base stands before the table's first transform, the tool after its last.
 
         Returns
@@ -114,8 +115,8 @@ class Robot(ArmDynamics):
             Of all joints.
         **options
             name, joint_names, gravity, source, gravity_magnitude, payload as of `Robot`; base and tool, both (4, 4): the
-            base stands before the table's first transform, the tool after its last; inertia: in the table's frames, which
-            stand a_i and α_i behind the joints' frames.
+            base stands before the table's first transform, the tool after its last; inertia and shapes: in the table's frames,
+            which stand a_i and α_i behind the joints' frames.
 
         Returns
         -------
@@ -134,6 +135,8 @@ class Robot(ArmDynamics):
         fixed = [b @ screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
         if isinstance(options.get("inertia"), Inertia) and options["inertia"].mass.size == len(table):
             options["inertia"] = options["inertia"].moved(before[1:])
+        if isinstance(options.get("shapes"), Shapes):
+            options["shapes"] = options["shapes"].moved_all([np.eye(4), *before[1:]])
         return _assemble(fixed, before[-1], table, limits, options)
 
     @staticmethod
@@ -416,7 +419,7 @@ def _assemble(
         raise RobotModelError(name, "no joints")
     base = se3.check_pose(options.pop("base", np.eye(4)), "base")
     tool = last @ se3.check_pose(options.pop("tool", np.eye(4)), "tool")
-    given = ("joint_names", "gravity", "source", "gravity_magnitude", "inertia", "payload")
+    given = ("joint_names", "gravity", "source", "gravity_magnitude", "inertia", "payload", "shapes")
     known = {key: options.pop(key) for key in given if key in options}
     if options:
         raise InvalidInput("options", ", ".join(options), f"some of name, base, tool, {', '.join(given)}")

@@ -174,6 +174,24 @@ class Shapes:
 
     # ------------------------------------------------------------ copies
 
+    def moved_all(self, poses: Sequence[Array]) -> Shapes:
+        """Return the shapes in other frames of the links.
+
+        Parameters
+        ----------
+        poses : sequence of (4, 4) arrays
+            Poses of the present frames in the new ones, of link 0, 1, … [1, m]; links beyond them stay as they are.
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+        """
+        shapes = self
+        for link, T in enumerate(poses):
+            shapes = shapes.moved(link, T)
+        return shapes
+
     def moved(self, link: int, T: Array) -> Shapes:
         """Return the shapes with the capsules of one link moved, as when the link's frame is exchanged.
 
