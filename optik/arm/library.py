@@ -72,6 +72,9 @@ URDF = (".urdf", ".xml")
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
 
+URDF_OPTIONS = {"tip", "base", "shapes", "packages", "srdf"}
+"""What can stand behind a URDF's path."""
+
 MOST_TOML_BYTES = 2**20
 """Longest file that is read [bytes]: a thousand times that of an arm of seven joints."""
 
@@ -102,7 +105,8 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     name : str or path
         A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file with
         what `Robot.to_dict` returns, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). The links
-        of a URDF can stand behind its path: ``"./arm.urdf#tip=tool0&base=base_link"``.
+        of a URDF can stand behind its path: ``"./arm.urdf#tip=tool0&base=base_link"``, and ``shapes=yes`` to read its
+        <collision> elements, with ``packages=FOLDER`` for a folder of packages and ``srdf=FILE``.
     tip, base : str, optional
         For a URDF, the links of `Robot.from_urdf`.
 
@@ -138,7 +142,7 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
     suffix, file = Path(path).suffix.lower(), file_of(path, "robot")
     if suffix in URDF:
         try:
-            return Robot.from_urdf(file, **links)
+            return Robot.from_urdf(file, **_urdf_options(links))
         except InvalidInput as error:
             where = f"robot {path!r}" if error.argument == "source" else error.argument  # which of several files
             raise InvalidInput(where, error.got, error.expected) from None
@@ -159,11 +163,22 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
 
 
 def _links(text: str) -> dict[str, str]:
-    """Links behind a URDF's path, ``tip=tool0&base=base_link``."""
+    """What stands behind a URDF's path, ``tip=tool0&base=base_link``."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
-    if not set(links) <= {"tip", "base"} or not all(links.values()):
-        raise InvalidInput("robot", repr(text), "links of a URDF: tip=LINK, base=LINK or tip=LINK&base=LINK")
+    if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
+        expected = "tip=LINK, base=LINK, shapes=yes, packages=FOLDER or srdf=FILE, joined by &"
+        raise InvalidInput("robot", repr(text), f"options of a URDF: {expected}")
     return links
+
+
+def _urdf_options(links: dict[str, str]) -> dict[str, Any]:
+    """Arguments of `Robot.from_urdf` for what stands behind a path; with folders or an SRDF, shapes are meant."""
+    options: dict[str, Any] = {key: value for key, value in links.items() if key in ("tip", "base", "srdf")}
+    if "packages" in links:
+        options["package_dirs"] = [links["packages"]]
+    if {"srdf", "packages", "shapes"} & set(links):
+        options["shapes"] = links.get("shapes", "yes") == "yes"
+    return options
 
 
 def _robot_of(value: Any, where: str, name: str) -> Robot:

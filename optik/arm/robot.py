@@ -18,7 +18,7 @@ from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
 from optik.arm.torques import ArmDynamics
-from optik.check import real_array
+from optik.check import check_flag, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -147,6 +147,9 @@ class Robot(ArmDynamics):
         *,
         name: str | None = None,
         gravity: ArrayLike = (0.0, 0.0, -1.0),
+        shapes: bool = False,
+        package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+        srdf: str | os.PathLike[str] | None = None,
     ) -> Robot:
         """Read the chain between two links of a URDF.
 
@@ -170,6 +173,13 @@ class Robot(ArmDynamics):
             Name of the arm; by default the file's.
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; −z by default.
+        shapes : bool
+            Read the <collision> elements, too, and enclose them by capsules; meshes in STL or OBJ. By default they are
+            not read, because meshes take seconds and are often missing.
+        package_dirs : mapping of str to path, or sequence of paths, optional
+            Folders of the meshes besides the file's own: of each package by its name, or that contain packages.
+        srdf : str or path, optional
+            File, or its text, whose <disable_collisions> name pairs of links that are not examined.
 
         Returns
         -------
@@ -179,14 +189,23 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
+            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that cannot be read or lies elsewhere.
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, following another (<mimic>), without an axis, with crossed or missing limits.
         """
         from optik.arm.urdf import read_urdf
 
-        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity))
+        if not check_flag(shapes, "shapes"):
+            if package_dirs is not None or srdf is not None:
+                raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
+            return _robot(read_urdf(source, tip, base, name=name, gravity=gravity))
+        from optik.arm.shapes.meshes import folders_of
+
+        robot = _robot(
+            read_urdf(source, tip, base, name=name, gravity=gravity, folders=folders_of(source, package_dirs))
+        )
+        return robot if srdf is None or robot.shapes is None else robot.with_shapes(robot.shapes.with_srdf(srdf))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.

@@ -150,6 +150,28 @@ def fitted(triangles: Array) -> Capsule:
     return Capsule(a, b, radius)
 
 
+def around_cylinder(radius: float, length: float) -> Capsule:
+    """Enclose a cylinder about the z axis by a capsule about the same axis, of the least volume.
+
+    Parameters
+    ----------
+    radius, length : float
+        Sizes of the cylinder, whose middle is the origin [m].
+
+    Returns
+    -------
+    Capsule
+        The capsule; its excess is exact.
+    """
+    # With radius r the ends of the segment stand √(r² − radius²) inside the cylinder's faces; at the last r it is a sphere.
+    r = radius + np.linspace(0.0, 1.0, 1001) ** 2 * (np.hypot(radius, 0.5 * length) - radius)
+    half = np.maximum(0.5 * length - np.sqrt(r * r - radius * radius), 0.0)
+    best = int(np.argmin(r * r * (2.0 * half + 4.0 / 3.0 * r)))
+    end = np.array([0.0, 0.0, half[best]])
+    excess = max(r[best] - radius, half[best] + r[best] - 0.5 * length)
+    return Capsule(-end, end, float(r[best]) * (1.0 + ROUNDING) + ROUNDING, float(excess) + 2.0 * ROUNDING)
+
+
 def _hull(points: Array) -> Array:
     """Corners of the convex hull; all points if they lie in a plane."""
     from scipy.spatial import ConvexHull, QhullError

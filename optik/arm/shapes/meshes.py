@@ -121,6 +121,33 @@ class MeshFolders:
         return [(root, root / path) for root in roots]  # an absolute path replaces the root
 
 
+def folders_of(
+    source: str | os.PathLike[str],
+    package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None,
+) -> MeshFolders:
+    """Return the folders below which the meshes of a description may lie.
+
+    Parameters
+    ----------
+    source : str or path
+        The description: a file, or its text (which begins with <).
+    package_dirs : mapping of str to path, or sequence of paths, optional
+        Further folders, as of `MeshFolders`.
+
+    Returns
+    -------
+    MeshFolders
+        The folders.
+
+    Raises
+    ------
+    InvalidInput
+        Not folders.
+    """
+    text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+    return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
+
+
 def read_mesh(file: Path) -> Array:
     """Read the triangles of a mesh in STL or OBJ.
 
