@@ -36,7 +36,13 @@ EXCESS_STEP = 2e-4
 LEAST_GAIN = 0.9
 """A part is cut if the product of excess and size falls below this part of what it was: a proof takes longer with more."""
 
-CUTS = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
+FEW_TRIANGLES = 500
+"""Of a larger mesh, about so many triangles are taken to choose where it is cut; all of it is cut there then."""
+
+SAME_AXIS = 0.98
+"""A principal axis whose cosine to an axis of the frame is above this is not tried besides it."""
+
+CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Where planes across an axis are tried, as parts of the extent."""
 
 CELLS = 16
@@ -125,7 +131,7 @@ def fitted(triangles: Array) -> Capsule:
     """
     from scipy.optimize import minimize
 
-    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    points = triangles.reshape(-1, 3)
     corners = _hull(points)
     starts = sorted(_starts(corners), key=lambda start: _volume(*_about(corners, *start)))
 
@@ -184,9 +190,8 @@ def _hull(points: Array) -> Array:
 
 def _starts(points: Array) -> list[tuple[Array, Array]]:
     """Lines along the axes of the frame and along the principal axes, through the middle of the points."""
-    axes = np.vstack((np.eye(3), _principal(points)))
     found = []
-    for u in axes:
+    for u in _axes(points):
         v, w = _across(u)
         middle = sum(0.5 * ((points @ x).min() + (points @ x).max()) * x for x in (u, v, w))
         found.append((np.asarray(middle), u))
@@ -195,10 +200,12 @@ def _starts(points: Array) -> list[tuple[Array, Array]]:
 
 def _across(u: Array) -> tuple[Array, Array]:
     """Two unit vectors that make a right-angled frame with a unit vector."""
-    other = np.eye(3)[int(np.argmin(np.abs(u)))]
-    v = np.cross(u, other)
-    v /= np.linalg.norm(v)
-    return v, np.cross(u, v)
+    x, y, z = u.tolist()
+    least = int(np.argmin(np.abs(u)))
+    v = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])
+    v /= np.sqrt(v @ v)
+    a, b, c = v.tolist()
+    return v, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 def _about(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
@@ -251,20 +258,22 @@ def _size(capsules: list[Capsule]) -> float:
 
 def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[Array]:
     """The mesh cut across an axis in two or three parts, the way of a few that leaves the least excess; or no parts."""
-    points = np.unique(triangles.reshape(-1, 3), axis=0)
-    best: list[Array] = []
+    few = triangles[:: 1 + len(triangles) // FEW_TRIANGLES]
+    points = triangles.reshape(-1, 3)
+    best: tuple[Array, list[float]] | None = None
     least = np.inf
-    for u in np.vstack((np.eye(3), _principal(points))):
+    for u in _axes(points):
         low, high = float((points @ u).min()), float((points @ u).max())
         for cuts in (c for count in range(1, min(most, 3)) for c in combinations(CUTS, count)):
-            pieces = _slabs(triangles, u, [low + part * (high - low) for part in cuts])
+            offsets = [low + part * (high - low) for part in cuts]
+            pieces = _slabs(few, u, offsets)
             if min(len(piece) for piece in pieces) == 0:
                 continue
             capsules = [_roughly(piece) for piece in pieces]
             worst = _worst(capsules, others, tree, coarse=True) * _size(capsules)
             if worst < (1.0 if len(pieces) == 2 else LEAST_GAIN) * least:  # a third capsule has to pay
-                best, least = pieces, worst
-    return best
+                best, least = (u, offsets), worst
+    return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
 
 
 def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]:
@@ -276,15 +285,16 @@ def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]
     return [*pieces, triangles]
 
 
-def _principal(points: Array) -> Array:
-    """Principal axes (3, 3) of points, as rows."""
+def _axes(points: Array) -> Array:
+    """Axes of the frame, and principal axes of points that differ from them, as rows."""
     offsets = points - points.mean(axis=0)
-    return np.asarray(np.linalg.eigh(offsets.T @ offsets)[1].T)
+    principal = np.linalg.eigh(offsets.T @ offsets)[1].T
+    return np.vstack((np.eye(3), principal[np.abs(principal).max(axis=1) < SAME_AXIS]))
 
 
 def _roughly(triangles: Array) -> Capsule:
     """Capsule about the best of a few axes."""
-    corners = _hull(np.unique(triangles.reshape(-1, 3), axis=0))
+    corners = _hull(triangles.reshape(-1, 3))
     return Capsule(*min((_about(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c)))
 
 
