@@ -19,7 +19,7 @@ from planners.curve import monomials
 from planners.limits._extreme import plain
 from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, is_known, kind_of
 from planners.limits._points import PathPoints
-from planners.limits._segments import bound_at, on_pieces
+from planners.limits._segments import bound_at, inside_ends, on_pieces
 from planners.limits._sides import inner, is_pair, over
 from planners.limits.base import Limit
 from planners.paths.base import Path
@@ -369,6 +369,56 @@ class MotionLimits:
             for b, name in zip(kept, TOOL_SPEEDS, strict=True)
         ]
         return np.stack(each, axis=1)
+
+    def tool_between(self, path: Path, s: Array) -> Array:
+        """Return the greatest speeds of the tool between places of a path; the lesser where an interval has two of them.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+        s : (k + 1,) array
+            Places, increasing [m, or rad].
+
+        Returns
+        -------
+        (k, 2) array
+            Of its point [m/s] and of its rotation [rad/s], infinity where free.
+
+        Raises
+        ------
+        InvalidInput
+            Another number of bounds than of segments.
+        """
+        kept = zip(TOOL_SPEEDS, map(self.value, TOOL_SPEEDS), self.tool, strict=True)
+        each = [
+            np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
+            for name, v, most in kept
+        ]
+        return np.stack(each, axis=1)
+
+    def tool_changes(self, path: Path) -> Array:
+        """Return the places of a path at which a greatest speed of the tool changes.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+
+        Returns
+        -------
+        (k,) array
+            Some of its breaks [m, or rad].
+
+        Raises
+        ------
+        InvalidInput
+            Another number of bounds than of segments.
+        """
+        if not any(np.ndim(self.value(name)) for name in TOOL_SPEEDS):
+            return np.empty(0)
+        breaks, allowed = path.breaks, self.tool_between(path, path.breaks)
+        return np.asarray(breaks[1:-1][(allowed[1:] != allowed[:-1]).any(axis=1)])
 
     @property
     def tool(self) -> tuple[float, float]:

@@ -111,7 +111,7 @@ class Optimal(TimeLaw):
         for problem, weight in _problems(joint_path, limits, self.intervals):
             trajectory = _solved(joint_path, problem, limits, SLOWDOWN_LEFT, weight)
             if trajectory is not None:
-                return fitted(joint_path.robot, trajectory, limits, self.promises(limits))
+                return fitted(joint_path.robot, trajectory, limits, self.promises(limits), joint_path.path)
         limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
@@ -230,7 +230,7 @@ def _solved(
             weight, trajectory = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
         trajectory, again = motion, again + 1
-        if not _tighten(joint_path, problem, trajectory, excess, limits, close):
+        if not _tighten(joint_path, given, trajectory, excess, limits, close):
             return trajectory
         if given.moving is None:
             z = _inside(problem, z, 0.995)
@@ -287,11 +287,12 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
 
 
 def _tighten(
-    joint_path: JointPath, problem: Problem, trajectory: Trajectory, excess: _Excess, limits: MotionLimits,
+    joint_path: JointPath, given: Programme, trajectory: Trajectory, excess: _Excess, limits: MotionLimits,
     close: float,
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
-    tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN_SAMPLES)
+    problem = given.problem
+    tool = _tool_ratios(joint_path, given.s, trajectory, limits) * (1.0 if close else BETWEEN_SAMPLES)
     slower = max(
         excess.speed.max(), excess.node.max(initial=0.0) ** (1.0 / 2.0), excess.edge.max() ** (1.0 / 3.0), tool.max()
     )
@@ -344,14 +345,14 @@ def _pieces_over(motion: Trajectory, order: int, bound: Array) -> Array:
     return np.maximum(*(over(extrema, bound) for extrema in motion.piece_range(order)))
 
 
-def _tool_ratios(joint_path: JointPath, trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """Largest of some tool speeds on every piece (K,) over their limits; 0 where there is none."""
+def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits: MotionLimits) -> Array:
+    """Largest of some tool speeds on every piece (K,) between places s over their limits; 0 where there is none."""
     t = trajectory.knots
     if not np.isfinite(limits.tool).any():
         return np.zeros(t.size - 1)
     at = (t[:-1, None] + np.diff(t)[:, None] * np.array([0.2, 0.4, 0.6, 0.8])).ravel()
     twist = np.einsum("kij,kj->ki", joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
-    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / np.array(limits.tool)
+    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / limits.tool_between(joint_path.path, s)[:, None]
     return np.asarray(norms.max(axis=(1, 2)))
 
 

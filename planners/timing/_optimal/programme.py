@@ -102,6 +102,10 @@ def programme(
     at, v, a = _filtered(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
+    for place in limits.tool_changes(joint_path.path):  # the nearest place between moves there
+        k = int(np.abs(at - place).argmin())
+        if 0 < k < at.size - 1 and at[k - 1] < place < at[k + 1]:
+            at[k] = place
     v[-1] = a[-1] = 0.0
     v[0], a[0] = state.speed, state.acceleration
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS

@@ -40,6 +40,9 @@ FEWEST = 50
 NODE_JUMP = 0.02
 """Largest jump of q''' within an interval, as a share of the jerk limits: at larger ones there is a place."""
 
+SAME_NODE = 1e-9
+"""Share of the path within which a node and a place where a limit changes are the same."""
+
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
     """The programme from rest to rest.
@@ -77,7 +80,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     usual = round(_sweep.spread(along, motion, even, per_change, least, share))
     count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
-    when, k, nodes = _with(when, joint_path, along, motion, least)
+    changes = limits.tool_changes(joint_path.path)
+    when, k, nodes = _with(when, joint_path, along, motion, least, changes)
     found = np.empty((3, when.size))
     _sweep.sampled(along.s, motion, when, found)
     found[0, 0], found[0, -1], found[0, k] = 0.0, joint_path.end, nodes
@@ -88,11 +92,12 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
 
 
 def _with(
-    when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float
+    when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float, changes: Array
 ) -> tuple[Array, Indices, Array]:
     """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
 
-    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell.
+    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell. So has a
+    place at which the limit on the tool's speed changes.
 
     Returns
     -------
@@ -102,10 +107,13 @@ def _with(
     nodes = joint_path.nodes[1:-1]
     beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
     jump = np.abs(derivatives(joint_path, nodes + beside)[3] - derivatives(joint_path, nodes - beside)[3])
-    passed = np.interp(nodes, along.s, motion[0])
     speed = np.interp(nodes, along.s, motion[1])
     chosen = (jump / along.jerk[: jump.shape[1]]).max(axis=1) * speed**3 > NODE_JUMP
-    nodes, passed = nodes[chosen], passed[chosen]
+    nodes = nodes[chosen]
+    if changes.size:
+        apart = np.abs(nodes[:, None] - changes).min(axis=1) > SAME_NODE * joint_path.end
+        nodes = np.sort(np.concatenate([nodes[apart], changes]))
+    passed = np.interp(nodes, along.s, motion[0])
     # what they replace: a time that is nearer than a third of its interval
     i = np.clip(np.searchsorted(when, passed), 1, when.size - 1)
     low, high = passed - when[i - 1], when[i] - passed
