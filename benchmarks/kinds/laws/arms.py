@@ -39,12 +39,12 @@ def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
     Returns
     -------
     str
-        Such as ``panda`` or ``panda, 1.5 kg``.
+        Such as ``panda`` or ``panda 1.5 kg``.
     """
     if payload is None:
         return short_name(robot)
     low, high = payload_masses(payload)
-    return f"{short_name(robot)}, " + (f"{low:g} kg" if low == high else f"{low:g} to {high:g} kg")
+    return f"{short_name(robot)} " + (f"{low:g} kg" if low == high else f"{low:g} to {high:g} kg")
 
 
 def arm_with(robot: str, payload: float | tuple[float, float] | None) -> Robot:

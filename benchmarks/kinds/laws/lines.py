@@ -190,7 +190,8 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | N
     low : float
         Singular value below which a track is followed no further [1].
     stands : callable, optional
-        From configurations (k, n) [rad, m] to whether the motors can hold the arm there; a track on which they cannot leaves the limits.
+        From configurations (k, n) [rad, m] to whether the motors can hold the arm there; a track on which they cannot
+        leaves the limits.
 
     Returns
     -------
