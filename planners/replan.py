@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput, NoSolution
+from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certificate import check_tolerance
 from planners.following.follow import JointPath
@@ -48,6 +49,8 @@ def replan(
     strict: bool = False,
     tolerance: tuple[float, float] = (1e-5, 1e-5),
     rate: float = 1000.0,
+    scene: Scene | None = None,
+    margin: float | None = None,
 ) -> Plan:
     """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
 
@@ -73,6 +76,10 @@ def replan(
         Distance [m] and angle [rad], as in `plan`.
     rate : float
         The controller's rate [1/s], as in `plan`.
+    scene : Scene, optional
+        What must not be touched now; by default the plan's.
+    margin : float, optional
+        What all distances to it must exceed [m]; by default the plan's.
 
     Returns
     -------
@@ -87,7 +94,11 @@ def replan(
         stopped already, or a law that starts only at rest.
     """
     running = _running(plan)
-    asked = _asked(plan, timing, limits, check_tolerance(tolerance), rate)
+    asked = replace(
+        _asked(plan, timing, limits, check_tolerance(tolerance), rate),
+        scene=plan.scene if scene is None else scene,
+        margin=plan.margin if margin is None else margin,
+    )
     for argument, flag in (("stop", stop), ("strict", strict)):
         if not isinstance(flag, bool):
             raise InvalidInput(argument, repr(flag)[:60], "True or False")

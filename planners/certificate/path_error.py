@@ -15,6 +15,7 @@ from planners.certificate.failure import Failure
 from planners.certificate.nearest import Nearest
 from planners.certificate.path_bounds import Compared, PieceBounds, intervals, largest
 from planners.certificate.progress import BEND, places_along
+from planners.limits._extreme import plain
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -42,6 +43,10 @@ class PathError(NamedTuple):
     found_angle: float
     t_distance: float
     t_angle: float
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Plain data for files; undefined numbers, of a motion without a path, as None."""
+        return dict(zip(self._fields, plain(np.array(self)), strict=True))
 
     def failures(self, tolerance: tuple[float, float] | None) -> list[Failure]:
         """How the tool leaves its path by more than the tolerance.
