@@ -201,18 +201,12 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    ik: str | os.PathLike[str] | IKSolver = "lm",
-    timing: str | os.PathLike[str] | TimeLaw = "optimal",
-    limits: MotionLimits | None = None,
-    samples: int = 151,
-    branch: str | None = None,
-    duration: float | None = None,
-    strict: bool = False,
-    tolerance: tuple[float, float] = (1e-5, 1e-5),
-    rate: float = 1000.0,
-    scene: Scene | None = None,
-    margin: float = 0.0,
-) -> Plan:
+    ik: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
+    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
+    duration: float | None = None, strict: bool = False,
+    tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
+    scene: Scene | None = None, margin: float = 0.0,
+) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and prove what it keeps.
 
     Parameters
@@ -223,10 +217,8 @@ def plan(
         What the tool follows. For a pose, the straight line from the start; for joints [rad, m], the one in joint space.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
-    ik : str or IKSolver
-        Method, by name, by the path of a file (``"./jt.py"``), or built.
-    timing : str or TimeLaw
-        Law, by name, by the path of a file (``"./law.py"``), or built.
+    ik, timing : str, or IKSolver and TimeLaw
+        Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
     limits : MotionLimits, optional
         The robot's own by default.
     samples : int
@@ -241,11 +233,9 @@ def plan(
         Largest distance [m] and angle [rad] between tool and path with which the certificate holds.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
-    scene : Scene, optional
-        What an arm with shapes must not touch, nor its links each other; proved for every instant (`Certificate.clearance`). An
-        empty scene for the links alone; by default neither is examined.
-    margin : float
-        What all these distances must exceed [m].
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, proved for every instant (`Certificate.clearance`),
+        and what all these distances must exceed [m]. An empty scene for the links alone; by default nothing is examined.
 
     Returns
     -------

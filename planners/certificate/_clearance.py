@@ -210,8 +210,8 @@ def _level(
 ) -> Indices:  # fmt: skip
     """Judge the open pairs of all intervals of one level.
 
-    nodes: spans (k, 2), and (k, 4): first and last piece, start and number of the interval's open pairs. open_: pairs and the
-    bounds of the interval before. rest: filled with those that stay open.
+    nodes: spans (k, 2), and (k, 4): first and last piece, start and number of the open pairs. open_: pairs and their bounds so
+    far. rest: filled with those that stay open.
 
     Returns
     -------
@@ -223,7 +223,7 @@ def _level(
     places, away = np.empty((count, 2, 3)), np.empty((count, 2, n + 1))
     moved = (places, np.empty((count, 2, n + 1, 3)), away, np.empty((count, 2, n + 1)))
     frame, D, joint, spheres = np.empty((n, 4, 4)), np.empty((1, 6, n)), np.empty((4, n)), np.empty((count, 4))
-    left, used = np.zeros((nodes[0].shape[0], 2), np.int64), 0
+    left, used, axes = np.zeros((nodes[0].shape[0], 2), np.int64), 0, (link, ends_a, ends_b)
     for node in range(nodes[0].shape[0]):
         first, last, start, number = nodes[1][node]
         h, smooth, placed = 0.0, True, False
@@ -237,10 +237,10 @@ def _level(
                     h, smooth = _joints(motion, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
                     spheres[:, 3], placed = -1.0, True
-                _place(k, chain, frame, (link, ends_a, ends_b), joint, moved, spheres)
+                _place(k, chain, frame, axes, joint, moved, spheres)
                 base, thick = 0, radius[k]
                 if kind == OWN:
-                    _place(i, chain, frame, (link, ends_a, ends_b), joint, moved, spheres)
+                    _place(i, chain, frame, axes, joint, moved, spheres)
                     base, thick = link[i], thick + radius[i]
                 elif kind == ROUND:
                     thick += scene[4][i]
@@ -258,11 +258,11 @@ def _level(
                     if least[own, 0] < before:
                         least[own, 3] = which
                 bound = max(bound, rough)
-            if bound < _target(least[own, 0], wanted):
-                rest[0][used], rest[1][used] = which, bound
-                used += 1
-            else:
+            if bound >= _target(least[own, 0], wanted):
                 least[own, 2] = min(least[own, 2], bound)
+                continue
+            rest[0][used], rest[1][used] = which, bound
+            used += 1
         left[node, 1] = used - left[node, 0]
     return left
 

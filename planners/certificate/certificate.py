@@ -214,14 +214,10 @@ def certify(
     trajectory: Trajectory,
     limits: MotionLimits | None = None,
     *,
-    law: str = "",
-    keeps: tuple[str, ...] | None = None,
-    rate: float = 1000.0,
-    tolerance: tuple[float, float] | None = None,
-    span: tuple[float, float] | None = None,
-    scene: Scene | None = None,
-    margin: float = 0.0,
-) -> Certificate:
+    law: str = "", keeps: tuple[str, ...] | None = None, rate: float = 1000.0,
+    tolerance: tuple[float, float] | None = None, span: tuple[float, float] | None = None,
+    scene: Scene | None = None, margin: float = 0.0,
+) -> Certificate:  # fmt: skip
     """Prove what a trajectory keeps at every instant.
 
     Parameters
@@ -245,11 +241,9 @@ def certify(
         Largest distance [m] and angle [rad] to the path with which the certificate holds.
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
-    scene : Scene, optional
-        What must not be touched, by an arm with shapes; its links must not touch each other either. An empty scene for the
-        links alone; by default neither is examined.
-    margin : float
-        What all these distances must exceed [m].
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]. An
+        empty scene for the links alone; by default nothing is examined.
 
     Returns
     -------
@@ -262,7 +256,6 @@ def certify(
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
         is not above 0, an unknown name in ``keeps``, a span that is none, a scene with an arm without shapes, a margin below 0.
     """
-    limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):
         raise InvalidInput("path", "None, with a tolerance or a span", "the Path that they belong to")
@@ -272,8 +265,7 @@ def certify(
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
-    if scene is not None:
-        margin = check_scene(robot, scene, margin)
+    margin = margin if scene is None else check_scene(robot, scene, margin)
     promise = _Promise(law, keeps, rate, tolerance, span, scene, margin)
     return _proved(Examined(robot, trajectory), path, limits, promise)
 
@@ -333,6 +325,7 @@ def _along(motion: Examined, path: Path | None, promise: _Promise) -> tuple[Path
 
 def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
     """Return the limits; raise InvalidInput for arguments of another kind, or another number of joints."""
+    limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     kinds = {
         "robot": (robot, Robot),
         "path": (path, Path | None),

@@ -69,12 +69,9 @@ def follow(
     path: Path,
     q_start: ArrayLike | None = None,
     *,
-    branch: str | None = None,
-    samples: int = 151,
-    tolerance: Tolerance = DEFAULT_TOLERANCE,
-    scene: Scene | None = None,
-    margin: float = 0.0,
-) -> Followed:
+    branch: str | None = None, samples: int = 151, tolerance: Tolerance = DEFAULT_TOLERANCE,
+    scene: Scene | None = None, margin: float = 0.0,
+) -> Followed:  # fmt: skip
     """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
 
     Each step is predicted from exact derivatives and corrected by Newton's method to rounding. It is accepted if the joints
@@ -97,10 +94,9 @@ def follow(
         Equally spaced in s, ends included; 151 for the paper's line.
     tolerance : Tolerance
         Bound on the tool's deviation from the path between samples [m, rad].
-    scene : Scene, optional
-        What an arm with shapes must not touch, nor its links each other: ``"best"`` chooses among what is free.
-    margin : float
-        What all these distances must exceed [m].
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]:
+        ``"best"`` chooses among what is free.
 
     Returns
     -------
@@ -117,26 +113,35 @@ def follow(
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
-    near = around(solver.robot, scene, margin)
     grid = np.linspace(0.0, path.end, samples)
-    given = path.configurations(solver.robot, grid)
+    return _clear(solver, path, grid, (q, branch), tolerance, around(solver.robot, scene, margin))
+
+
+def _clear(
+    solver: IKSolver,
+    path: Path,
+    grid: Array,
+    asked: tuple[Array | None, str],
+    tolerance: Tolerance,
+    near: Around | None,
+) -> Followed:
+    """Follow a path, free of contact where there is a scene."""
+    robot, (q, branch) = solver.robot, asked
+    given = path.configurations(robot, grid)
     first = given[0] if given is not None else (q if branch == "start" else None)
     touching = near.start(first) if near is not None and first is not None else None
     if touching is not None:
         return Followed(None, touching)
     if given is not None:
-        followed = _given(solver.robot, path, grid, given, q)
+        followed = _given(robot, path, grid, given, q)
     else:
-        followed = _tracked(solver, path, grid, (q, branch), tolerance, near)
-    if near is None or followed.joint_path is None or not followed:
+        followed = _tracked(solver, path, grid, asked, tolerance, near)
+    stop = near.stop(followed.joint_path) if near is not None and followed and followed.joint_path is not None else None
+    if near is None or stop is None:
         return followed
-    stop = near.stop(followed.joint_path)
-    if stop is None:
-        return followed
-    advice = "another goal, or a way around it through other configurations"
-    if given is None:
-        advice = _around_it(solver, path, (q, branch), samples, tolerance, near)
-    return Followed(followed.joint_path, replace(stop, advice=advice))
+    if given is not None:
+        return followed._replace(stop=replace(stop, advice="another goal, or a way around it in joint space"))
+    return followed._replace(stop=replace(stop, advice=_around_it(solver, path, asked, grid.size, tolerance, near)))
 
 
 def _around_it(
