@@ -44,6 +44,16 @@ def _row(x: Array, i: int) -> Triple:
 
 
 @inlined
+def _part(work: Array, what: int, i: int, column: int) -> Triple:
+    return work[what, i, column, 0], work[what, i, column, 1], work[what, i, column, 2]
+
+
+@inlined
+def _keep(work: Array, what: int, i: int, column: int, a: Triple) -> None:
+    work[what, i, column, 0], work[what, i, column, 1], work[what, i, column, 2] = a[0], a[1], a[2]
+
+
+@inlined
 def _put(x: Array, i: int, a: Triple) -> None:
     x[i, 0], x[i, 1], x[i, 2] = a[0], a[1], a[2]
 
@@ -71,6 +81,16 @@ def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
 
 
 @inlined
+def _product(A: Array, a: Triple) -> Triple:
+    """A a, of a matrix (3, 3)."""
+    return (
+        A[0, 0] * a[0] + A[0, 1] * a[1] + A[0, 2] * a[2],
+        A[1, 0] * a[0] + A[1, 1] * a[1] + A[1, 2] * a[2],
+        A[2, 0] * a[0] + A[2, 1] * a[1] + A[2, 2] * a[2],
+    )
+
+
+@inlined
 def _second(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
     """d̈ of a vector d that is fixed in a link; wd is ω × d."""
     return _plus(_cross(a, d), _cross(w, wd))
@@ -80,6 +100,67 @@ def _second(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
 def _third(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Triple) -> Triple:
     """d⃛ of a vector d that is fixed in a link; wd is ω × d, second is d̈."""
     return _plus(_plus(_cross(b, d), _times(2.0, _cross(a, wd))), _cross(w, second))
+
+
+@compiled
+def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array) -> None:
+    """Forces and moments on the links, and their momenta, from the base to the tool.
+
+    Rows of ``work`` (7, n + 1, 4, 4) behind the joint frames, in the base frame, moments about the joint's origin: columns 0 of
+    the 4 × 4 hold force, its rate, moment, its rate, the way from the joint before, its rate, and the rate of the axis; columns
+    1 hold linear and angular momentum, mass times centre of mass, and the velocity of the joint's origin.
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, _motor, gravity = bodies
+    T = work[0]
+    frames(chain, state[0], T[: mass.shape[0]])
+    zero = (0.0, 0.0, 0.0)
+    w, a, b, r, velocity, jerk = zero, zero, zero, zero, zero, zero
+    acceleration = (-weight * gravity[0], -weight * gravity[1], -weight * gravity[2])
+    for i in range(mass.shape[0]):
+        z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
+        d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
+        r, wd, wz = p, _cross(w, d), _cross(w, z)
+        second = _second(w, a, d, wd)
+        acceleration = _plus(acceleration, second)
+        jerk = _plus(jerk, _third(w, a, b, d, wd, second))
+        _keep(work, 5, i, 0, d)
+        _keep(work, 7, i, 0, wz)
+        dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
+        bend = _second(w, a, z, wz)  # z̈
+        if prismatic[i]:
+            acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
+            jerk = _plus(jerk, _plus(_times(dddq, z), _plus(_times(3.0 * ddq, wz), _times(3.0 * dq, bend))))
+            wd = _plus(wd, _times(dq, z))
+        else:
+            b = _plus(b, _plus(_times(dddq, z), _plus(_times(2.0 * ddq, wz), _times(dq, bend))))
+            a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
+            w = _plus(w, _times(dq, z))
+        velocity = _plus(velocity, wd)
+        _keep(work, 6, i, 0, wd)
+        _keep(work, 4, i, 1, velocity)
+        c = _turned(T, i, _row(com, i))
+        wc = _cross(w, c)
+        second = _second(w, a, c, wc)
+        force = _times(mass[i], _plus(acceleration, second))
+        change = _times(mass[i], _plus(jerk, _third(w, a, b, c, wc, second)))
+        momentum = _times(mass[i], _plus(velocity, wc))
+        spin, twist, wa = _tensor(T, tensor, i, w), _tensor(T, tensor, i, a), _cross(w, a)
+        moment = _plus(twist, _cross(w, spin))
+        rest = _tensor(T, tensor, i, (b[0] - wa[0], b[1] - wa[1], b[2] - wa[2]))
+        turning = _plus(_plus(_cross(a, spin), _cross(w, _plus(moment, twist))), rest)
+        _keep(work, 1, i, 0, force)
+        _keep(work, 2, i, 0, change)
+        _keep(work, 3, i, 0, _plus(moment, _cross(c, force)))
+        _keep(work, 4, i, 0, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
+        _keep(work, 1, i, 1, momentum)
+        _keep(work, 2, i, 1, _plus(spin, _cross(c, momentum)))
+        _keep(work, 3, i, 1, _times(mass[i], c))
+
+
+@inlined
+def _dot(a: Triple, b: Triple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
@@ -102,61 +183,163 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
         Filled with torques [N·m, N] and their rates [N·m/s, N/s].
     """
     _fixed, prismatic, _tool = chain
+    _mass, _com, _inertia, motor, _gravity = bodies
+    n, T = motor.shape[0], work[0]
+    _forces(chain, bodies, weight, state, work)
+    f, df, m, dm = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(n - 1, -1, -1):
+        if i < n - 1:
+            d, wd = _part(work, 5, i + 1, 0), _part(work, 6, i + 1, 0)
+            m = _plus(m, _cross(d, f))
+            dm = _plus(dm, _plus(_cross(wd, f), _cross(d, df)))
+        f, df = _plus(f, _part(work, 1, i, 0)), _plus(df, _part(work, 2, i, 0))
+        m, dm = _plus(m, _part(work, 3, i, 0)), _plus(dm, _part(work, 4, i, 0))
+        z, dz = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), _part(work, 7, i, 0)
+        e, de = (f, df) if prismatic[i] else (m, dm)
+        out[0, i] = _dot(z, e) + motor[i] * state[2, i]
+        out[1, i] = _dot(z, de) + _dot(dz, e) + motor[i] * state[3, i]
+
+
+@compiled
+def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Array) -> None:
+    """Torques of the rigid bodies and of the motors' inertia at one state, as `rigid_torques` without the rates.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    state : (3, n) array
+        q, q̇, q̈ [rad, rad/s, rad/s², or m].
+    work : (4, n + 1, 4, 4) array
+        Overwritten [1].
+    out : (n,) array
+        Filled with torques [N·m, N].
+    """
+    _fixed, prismatic, _tool = chain
     mass, com, tensor, motor, gravity = bodies
-    n = mass.shape[0]
+    n = motor.shape[0]
     T = work[0]
     frames(chain, state[0], T[:n])
-    F, dF, N, dN, D, dD = work[1, :, 0], work[2, :, 0], work[3, :, 0], work[4, :, 0], work[5, :, 0], work[6, :, 0]
-    dz = work[7, :, 0]
+    F, N, D = work[1, :, 0], work[2, :, 0], work[3, :, 0]
     zero = (0.0, 0.0, 0.0)
-    w, a, b, r, jerk = zero, zero, zero, zero, zero
-    acceleration = (-weight * gravity[0], -weight * gravity[1], -weight * gravity[2])
+    w, a, r = zero, zero, zero
+    acceleration = (-gravity[0], -gravity[1], -gravity[2])
     for i in range(n):
         z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
         d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
-        r, wd, wz = p, _cross(w, d), _cross(w, z)
-        second = _second(w, a, d, wd)
-        acceleration = _plus(acceleration, second)
-        jerk = _plus(jerk, _third(w, a, b, d, wd, second))
+        r, wz = p, _cross(w, z)
+        acceleration = _plus(acceleration, _second(w, a, d, _cross(w, d)))
         _put(D, i, d)
-        _put(dz, i, wz)
-        dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
-        bend = _second(w, a, z, wz)  # z̈
+        dq, ddq = state[1, i], state[2, i]
         if prismatic[i]:
             acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
-            jerk = _plus(jerk, _plus(_times(dddq, z), _plus(_times(3.0 * ddq, wz), _times(3.0 * dq, bend))))
-            wd = _plus(wd, _times(dq, z))
         else:
-            b = _plus(b, _plus(_times(dddq, z), _plus(_times(2.0 * ddq, wz), _times(dq, bend))))
             a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
             w = _plus(w, _times(dq, z))
-        _put(dD, i, wd)
         c = _turned(T, i, _row(com, i))
-        wc = _cross(w, c)
-        second = _second(w, a, c, wc)
-        force = _times(mass[i], _plus(acceleration, second))
-        change = _times(mass[i], _plus(jerk, _third(w, a, b, c, wc, second)))
-        spin, twist, wa = _tensor(T, tensor, i, w), _tensor(T, tensor, i, a), _cross(w, a)
-        moment = _plus(twist, _cross(w, spin))
-        rest = _tensor(T, tensor, i, (b[0] - wa[0], b[1] - wa[1], b[2] - wa[2]))
-        turning = _plus(_plus(_cross(a, spin), _cross(w, _plus(moment, twist))), rest)
+        force = _times(mass[i], _plus(acceleration, _second(w, a, c, _cross(w, c))))
+        moment = _plus(_tensor(T, tensor, i, a), _cross(w, _tensor(T, tensor, i, w)))
         _put(F, i, force)
-        _put(dF, i, change)
         _put(N, i, _plus(moment, _cross(c, force)))
-        _put(dN, i, _plus(turning, _plus(_cross(wc, force), _cross(c, change))))
-    f, df, m, dm = zero, zero, zero, zero
+    f, m = zero, zero
     for i in range(n - 1, -1, -1):
         if i < n - 1:
-            d, wd = _row(D, i + 1), _row(dD, i + 1)
-            m = _plus(m, _cross(d, f))
-            dm = _plus(dm, _plus(_cross(wd, f), _cross(d, df)))
-        f, df = _plus(f, _row(F, i)), _plus(df, _row(dF, i))
-        m, dm = _plus(m, _row(N, i)), _plus(dm, _row(dN, i))
-        x, y, t = T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]
-        u = _row(dz, i)
-        e, de = (f, df) if prismatic[i] else (m, dm)
-        out[0, i] = x * e[0] + y * e[1] + t * e[2] + motor[i] * state[2, i]
-        out[1, i] = x * de[0] + y * de[1] + t * de[2] + u[0] * e[0] + u[1] * e[1] + u[2] * e[2] + motor[i] * state[3, i]
+            m = _plus(m, _cross(_row(D, i + 1), f))
+        f, m = _plus(f, _row(F, i)), _plus(m, _row(N, i))
+        e = f if prismatic[i] else m
+        out[i] = T[i, 0, 2] * e[0] + T[i, 1, 2] * e[1] + T[i, 2, 2] * e[2] + motor[i] * state[2, i]
+
+
+@compiled
+def joint_torques(chain: Chain, bodies: Bodies, friction: tuple[Array, Array], states: Array, out: Array) -> None:
+    """Torques at states, with viscous and Coulomb friction.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    friction : tuple of two (n,) arrays
+        Viscous [N·m·s/rad, N·s/m] and Coulomb friction [N·m, N].
+    states : (k, 3, n) array
+        q, q̇, q̈ [rad, rad/s, rad/s², or m].
+    out : (k, n) array
+        Filled with torques [N·m, N]; Coulomb friction is 0 at rest.
+    """
+    viscous, coulomb = friction
+    n = viscous.shape[0]
+    work = np.empty((4, n + 1, 4, 4))
+    for k in range(states.shape[0]):
+        torques_at(chain, bodies, states[k], work, out[k])
+        for i in range(n):
+            speed = states[k, 1, i]
+            out[k, i] += viscous[i] * speed + coulomb[i] * np.sign(speed)
+
+
+@inlined
+def _join(mass: float, centre: Array, about: Array, part: float, at: Triple) -> float:
+    """Join a point mass to a body of which centre of mass and inertia about it are known; return the mass of both."""
+    both = mass + part
+    if part > 0.0:
+        share = part / both
+        d = (at[0] - centre[0], at[1] - centre[1], at[2] - centre[2])
+        reduced, square = mass * share, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        for r in range(3):
+            for c in range(3):
+                about[r, c] -= reduced * d[r] * d[c]
+            about[r, r] += reduced * square
+            centre[r] += share * d[r]
+    return both
+
+
+@compiled
+def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
+    """Mass matrices, by the composite bodies that each joint moves (Walker and Orin 1982), with the motors' inertia.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its masses.
+    q : (k, n) array
+        Configurations [rad, m].
+    out : (k, n, n) array
+        Filled with the matrices [kg·m², kg·m, kg].
+    """
+    _fixed, prismatic, _tool = chain
+    mass, com, tensor, motor, _gravity = bodies
+    n = mass.shape[0]
+    T, centre, about = np.empty((n, 4, 4)), np.empty(3), np.empty((3, 3))
+    for k in range(q.shape[0]):
+        frames(chain, q[k], T)
+        whole = 0.0
+        centre[:], about[:] = 0.0, 0.0
+        for i in range(n - 1, -1, -1):
+            c, R = _turned(T, i, _row(com, i)), T[i, :3, :3]
+            whole = _join(whole, centre, about, mass[i], (T[i, 0, 3] + c[0], T[i, 1, 3] + c[1], T[i, 2, 3] + c[2]))
+            for column in range(3):
+                x, y = 1.0 if column == 0 else 0.0, 1.0 if column == 1 else 0.0
+                turned = _tensor(T, tensor, i, (x, y, 1.0 - x - y))
+                about[0, column] += turned[0]
+                about[1, column] += turned[1]
+                about[2, column] += turned[2]
+            z = (R[0, 2], R[1, 2], R[2, 2])
+            d = (centre[0] - T[i, 0, 3], centre[1] - T[i, 1, 3], centre[2] - T[i, 2, 3])
+            # momentum of the composite body at unit velocity of joint i, and its moment about the centre of mass
+            push, spin = _times(whole, z if prismatic[i] else _cross(z, d)), (0.0, 0.0, 0.0)
+            if not prismatic[i]:
+                spin = _product(about, z)
+            for j in range(i + 1):
+                axis = (T[j, 0, 2], T[j, 1, 2], T[j, 2, 2])
+                arm = (centre[0] - T[j, 0, 3], centre[1] - T[j, 1, 3], centre[2] - T[j, 2, 3])
+                moved = push if prismatic[j] else _plus(spin, _cross(arm, push))
+                out[k, i, j] = axis[0] * moved[0] + axis[1] * moved[1] + axis[2] * moved[2]
+                out[k, j, i] = out[k, i, j]
+            out[k, i, i] += motor[i]
 
 
 @compiled
@@ -190,9 +373,10 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     """Coefficients of the rigid bodies' torques and of their rates along a joint path q(s), at places.
 
     With v = ṡ, a = s̈, j = s⃛ the torque is p a + c v² + g and its rate p j + d v a + c' v³ + g' v, where p = M q',
-    c = M q'' + C(q, q') q', g is the torque of gravity, and d = p' + 2 c. All are values of `rigid_torques` on motions of s:
-    (v, a) = (1, 0) without gravity has the torque c and the rate c', (1, 1) the torque c + p and the rate c' + d, and (1, 0)
-    with gravity c + g and c' + g'.
+    c = M q'' + C(q, q') q', g is the torque of gravity, and d = p' + 2 c. On the motion s = t without gravity c is the torque
+    and c' its rate; p is the momentum about (or along) each joint's axis of the links that the joint moves, whose angular
+    momentum L about the joint's origin o changes by the moment of the forces less ȯ × their linear momentum; and g is the
+    moment of their weight.
 
     Parameters
     ----------
@@ -203,19 +387,40 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     path : (4, k, n) array
         q, q', q'', q''' [as q over powers of s].
     out : (k, 6, n) array
-        Filled with p, c, g, d, c', g' [N·m or N, over powers of s].
+        Filled with p, c, g, d, c', g' [as torque over powers of s].
     """
+    _fixed, prismatic, _tool = chain
+    mass, _com, _tensor, motor, gravity = bodies
     k, n = path.shape[1], path.shape[2]
-    work, state, found = np.empty((8, n + 1, 4, 4)), np.empty((4, n)), np.empty((3, 2, n))
+    work, state = np.empty((8, n + 1, 4, 4)), np.empty((4, n))
+    T, down = work[0], (gravity[0], gravity[1], gravity[2])
     for at in range(k):
-        for which in range(3):
-            a = 1.0 if which == 1 else 0.0
+        for order in range(4):
             for i in range(n):
-                state[0, i], state[1, i] = path[0, at, i], path[1, at, i]
-                state[2, i] = path[2, at, i] + a * path[1, at, i]
-                state[3, i] = path[3, at, i] + a * 3.0 * path[2, at, i]
-            rigid_torques(chain, bodies, 1.0 if which == 2 else 0.0, state, work, found[which])
-        for i in range(n):
-            c, dc = found[0, 0, i], found[0, 1, i]
-            out[at, 0, i], out[at, 1, i], out[at, 2, i] = found[1, 0, i] - c, c, found[2, 0, i] - c
-            out[at, 3, i], out[at, 4, i], out[at, 5, i] = found[1, 1, i] - dc, dc, found[2, 1, i] - dc
+                state[order, i] = path[order, at, i]
+        _forces(chain, bodies, 0.0, state, work)
+        zero = (0.0, 0.0, 0.0)
+        f, df, m, dm, P, L, S, M = zero, zero, zero, zero, zero, zero, zero, 0.0
+        for i in range(n - 1, -1, -1):
+            if i < n - 1:
+                d, wd = _part(work, 5, i + 1, 0), _part(work, 6, i + 1, 0)
+                m = _plus(m, _cross(d, f))
+                dm = _plus(dm, _plus(_cross(wd, f), _cross(d, df)))
+                L, S = _plus(L, _cross(d, P)), _plus(S, _times(M, d))
+            f, df = _plus(f, _part(work, 1, i, 0)), _plus(df, _part(work, 2, i, 0))
+            m, dm = _plus(m, _part(work, 3, i, 0)), _plus(dm, _part(work, 4, i, 0))
+            P, L = _plus(P, _part(work, 1, i, 1)), _plus(L, _part(work, 2, i, 1))
+            S, M = _plus(S, _part(work, 3, i, 1)), M + mass[i]
+            z, dz, do = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), _part(work, 7, i, 0), _part(work, 4, i, 1)
+            moved = _plus(P, _times(-M, do))  # rate of S
+            if prismatic[i]:
+                p, dp, c, dc = _dot(z, P), _dot(dz, P) + _dot(z, f), _dot(z, f), _dot(z, df) + _dot(dz, f)
+                g, dg = -M * _dot(z, down), -M * _dot(dz, down)
+            else:
+                p, dp = _dot(z, L), _dot(dz, L) + _dot(z, _plus(m, _cross(P, do)))
+                c, dc = _dot(z, m), _dot(z, dm) + _dot(dz, m)
+                g, dg = -_dot(z, _cross(S, down)), -_dot(dz, _cross(S, down)) - _dot(z, _cross(moved, down))
+            p, dp = p + motor[i] * state[1, i], dp + motor[i] * state[2, i]
+            c, dc = c + motor[i] * state[2, i], dc + motor[i] * state[3, i]
+            out[at, 0, i], out[at, 1, i], out[at, 2, i] = p, c, g
+            out[at, 3, i], out[at, 4, i], out[at, 5, i] = dp + 2.0 * c, dc, dg

@@ -8,13 +8,20 @@ from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from planners.certificate.examined import Examined
 from planners.limits import MotionLimits, check_names
+from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 FIRST_MARGIN = 1e-12
 """By how much more than necessary a motion is slowed that still exceeds a limit after it was scaled; then ten times as much."""
 
 
-def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None = None) -> float:
+def stretch(
+    robot: Robot,
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    keeps: tuple[str, ...] | None = None,
+    path: Path | None = None,
+) -> float:
     """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly.
 
     Parameters
@@ -27,6 +34,8 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
         The limits that it should keep.
     keeps : tuple of str, optional
         Which of them; by default all.
+    path : Path, optional
+        What the tool follows; limits with one bound for each of its segments need it.
 
     Returns
     -------
@@ -36,17 +45,21 @@ def stretch(robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: t
     Raises
     ------
     InvalidInput
-        ``keeps`` is no tuple of names of limits.
+        ``keeps`` is no tuple of names of limits, or a path is needed and none is given.
     """
     if keeps is not None:
         check_names(keeps, "keeps")
-    motion, bounds = Examined(robot, trajectory), limits.bounds(robot.n)
+    motion, bounds = Examined(robot, trajectory, path), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
 def fitted(
-    robot: Robot, trajectory: Trajectory, limits: MotionLimits, keeps: tuple[str, ...] | None = None
+    robot: Robot,
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    keeps: tuple[str, ...] | None = None,
+    path: Path | None = None,
 ) -> Trajectory:
     """Return a motion from rest to rest, scaled in time so that it just keeps its limits.
 
@@ -60,6 +73,8 @@ def fitted(
         The limits that it should keep.
     keeps : tuple of str, optional
         Which of them; by default all.
+    path : Path, optional
+        What the tool follows; limits with one bound for each of its segments need it.
 
     Returns
     -------
@@ -69,11 +84,11 @@ def fitted(
     Raises
     ------
     InvalidInput
-        ``keeps`` is no tuple of names of limits.
+        ``keeps`` is no tuple of names of limits, or a path is needed and none is given.
     NoSolution
         A limit that no slow-down keeps.
     """
-    factor = stretch(robot, trajectory, limits, keeps)
+    factor = stretch(robot, trajectory, limits, keeps, path)
     if not factor > 0.0:
         return trajectory
     margin = 0.0
@@ -81,7 +96,7 @@ def fitted(
         if not np.isfinite(factor):
             raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
         trajectory = trajectory.slowed(factor * (1.0 + margin))
-        factor = stretch(robot, trajectory, limits, keeps)
+        factor = stretch(robot, trajectory, limits, keeps, path)
         if factor <= 1.0:
             return trajectory
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit

@@ -69,6 +69,7 @@ class Motion:
         if self.trajectory.n != self.robot.n:
             raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
         self.limits.arrays(self.robot.n)
+        self.limits.check_path(self.path)
         if not isinstance(self.keeps, tuple) or any(k not in self.limits.names for k in self.keeps):
             raise InvalidInput("keeps", repr(self.keeps)[:120], f"a tuple of some of {', '.join(self.limits.names)}")
 

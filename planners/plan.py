@@ -273,6 +273,7 @@ def _asked(
     if solver.robot != robot:
         raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
     law.need(limits, robot)
+    limits.check_path(path)
     tolerance, rate, scene, margin = judged
     if scene is not None:
         check_scene(robot, scene, margin)
@@ -384,12 +385,12 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
         raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
-        factor = stretch(asked.robot, raw, asked.limits, keeps)
+        factor = stretch(asked.robot, raw, asked.limits, keeps, asked.path)
         exceeded = factor > 1.0
         if exceeded and strict:
             proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=keeps)
             return asked._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        trajectory = fitted(asked.robot, raw, asked.limits, keeps) if exceeded else raw
+        trajectory = fitted(asked.robot, raw, asked.limits, keeps, asked.path) if exceeded else raw
         slowed = trajectory.duration / raw.duration
         if duration is not None:
             trajectory = _lasting(trajectory, duration, asked.law)

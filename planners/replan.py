@@ -116,6 +116,7 @@ def _asked(
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     law.need(limits, plan.robot)
+    limits.check_path(plan.path)
     return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin)
 
 
@@ -214,9 +215,8 @@ def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
     bound = limits.bounds(robot.n)
     twist = robot.jacobian(start.at.joints[0]) @ dq
     here = [(f, over(x, bound[f]), robot.joint_names) for f, x in zip(DERIVATIVES, (dq, ddq), strict=False)]
-    speeds = (
-        float(np.linalg.norm(part)) / limit for part, limit in zip((twist[:3], twist[3:]), limits.tool, strict=True)
-    )
+    allowed = limits.tool_at(plan.path, np.array([start.at.s]))[0]
+    speeds = (float(np.linalg.norm(part)) / limit for part, limit in zip((twist[:3], twist[3:]), allowed, strict=True))
     here += [(f, np.array([x]), ("tool",)) for f, x in zip(TOOL_SPEEDS, speeds, strict=True)]
     field, ratios, names = max(here, key=lambda each: float(each[1].max()))
     ratio, joint = float(ratios.max()), names[int(ratios.argmax())]

@@ -48,8 +48,15 @@ class Wish:
     ] = None
     acceleration: Annotated[float | None, typer.Option(help="Likewise [rad/s², sliding m/s²].")] = None
     jerk: Annotated[float | None, typer.Option(help="Likewise [rad/s³, sliding m/s³].")] = None
-    tool_speed: Annotated[float | None, typer.Option(help="Greatest speed of the tool's point [m/s].")] = None
-    rotation_speed: Annotated[float | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s].")] = None
+    tool_speed: Annotated[
+        str | None,
+        typer.Option(
+            help="Greatest speed of the tool's point [m/s]; of a polyline also one for each segment: 0.1,0.3."
+        ),
+    ] = None
+    rotation_speed: Annotated[
+        str | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s]; likewise.")
+    ] = None
     branch: Annotated[
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
@@ -231,4 +238,16 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
         if field in law.keeps and found[field] is None:
             nothing = f"nothing, and {arm.name} has no limit of its own"
             raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
-    return planners.MotionLimits(**found, tool_speed=wish.tool_speed, rotation_speed=wish.rotation_speed)
+    speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
+    return planners.MotionLimits(**found, **speeds)
+
+
+def _speeds(text: str | None, option: str) -> Any:
+    """One number or several, comma separated; None where nothing was typed."""
+    if text is None:
+        return None
+    try:
+        found = [float(word) for word in text.split(",")]
+    except ValueError:
+        raise InvalidInput(option, repr(text), "a number, or several separated by commas") from None
+    return found if len(found) > 1 else found[0]

@@ -17,6 +17,7 @@ from optik.arm.limits import JointLimits, frozen
 from optik.arm.shapes import Shapes
 from optik.check import check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
+from optik.kinematics import Chain
 from optik.types import Array, Flags
 
 UNIT_LENGTH = 1e-14
@@ -122,6 +123,11 @@ class ArmModel:
     def fingerprint(self) -> str:
         """First 16 hexadecimal digits of the content's SHA-256: equal for equal arms, on any machine."""
         return self._content.hex()[:16]
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The arm as compiled kernels take it: (fixed, prismatic, tool)."""
+        return self.fixed, self.prismatic, self.tool
 
     @property
     def n(self) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -149,8 +148,12 @@ class Robot(ArmDynamics):
         """Read the chain between two links of a URDF.
 
         Fixed joints are merged into their neighbours. Position and velocity limits are the file's; a velocity that is
-        missing or 0 counts as unknown (infinite, or None where all are unknown). Efforts, soft limits
-        (<safety_controller>), masses, shapes and joints off the chain are not read.
+        missing or 0 counts as unknown (infinite, or None where all are unknown), and so does an effort, which is the
+        limit of the torque. Masses are those of <inertial>, merged over fixed joints; what hangs on a link beside the
+        chain counts, with its joints at 0; a link without <inertial> has the mass 0, and where none has one, the masses are
+        unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb), with the attribute armature for the
+        motors' inertia, which URDF itself lacks. Masses and efforts that cannot be are left out with a warning. Soft
+        limits (<safety_controller>), shapes and joints off the chain are not read.
 
         Parameters
         ----------
@@ -185,8 +188,9 @@ class Robot(ArmDynamics):
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.
 
-        Read back, it has the same kinematics (1e-12), position limits and velocities. An effort or velocity of 0 stands
-        for an unknown one. URDF has no place for acceleration, jerk, gravity and source.
+        Read back, it has the same kinematics and torques (1e-12), position limits, velocities and torque limits. An
+        effort or velocity of 0 stands for an unknown one. A payload is a mass of the link ``tool``. URDF has no place for
+        acceleration, jerk, torque rate, gravity and source.
 
         Parameters
         ----------
@@ -201,7 +205,8 @@ class Robot(ArmDynamics):
         Raises
         ------
         RobotModelError
-            A prismatic joint without limits, a limit on one side only, or a name that XML cannot hold.
+            A prismatic joint without limits, a limit on one side only, a payload whose mass is an interval, or a name
+            that XML cannot hold.
         OutputError
             The file cannot be written.
         """
@@ -235,11 +240,6 @@ class Robot(ArmDynamics):
             Not a serial arm.
         """
         return _robot(arm_from_dict(data))
-
-    @cached_property
-    def chain(self) -> kinematics.Chain:
-        """The arm as compiled kernels take it: (fixed, prismatic, tool)."""
-        return self.fixed, self.prismatic, self.tool
 
     # ------------------------------------------------------------ kinematics
 

@@ -6,11 +6,14 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from optik import dynamics
 from optik.arm.inertia import Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.model import ArmModel
 from optik.errors import InvalidInput
+from optik.types import Array
 
 
 class ArmDynamics(ArmModel):
@@ -123,3 +126,97 @@ class ArmDynamics(ArmModel):
             wanted = "an arm with masses: with_inertia(...), or a file that states them"
             raise InvalidInput("robot", f"{self.name!r}, whose masses are unknown", wanted)
         return arm_loads(self.inertia, self.payload, self.tool, self.gravity_magnitude * self.gravity)
+
+    def torques(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Torques that a motion needs (inverse dynamics), payload and friction included.
+
+        They hold for this model: the links, motors and friction that `inertia` states, and the payload. Coulomb friction is
+        f·sign(q̇), and 0 at rest.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+        dq : (n,) or (..., n) array
+            Velocities [rad/s, m/s].
+        ddq : (n,) or (..., n) array
+            Accelerations [rad/s², m/s²]. The three are broadcast: one configuration goes with many accelerations.
+
+        Returns
+        -------
+        (n,) or (..., n) array
+            Torques of the joints, forces of prismatic ones [N·m, N].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity, shapes that do not match, an arm whose masses are unknown, or a payload whose mass
+            is an interval.
+        """
+        load = self._load("torques")
+        given = {"q": q, "dq": dq, "ddq": ddq}
+        parts = [self.configuration(value, name, batch=True) for name, value in given.items()]
+        try:
+            shape = np.broadcast_shapes(*(part.shape for part in parts))
+        except ValueError:
+            got = ", ".join(f"{name} {part.shape}" for name, part in zip(given, parts, strict=True))
+            raise InvalidInput("q, dq, ddq", f"shapes {got}", "shapes that broadcast to one") from None
+        states = np.stack([np.broadcast_to(part, shape) for part in parts], axis=-2)
+        out = np.empty(shape)
+        friction = (load.viscous, load.coulomb)
+        dynamics.joint_torques(
+            self.chain, load.bodies, friction, states.reshape(-1, 3, self.n), out.reshape(-1, self.n)
+        )
+        return out
+
+    def gravity_torques(self, q: ArrayLike) -> Array:
+        """Torques that hold the arm at rest against gravity, payload included.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (n,) or (..., n) array
+            Torques of the joints, forces of prismatic ones [N·m, N].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity, an arm whose masses are unknown, or a payload whose mass is an interval.
+        """
+        rest = np.zeros(self.n)
+        return self.torques(q, rest, rest)
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Mass matrices M with torque = M q̈ + the rest, payload included and the motors' inertia on the diagonal.
+
+        Parameters
+        ----------
+        q : (n,) or (..., n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (n, n) or (..., n, n) array
+            Symmetric matrices, positive definite where every joint moves a mass [kg·m²], with prismatic joints [kg·m, kg].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong length, NaN or infinity, an arm whose masses are unknown, or a payload whose mass is an interval.
+        """
+        load, q = self._load("mass_matrix"), self.configuration(q, batch=True)
+        out = np.empty((*q.shape, self.n))
+        dynamics.mass_matrices(self.chain, load.bodies, q.reshape(-1, self.n), out.reshape(-1, self.n, self.n))
+        return out
+
+    def _load(self, asked: str) -> Load:
+        """Return the load of one mass, or raise InvalidInput for a payload whose mass is an interval."""
+        if len(self.loads) == 1:
+            return self.loads[0]
+        heaviest = self.payload.masses[-1] if self.payload is not None else 0.0
+        wanted = f"one mass, such as robot.with_payload({heaviest:g}).{asked}(...)"
+        raise InvalidInput("payload", f"an interval, {self.payload}", wanted)

@@ -10,7 +10,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from optik.arm.body import Body
 from optik.arm.model import ArmModel
+from optik.arm.urdf_masses import PRODUCTS
 from optik.errors import RobotModelError
 from optik.files import write_whole
 from optik.types import Array
@@ -34,7 +36,8 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
     Raises
     ------
     RobotModelError
-        A prismatic joint without limits, a limit on one side only, or a name that XML cannot hold.
+        A prismatic joint without limits, a limit on one side only, a payload whose mass is an interval, or a name that XML
+        cannot hold.
     OutputError
         The file cannot be written.
     """
@@ -43,21 +46,55 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
             raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
+    links = _links(arm)
     for i, name in enumerate(arm.joint_names):
         kind, limit = _kind_and_limit(arm, i)
-        lines += [f'  <link name="link{i + 1}"/>', f'  <joint name={quoteattr(name)} type="{kind}">']
+        lines += [*_link(f"link{i + 1}", links[i]), f'  <joint name={quoteattr(name)} type="{kind}">']
         lines += _placement(before, f"link{i + 1}", arm.fixed[i])
-        lines += ['    <axis xyz="0 0 1"/>', *limit, "  </joint>"]
+        lines += ['    <axis xyz="0 0 1"/>', *limit, *_dynamics(arm, i), "  </joint>"]
         before = f"link{i + 1}"
     flange = "flange"
     while flange in arm.joint_names:
         flange += "_"
-    lines += ['  <link name="tool"/>', f'  <joint name="{flange}" type="fixed">']
+    lines += [*_link("tool", links[-1]), f'  <joint name="{flange}" type="fixed">']
     lines += [*_placement(before, "tool", arm.tool), "  </joint>", "</robot>", ""]
     text = "\n".join(lines)
     if path is not None:
         write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
     return text
+
+
+def _links(arm: ArmModel) -> list[Body | None]:
+    """Rigid bodies of the links in their frames and, last, the payload in the tool's; None where there is no mass."""
+    if arm.payload is not None and len(arm.payload.masses) > 1:
+        raise RobotModelError(arm.name, f"a payload of {arm.payload}; URDF holds one mass: see with_payload")
+    bodies = () if arm.inertia is None else arm.inertia.bodies
+    links = [body if body[0] > 0.0 else None for body in bodies] or [None] * arm.n
+    return [*links, None if arm.payload is None else arm.payload.bodies[0]]
+
+
+def _link(name: str, body: Body | None) -> list[str]:
+    if body is None:
+        return [f'  <link name="{name}"/>']
+    mass, com, tensor = body
+    xyz = " ".join(repr(float(x)) for x in com)
+    products = {PRODUCTS[i][j]: float(tensor[i, j]) for i in range(3) for j in range(i, 3)}
+    inertia = " ".join(f'{attribute}="{x!r}"' for attribute, x in products.items())
+    inside = [
+        f'      <origin xyz="{xyz}" rpy="0 0 0"/>',
+        f'      <mass value="{mass!r}"/>',
+        f"      <inertia {inertia}/>",
+    ]
+    return [f'  <link name="{name}">', "    <inertial>", *inside, "    </inertial>", "  </link>"]
+
+
+def _dynamics(arm: ArmModel, i: int) -> list[str]:
+    """<dynamics> of a joint, where one of its numbers is known; URDF itself has no motor inertia (armature)."""
+    if arm.inertia is None:
+        return []
+    found = {"damping": arm.inertia.viscous, "friction": arm.inertia.coulomb, "armature": arm.inertia.motor}
+    known = [f'{name}="{float(values[i])!r}"' for name, values in found.items() if values[i] > 0.0]
+    return [f"    <dynamics {' '.join(known)}/>"] if known else []
 
 
 def _placement(parent: str, child: str, T: Array) -> list[str]:
@@ -67,17 +104,19 @@ def _placement(parent: str, child: str, T: Array) -> list[str]:
 
 
 def _kind_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
-    """Type and <limit> of a joint; 0 stands for an unknown velocity, and for every effort."""
+    """Type and <limit> of a joint; 0 stands for an unknown velocity or effort."""
     lower, upper = float(arm.limits.lower[i]), float(arm.limits.upper[i])
     speed = np.inf if arm.limits.velocity is None else float(arm.limits.velocity[i])
-    known = f'effort="0" velocity="{repr(speed) if np.isfinite(speed) else 0}"'
+    torque = np.inf if arm.limits.torque is None else float(arm.limits.torque[i])
+    effort, velocity = (repr(limit) if np.isfinite(limit) else "0" for limit in (torque, speed))
+    known = f'effort="{effort}" velocity="{velocity}"'
     if np.isfinite([lower, upper]).all():
         kind = "prismatic" if arm.prismatic[i] else "revolute"
         return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>']
     if arm.prismatic[i] or np.isfinite([lower, upper]).any():
         problem = f"limits {lower:.6g} to {upper:.6g}; URDF has finite ones, or none for a revolute joint"
         raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
-    return "continuous", [f"    <limit {known}/>"] if np.isfinite(speed) else []
+    return "continuous", [f"    <limit {known}/>"] if np.isfinite([speed, torque]).any() else []
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:

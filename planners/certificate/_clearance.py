@@ -220,8 +220,8 @@ def _level(
     """
     (link, ends_a, ends_b, radius), scene, pairs = bodies
     count, n = link.shape[0], chain[1].shape[0]
-    places, away = np.empty((count, 2, 3)), np.empty((count, 2, n + 1))
-    moved = (places, np.empty((count, 2, n + 1, 3)), away, np.empty((count, 2, n + 1)))
+    away = np.empty((count, 2, n + 1))
+    moved = (np.empty((count, 2, 3)), np.empty((count, 2, n + 1, 3)), away, np.empty_like(away))
     frame, D, joint, spheres = np.empty((n, 4, 4)), np.empty((1, 6, n)), np.empty((4, n)), np.empty((count, 4))
     left, used, axes = np.zeros((nodes[0].shape[0], 2), np.int64), 0, (link, ends_a, ends_b)
     for node in range(nodes[0].shape[0]):

@@ -19,7 +19,7 @@ from planners.certificate.continuity import continuity_failures, continuous_orde
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.examined import Examined
 from planners.certificate.failure import Failure
-from planners.certificate.path_error import PathError, path_error
+from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
@@ -254,7 +254,8 @@ def certify(
     ------
     InvalidInput
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``keeps``, a span that is none, a scene with an arm without shapes, a margin below 0.
+        is not above 0, an unknown name in ``keeps``, a span that is none, another number of limits than the path has segments,
+        a scene with an arm without shapes, a margin below 0.
     """
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):
@@ -266,8 +267,9 @@ def certify(
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
     margin = margin if scene is None else check_scene(robot, scene, margin)
-    promise = _Promise(law, keeps, rate, tolerance, span, scene, margin)
-    return _proved(Examined(robot, trajectory), path, limits, promise)
+    enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
+    promise = _Promise(law, keeps, rate, tolerance, scene, margin)
+    return _proved(Examined(robot, trajectory, path, enough), limits, promise, span)
 
 
 class _Promise(NamedTuple):
@@ -277,17 +279,16 @@ class _Promise(NamedTuple):
     keeps: tuple[str, ...]
     rate: float
     tolerance: tuple[float, float] | None
-    span: tuple[float, float]
     scene: Scene | None
     margin: float
 
 
-def _proved(motion: Examined, path: Path | None, limits: MotionLimits, promise: _Promise) -> Certificate:
+def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
     """The certificate of checked arguments: all judgements."""
-    law, keeps, rate, tolerance, _span, scene, margin = promise
+    law, keeps, rate, tolerance, scene, margin = promise
     robot, trajectory, bounds = motion.robot, motion.trajectory, limits.bounds(motion.robot.n)
     judged: dict[str, Any] = {kind.name: kind.judge(motion, bounds[kind.name]) for kind in limits.kinds}
-    off, places, covered = _along(motion, path, promise)
+    off, places, covered = _along(motion, span)
     singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
@@ -311,16 +312,14 @@ def _proved(motion: Examined, path: Path | None, limits: MotionLimits, promise: 
     )
 
 
-def _along(motion: Examined, path: Path | None, promise: _Promise) -> tuple[PathError, Array, Coverage]:
+def _along(motion: Examined, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
     """Distance to the path, places (m + 1,) at the knots, and the part of the path that is covered."""
-    trajectory, tolerance = motion.trajectory, promise.tolerance
-    if path is None:
-        end, nothing = trajectory.end, (0.0, 0.0)
-        covered = Coverage(0.0, end, promise.span, end, end, (nothing, nothing, nothing))
-        return PathError(*(float("nan"),) * 6), trajectory.knots, covered
-    enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
-    off, passage = path_error(motion.robot, path, trajectory, motion.bounds, enough)
-    return off, passage.s[passage.knot], coverage(path, passage, promise.span)
+    if not motion.has_path:
+        end, nothing = motion.trajectory.end, (0.0, 0.0)
+        covered = Coverage(0.0, end, span, end, end, (nothing, nothing, nothing))
+        return PathError(*(float("nan"),) * 6), motion.trajectory.knots, covered
+    off, passage = motion.along
+    return off, passage.s[passage.knot], coverage(motion.path, passage, span)
 
 
 def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
@@ -338,6 +337,8 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
     assert limits is not None
+    if path is not None:
+        limits.check_path(path)
     return limits
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 
 from optik.arm.robot import Robot
+from optik.errors import InvalidInput
 from optik.types import Flags
 from planners.certificate import continuity
 from planners.certificate.bounds import MotionBounds
+from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
+from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 
@@ -21,10 +24,37 @@ class Examined:
         The arm.
     trajectory : Trajectory
         Its motion.
+    path : Path, optional
+        What its tool should follow; only judgements that ask for places on it need it.
+    enough : (2,) tuple of float
+        Distance [m] and angle [rad] below which no bound on the path error need be finer.
     """
 
-    def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
-        self.robot, self.trajectory = robot, trajectory
+    def __init__(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        path: Path | None = None,
+        enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
+    ) -> None:
+        self.robot, self.trajectory, self._path, self._enough = robot, trajectory, path, enough
+
+    @property
+    def has_path(self) -> bool:
+        """Whether the motion has a path."""
+        return self._path is not None
+
+    @property
+    def path(self) -> Path:
+        """The path; raises InvalidInput where none is known."""
+        if self._path is None:
+            raise InvalidInput("path", "none", "the path of the motion: limits of its segments need it")
+        return self._path
+
+    @cached_property
+    def along(self) -> tuple[PathError, Passage]:
+        """How far the tool leaves its path, and where on it the motion is."""
+        return path_error(self.robot, self.path, self.trajectory, self.bounds, self._enough)
 
     @cached_property
     def bounds(self) -> MotionBounds:

@@ -65,7 +65,7 @@ class _Speeds(Divided[Instants]):
 
     def between(self, left: Instants, right: Instants) -> Array:
         out = np.empty((left.t.size, 2))
-        _intervals(self._bounds.links, self._bounds.robot.prismatic, left, right, out)
+        speeds_within(self._bounds.links, self._bounds.robot.prismatic, left, right, out)
         return out
 
     def within(self, piece: Indices, left: Instants, right: Instants, shares: Array) -> Instants:
@@ -93,8 +93,20 @@ def _largest(t: Array, motion: Array, found: Array, when: Array) -> None:
 
 
 @compiled
-def _intervals(links: Array, prismatic: Flags, left: Instants, right: Instants, out: Array) -> None:
-    """Bounds (k, 2) on |v| and |ω| within intervals of time."""
+def speeds_within(links: Array, prismatic: Flags, left: Instants, right: Instants, out: Array) -> None:
+    """Bounds on |v| and |ω| of the tool within intervals of time.
+
+    Parameters
+    ----------
+    links : (n + 1,) array
+        Lengths of the arm's fixed vectors [m].
+    prismatic : (n,) array of bool
+        Which joints slide.
+    left, right : Instants
+        The motion at the ends of the intervals (k,).
+    out : (k, 2) array
+        Filled with the bounds [m/s, rad/s].
+    """
     k = left.t.shape[0]
     h = right.t - left.t
     D, moves, turns, spin = np.empty(left.joints.shape), np.empty((k, 6)), np.empty((k, 6)), np.empty(k)

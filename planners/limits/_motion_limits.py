@@ -17,10 +17,12 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
 from planners.limits._extreme import plain
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, is_known, kind_of
+from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, is_known, kind_of
 from planners.limits._points import PathPoints
+from planners.limits._segments import bound_at, inside_ends, on_pieces
 from planners.limits._sides import inner, is_pair, over
 from planners.limits.base import Limit
+from planners.paths.base import Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +34,9 @@ class MotionLimits:
     velocity, acceleration, jerk : scalar or (n,) array, optional
         Bounds on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity,
         acceleration and torque also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
-    tool_speed, rotation_speed : float, optional
-        Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms.
+    tool_speed, rotation_speed : float or (k,) array, optional
+        Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms; one, or one for each segment
+        of a polyline. A rounded corner has the lesser one of both its segments.
     extra : mapping, optional
         Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws keep those of first order as they
         keep velocities, and the others by a uniform slow-down.
@@ -52,8 +55,8 @@ class MotionLimits:
     velocity: ArrayLike | None = None
     acceleration: ArrayLike | None = None
     jerk: ArrayLike | None = None
-    tool_speed: float | None = None
-    rotation_speed: float | None = None
+    tool_speed: ArrayLike | None = None
+    rotation_speed: ArrayLike | None = None
     extra: Mapping[str, Any] | None = None
     torque: ArrayLike | None = None
     torque_rate: ArrayLike | None = None
@@ -322,8 +325,105 @@ class MotionLimits:
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
         return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 
+    def check_path(self, path: Path) -> None:
+        """Check that limits with one bound for each segment of a path have as many as it has segments.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+
+        Raises
+        ------
+        InvalidInput
+            Another number of bounds.
+        """
+        for name in TOOL_SPEEDS:
+            value = self.value(name)
+            if np.ndim(value):
+                on_pieces(path, np.asarray(value), name)
+
+    def tool_at(self, path: Path, s: Array) -> Array:
+        """Return the greatest speeds of the tool at places of a path; at a break the lesser of both sides.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+        s : (k,) array
+            Places [m, or rad].
+
+        Returns
+        -------
+        (k, 2) array
+            Of its point [m/s] and of its rotation [rad/s], infinity where free.
+
+        Raises
+        ------
+        InvalidInput
+            Another number of bounds than of segments.
+        """
+        kept = [np.asarray(np.inf if value is None else value) for value in (self.tool_speed, self.rotation_speed)]
+        each = [
+            bound_at(path, b, s, name) if b.ndim else np.full(s.size, b)
+            for b, name in zip(kept, TOOL_SPEEDS, strict=True)
+        ]
+        return np.stack(each, axis=1)
+
+    def tool_between(self, path: Path, s: Array) -> Array:
+        """Return the greatest speeds of the tool between places of a path; the lesser where an interval has two of them.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+        s : (k + 1,) array
+            Places, increasing [m, or rad].
+
+        Returns
+        -------
+        (k, 2) array
+            Of its point [m/s] and of its rotation [rad/s], infinity where free.
+
+        Raises
+        ------
+        InvalidInput
+            Another number of bounds than of segments.
+        """
+        kept = zip(TOOL_SPEEDS, map(self.value, TOOL_SPEEDS), self.tool, strict=True)
+        each = [
+            np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
+            for name, v, most in kept
+        ]
+        return np.stack(each, axis=1)
+
+    def tool_changes(self, path: Path) -> Array:
+        """Return the places of a path at which a greatest speed of the tool changes.
+
+        Parameters
+        ----------
+        path : Path
+            The path.
+
+        Returns
+        -------
+        (k,) array
+            Some of its breaks [m, or rad].
+
+        Raises
+        ------
+        InvalidInput
+            Another number of bounds than of segments.
+        """
+        if not any(np.ndim(self.value(name)) for name in TOOL_SPEEDS):
+            return np.empty(0)
+        breaks, allowed = path.breaks, self.tool_between(path, path.breaks)
+        return np.asarray(breaks[1:-1][(allowed[1:] != allowed[:-1]).any(axis=1)])
+
     @property
     def tool(self) -> tuple[float, float]:
-        """Greatest tool speed [m/s] and rotation speed [rad/s], infinity where free."""
-        speed, rotation = self.tool_speed, self.rotation_speed
-        return (np.inf if speed is None else float(speed), np.inf if rotation is None else float(rotation))
+        """Greatest tool speed [m/s] and rotation speed [rad/s] of any segment, infinity where free."""
+        speed, rotation = (
+            np.inf if value is None else float(np.max(value)) for value in (self.tool_speed, self.rotation_speed)
+        )
+        return speed, rotation

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from optik.arm.limits import positive
+from optik.arm.plain import numbers
+from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.examined import Examined
+from planners.certificate.segment_speed import segment_speed
 from planners.limits._extreme import ToolExtreme
 from planners.limits._points import PathPoints
+from planners.limits._segments import bound_at, inside_ends, on_pieces
 from planners.limits.base import Limit
 
 
 class ToolSpeedLimit(Limit):
     """A limit on the Euclidean norm of a part of the tool's twist: proved bounds judge it.
+
+    It is one bound (1,), or one for each segment of the path (k,).
 
     Attributes
     ----------
@@ -26,6 +34,73 @@ class ToolSpeedLimit(Limit):
     part: ClassVar[slice]
     order: ClassVar[int] = 1
     subject: ClassVar[str | None] = "tool"
+
+    def checked(self, value: Any) -> Any:
+        """Return a bound as `MotionLimits` keeps it: one, or one for each segment of the path. See `Limit.checked`.
+
+        Parameters
+        ----------
+        value : scalar or (k,) array
+            The bound [as `units`].
+
+        Returns
+        -------
+        float or (k,) array
+            The bound [as `units`].
+
+        Raises
+        ------
+        InvalidInput
+            No number, or none above 0.
+        """
+        if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
+            return super().checked(value)
+        each = positive(value, len(value), self.name) if len(value) else np.zeros(0)
+        if not each.size:
+            raise InvalidInput(self.name, "no numbers", "a number above 0, or one for each segment of the path")
+        return float(each[0]) if each.size == 1 else each
+
+    def array(self, value: ArrayLike | None, n: int) -> Array:
+        """Return a bound as an array; see `Limit.array`.
+
+        Parameters
+        ----------
+        value : scalar or (k,) array, or None
+            What `checked` returned [as `units`]; None where nothing is limited.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        (1,) or (k,) array
+            One bound, or one for each segment of the path [as `units`]; infinity where free.
+        """
+        bound = np.inf if value is None else value
+        return positive(bound, np.size(bound), self.name)
+
+    def from_plain(self, data: Any, n: int) -> Array | float | None:
+        """Return the bound that `to_plain` wrote; see `Limit.from_plain`.
+
+        Parameters
+        ----------
+        data : float, list or None
+            Plain data.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        float, (k,) array or None
+            The bound [as `units`].
+
+        Raises
+        ------
+        InvalidInput
+            Data that describe no bound.
+        """
+        if isinstance(data, list):
+            return numbers(data, (len(data),), f"limits.{self.name}")
+        return super().from_plain(data, n)
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
         """Norm of the path's twist per unit of s, over the bound; see `Limit.rows`.
@@ -42,9 +117,9 @@ class ToolSpeedLimit(Limit):
         (k, m, order) array
             [as 1 over the monomials].
         """
-        if not np.isfinite(bound[0]):
-            return np.zeros((at.s.size, 1, 1))
-        return np.asarray(np.linalg.norm(at.twist[:, self.part], axis=1)[:, None, None] / bound[0])
+        norm = np.linalg.norm(at.twist[:, self.part], axis=1) if np.isfinite(bound).any() else np.zeros(at.s.size)
+        here = bound[0] if bound.size == 1 else bound_at(at.joint_path.path, bound, at.s, self.name)
+        return np.asarray((norm / here)[:, None, None])
 
     def judge(self, motion: Examined, bound: Array) -> ToolExtreme:
         """The proved bound on the speed; see `Limit.judge`.
@@ -62,14 +137,19 @@ class ToolSpeedLimit(Limit):
             Value, ratio and time.
         """
         value, time = self._proved(motion)
-        return ToolExtreme(value, value / float(bound[0]) if np.isfinite(bound[0]) else float("nan"), time)
+        if not np.isfinite(bound).any():
+            return ToolExtreme(value, float("nan"), time)
+        if bound.size == 1:
+            return ToolExtreme(value, value / float(bound[0]), time)
+        ratio, time = segment_speed(motion, on_pieces(motion.path, bound, self.name), self.part.start // 3)
+        return ToolExtreme(value, ratio, time)
 
     @abstractmethod
     def _proved(self, motion: Examined) -> tuple[float, float]:
         """Proved bound on the speed over the motion, and when it is nearly reached [s]."""
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
-        """The larger of the speeds at both ends of each piece over the bound; see `Limit.piece_ratios`.
+        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`.
 
         Parameters
         ----------
@@ -83,5 +163,10 @@ class ToolSpeedLimit(Limit):
         (pieces, m) array
             Ratios [1].
         """
-        speed = np.maximum(*(np.linalg.norm(side.motion[:, 0, self.part], axis=1) for side in motion.bounds.ends))
-        return np.asarray(speed[:, None] / bound)
+        speeds = [np.linalg.norm(side.motion[:, 0, self.part], axis=1) for side in motion.bounds.ends]
+        if bound.size == 1:
+            return np.asarray(np.maximum(*speeds)[:, None] / bound)
+        passage = motion.along[1]
+        s = passage.s[passage.knot]
+        allowed = inside_ends(motion.path, bound, s, self.name)
+        return np.asarray(np.maximum(*(v / most for v, most in zip(speeds, allowed, strict=True)))[:, None])

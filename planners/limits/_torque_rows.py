@@ -29,7 +29,7 @@ def torque_rows(at: PathPoints, load: Load) -> Array:
     Returns
     -------
     (k, n, 4) array
-        Coefficients of s̈, ṡ², ṡ and 1 [N·m or N, over powers of s].
+        Coefficients of s̈, ṡ², ṡ and 1 [as torque over powers of s].
     """
     found = _coefficients(at, load)
     return np.stack([found[:, 0], found[:, 1], load.viscous * at.q(1), found[:, 2]], axis=-1)
@@ -50,7 +50,7 @@ def torque_rate_rows(at: PathPoints, load: Load) -> Array:
     Returns
     -------
     (k, n, 6) array
-        Coefficients of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² [N·m/s or N/s, over powers of s].
+        Coefficients of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² [as torque rate over powers of s].
     """
     found = _coefficients(at, load)
     friction = (load.viscous * at.q(1), load.viscous * at.q(2))

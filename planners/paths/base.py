@@ -87,11 +87,14 @@ class Path(Curve):
         Unit of s.
     turns_only : bool
         Whether s counts the tool's rotation [rad], because its point does not move.
+    segments : int
+        How many segments have speed limits of their own.
     """
 
     parameter = "s"
     unit = "m"
     turns_only = False
+    segments = 1
     name: ClassVar[str]
 
     @property
@@ -109,6 +112,21 @@ class Path(Curve):
     def piece_bounds(self) -> Array:
         """Bounds (k − 1, 2, 4) as `derivative_bounds`, one for each piece between two breaks."""
         return np.tile(self.derivative_bounds(), (self.breaks.size - 1, 1, 1))
+
+    def least_on_pieces(self, values: Array) -> Array:
+        """Values of the pieces between breaks from values of the segments: the least of those that a piece is part of.
+
+        Parameters
+        ----------
+        values : (segments,) array
+            One value for each segment [as they are].
+
+        Returns
+        -------
+        (k - 1,) array
+            One value for each piece [as values].
+        """
+        return np.full(self.breaks.size - 1, values.min())
 
     def places(self, count: int, per_piece: int) -> Array:
         """Return places along the path: equal intervals of the whole, and of each piece.

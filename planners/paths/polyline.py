@@ -85,6 +85,8 @@ class Polyline(Path):
         tolerance, at most 0.1 mm and 1 mrad (of the end: within half of it).
     corners : (m − 1,) array
         Where in s the inner waypoints are passed.
+    segments : int
+        Number of segments between the given waypoints, those that are left out included.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class Polyline(Path):
         self._blend_rotation = _tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
         kept, room = _merged(self._given, self._blend, self._blend_rotation)
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))
+        self.segments, self._kept = len(self._given) - 1, kept
         self.waypoints: Array = self._given[kept]
         chords = np.diff(self.waypoints[:, :3, 3], axis=0)
         pairs = zip(self.waypoints[:-1], self.waypoints[1:], kept[1:], strict=True)
@@ -201,6 +204,24 @@ class Polyline(Path):
         rotation = np.empty((g1.size, 5))
         bells(np.stack([np.zeros(g1.size), g1, g2, g3, g4], axis=1), rotation)
         return np.stack([position, rotation[:, 1:]], axis=1)
+
+    def least_on_pieces(self, values: Array) -> Array:
+        """Values of the pieces: a rounded corner is part of both its segments, whose lesser value it has.
+
+        Parameters
+        ----------
+        values : (segments,) array
+            One value for each segment between the given waypoints [as they are].
+
+        Returns
+        -------
+        (k - 1,) array
+            One value for each piece [as values]. Where waypoints were left out, a segment has the least value of those that it
+            stands for.
+        """
+        kept = np.minimum.reduceat(values, self._kept[:-1])
+        after = np.cumsum(self._pieces.corner)
+        return np.minimum(kept[after], kept[np.where(self._pieces.corner, after - 1, after)])
 
     def derivative_bounds(self) -> Array:
         """Bounds (2, 4): the greatest of all pieces."""

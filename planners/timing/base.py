@@ -64,6 +64,8 @@ class TimeLaw(ABC):
     name: ClassVar[str] = _ClassName()  # type: ignore[assignment] # read as a str
     keeps: ClassVar[tuple[str, ...]]
     """Which limits the law promises to keep; the certificate judges exactly those."""
+    counts_torque: ClassVar[bool] = False
+    """Whether the law itself counts torques, so that limits on acceleration may be left out where torque is limited."""
     speed: float | None = None
     """The tool speed [m/s; rad/s for a pure rotation] that was asked and that nothing after the law may change; or None."""
 
@@ -141,6 +143,8 @@ class TimeLaw(ABC):
         """
         bound = limits.arrays(robot.n)
         missing = [f for f in DERIVATIVES if f in self.keeps and not np.isfinite(bound[f]).any()]
+        if self.counts_torque and limits.torque is not None:
+            missing = [f for f in missing if f != "acceleration"]
         if missing:
             arguments = ", ".join(f"{f}=..." for f in missing)
             raise InvalidInput(

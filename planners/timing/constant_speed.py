@@ -102,7 +102,7 @@ class ConstantSpeed(TimeLaw):
         slow = _widest(distance.table, self.ramp, min(SHORTEST_PHASE, 0.01 * duration))
         built = _built(joint_path, limits, distance, slow)
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
-        fastest = fitted(joint_path.robot, built, limits, self.promises(limits))
+        fastest = fitted(joint_path.robot, built, limits, self.promises(limits), joint_path.path)
         factor = fastest.duration / built.duration
         greatest = slow[0].v1 / factor
         if self.speed is None:
@@ -119,7 +119,7 @@ class ConstantSpeed(TimeLaw):
             ramps = _shortest(distance.table, speed, self.ramp, room, min(SHORTEST_PHASE, 0.01 * duration))
             if ramps is not None:
                 trajectory = _built(joint_path, limits, distance, ramps)
-                if stretch(joint_path.robot, trajectory, limits, self.promises(limits)) <= 1.0:
+                if stretch(joint_path.robot, trajectory, limits, self.promises(limits), joint_path.path) <= 1.0:
                     return trajectory
         return fastest.slowed(greatest / speed)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,11 @@ from planners.fit import fitted
 from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.limits._sides import over
 from planners.splice import begun
 from planners.timing._optimal import iteration
 from planners.timing._optimal.derivatives import derivatives, distances
+from planners.timing._optimal.limited import dynamic_excess, torque_excess
 from planners.timing._optimal.newton import Problem
 from planners.timing._optimal.programme import Programme, divided, gentle, programme
 from planners.timing._optimal.restart import LIMIT_ROUNDING, stopping_places, straight_stop
@@ -76,6 +78,7 @@ class Optimal(TimeLaw):
 
     name: ClassVar[str] = "optimal"
     keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
+    counts_torque: ClassVar[bool] = True
 
     def __init__(self, *, intervals: int | None = None) -> None:
         if intervals is not None:
@@ -108,7 +111,7 @@ class Optimal(TimeLaw):
         for problem, weight in _problems(joint_path, limits, self.intervals):
             trajectory = _solved(joint_path, problem, limits, SLOWDOWN_LEFT, weight)
             if trajectory is not None:
-                return fitted(joint_path.robot, trajectory, limits, self.promises(limits))
+                return fitted(joint_path.robot, trajectory, limits, self.promises(limits), joint_path.path)
         limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
@@ -172,13 +175,26 @@ def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None
 
 def _most_violated(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
     """Limit, joint, place and ratio of what an initial guess violates most: the likeliest reason of a failure."""
-    K, n = given.problem.ds.size, joint_path.robot.n
-    g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
-    iteration.values(given.problem, given.start, g, c)
+    K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
+    m, c = given.problem.node.shape[1], _values(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
-    limit, joint = ("acceleration", "jerk", "jerk")[i // n], joint_path.robot.joint_names[i % n]
-    place, ratio = float(given.s[k + i // (2 * n)]), float(np.abs(c[k, i]))  # the last third is at the interval's end
-    return limit, joint, place, ratio
+    accelerations = m - given.rows.static.shape[1]
+    if i < m:
+        limit, place = ("acceleration" if i < accelerations else "torque"), given.s[k]
+    else:
+        end, row = divmod(i - m, given.problem.edge.shape[2])
+        limit, place = ("jerk" if row < n else "torque rate"), given.s[min(k, K - 1) + end]
+        i = row
+    joint = joints[(i - accelerations if limit == "torque" else i) % n]
+    return limit, joint, float(place), float(np.abs(c[k]).max())
+
+
+def _values(problem: Problem, z: Array) -> Array:
+    """Values of all limits of a motion over their limits (K + 1, m + 2 e): at places, and at both ends of the intervals."""
+    K = problem.ds.size
+    g, c = np.zeros((K, 3)), np.zeros((K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2]))
+    iteration.values(problem, z, g, c)
+    return c
 
 
 def _solved(
@@ -190,10 +206,10 @@ def _solved(
     weight, halvings, again, trajectory = weight * FIRST_BARRIER, 0, 0, None
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
         problem = given.problem
-        K, n = problem.ds.size, problem.node.shape[1]
+        K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
         if (
             iteration.solve(
-                problem, z, weight, GAP / (6.0 * n), MOST_ITERATIONS if trajectory is None else WARM_ITERATIONS
+                problem, z, weight, GAP / (2.0 * rows), MOST_ITERATIONS if trajectory is None else WARM_ITERATIONS
             )
             < 0
         ):
@@ -202,11 +218,11 @@ def _solved(
         coarse = _off(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
             motion = begun(motion, given.moving.joints, limits)
-        over = _over(joint_path, motion, limits)
+        excess = _excess(joint_path, given, motion, limits, z)
         often = (
             2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
         )  # where nothing is slowed afterwards
-        coarse |= (over.max(axis=(0, 2)) > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
+        coarse |= (excess.worst > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST_INTERVALS:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
@@ -214,7 +230,7 @@ def _solved(
             weight, trajectory = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
         trajectory, again = motion, again + 1
-        if not _tighten(joint_path, problem, trajectory, over, limits, close):
+        if not _tighten(joint_path, given, trajectory, excess, limits, close):
             return trajectory
         if given.moving is None:
             z = _inside(problem, z, 0.995)
@@ -242,14 +258,12 @@ def _off(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]
 
 def _inside(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
     """The motion z, slowed by at most `most` until it uses at most a share of every limit."""
-    K, n = problem.ds.size, problem.node.shape[1]
-    g, c = np.zeros((K, 3)), np.zeros((K + 1, 3 * n))
-    iteration.values(problem, z, g, c)
+    m, c = problem.node.shape[1], _values(problem, z)
     factor = max(
         1.0,
         float((z[1:-1, 0] / problem.top[1:-1]).max()) / share,
-        np.sqrt(np.abs(c[:, :n]).max() / share),
-        np.cbrt(np.abs(c[:, n:]).max() / share),
+        np.sqrt(dynamic_excess(c[:, :m], problem.node[:, :, 3]).max(initial=0.0) / share),
+        np.cbrt(np.abs(c[:, m:]).max() / share),
     )
     factor = min(factor, most)
     slower: Array = z / np.array([factor, factor**2, 1.0 / factor, factor**3])
@@ -273,39 +287,72 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
 
 
 def _tighten(
-    joint_path: JointPath, problem: Problem, trajectory: Trajectory, over: Array, limits: MotionLimits,
+    joint_path: JointPath, given: Programme, trajectory: Trajectory, excess: _Excess, limits: MotionLimits,
     close: float,
 ) -> bool:  # fmt: skip
     """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
-    tool = _tool_ratios(joint_path, trajectory, limits) * (1.0 if close else BETWEEN_SAMPLES)
-    slower = max(over[0].max(), over[1].max() ** (1.0 / 2.0), over[2].max() ** (1.0 / 3.0), tool.max())
+    problem = given.problem
+    tool = _tool_ratios(joint_path, given.s, trajectory, limits) * (1.0 if close else BETWEEN_SAMPLES)
+    slower = max(
+        excess.speed.max(), excess.node.max(initial=0.0) ** (1.0 / 2.0), excess.edge.max() ** (1.0 / 3.0), tool.max()
+    )
     if slower <= 1.0 + max(close, LIMIT_ROUNDING):
         return False
     spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
-    speed, acceleration, jerk = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in over)
-    problem.node[:-1] *= acceleration[:, :, None]
-    problem.node[1:] *= acceleration[:, :, None]
-    problem.edge[...] *= jerk[:, None, :, None]
+    speed, node, edge = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in excess)
+    problem.node[:-1, :, :3] *= node[:, :, None]  # not the static part, which no tightening changes
+    problem.node[1:, :, :3] *= node[:, :, None]
+    problem.edge[...] *= edge[:, None, :, None]
     slow = np.maximum(speed.max(axis=1), np.where(tool > 1.0, 1.0 + 1.2 * (tool - 1.0), 1.0))
     problem.top[:-1] /= slow
     problem.top[1:] /= slow
     return True
 
 
-def _over(joint_path: JointPath, trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """Exact extrema of velocity, acceleration and jerk of every piece (3, K, n) over their limits."""
-    bound = limits.arrays(joint_path.robot.n)
-    return np.stack([trajectory.piece_worst(order) / bound[field] for order, field in enumerate(DERIVATIVES, start=1)])
+class _Excess(NamedTuple):
+    """By what factors a motion exceeds the limits of every interval.
+
+    Velocities (K, n), what the rows at places limit (K, m), and what the rows in intervals limit (K, e); exact for joints,
+    from samples for torques.
+    """
+
+    speed: Array
+    node: Array
+    edge: Array
+
+    @property
+    def worst(self) -> Array:
+        """Largest factor of every interval (K,)."""
+        return np.asarray(np.concatenate([self.speed, self.node, self.edge], axis=1).max(axis=1))
 
 
-def _tool_ratios(joint_path: JointPath, trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """Largest of some tool speeds on every piece (K,) over their limits; 0 where there is none."""
+def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits, z: Array) -> _Excess:
+    """By what factors a motion exceeds the limits in the intervals."""
+    bounds = limits.bounds(joint_path.robot.n)
+    speed, acceleration, jerk = (
+        _pieces_over(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
+    )
+    torque, rate = torque_excess(joint_path, limits, given.rows, motion, _values(given.problem, z))
+    if not np.isfinite(bounds["acceleration"]).any():
+        acceleration = np.empty((torque.shape[0], 0))
+    return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))
+
+
+def _pieces_over(motion: Trajectory, order: int, bound: Array) -> Array:
+    """Exact extrema of a derivative on every piece (K, n), over the side of the bound that they go to."""
+    if bound.ndim == 1:
+        return motion.piece_worst(order) / bound
+    return np.maximum(*(over(extrema, bound) for extrema in motion.piece_range(order)))
+
+
+def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits: MotionLimits) -> Array:
+    """Largest of some tool speeds on every piece (K,) between places s over their limits; 0 where there is none."""
     t = trajectory.knots
     if not np.isfinite(limits.tool).any():
         return np.zeros(t.size - 1)
     at = (t[:-1, None] + np.diff(t)[:, None] * np.array([0.2, 0.4, 0.6, 0.8])).ravel()
     twist = np.einsum("kij,kj->ki", joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
-    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / np.array(limits.tool)
+    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / limits.tool_between(joint_path.path, s)[:, None]
     return np.asarray(norms.max(axis=(1, 2)))
 
 

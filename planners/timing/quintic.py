@@ -86,7 +86,7 @@ class Quintic(TimeLaw):
         float
             T [s].
         """
-        return self.duration * stretch(joint_path.robot, self.run(joint_path, limits), limits)
+        return self.duration * stretch(joint_path.robot, self.run(joint_path, limits), limits, path=joint_path.path)
 
 
 METHOD = Quintic

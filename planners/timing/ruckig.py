@@ -64,7 +64,9 @@ class RuckigLaw(TimeLaw):
         duration = least_duration(joint_path, limits)
         ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
         law = law_of(ramps, [_solved(ramp) for ramp in ramps])
-        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits))
+        return fitted(
+            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits), joint_path.path
+        )
 
     def stop(
         self, joint_path: JointPath, limits: MotionLimits, s: float, speed: float, acceleration: float = 0.0

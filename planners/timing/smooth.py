@@ -59,7 +59,9 @@ class Smooth(TimeLaw):
         duration = least_duration(joint_path, limits)
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
         law = PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
-        return fitted(joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits))
+        return fitted(
+            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits), joint_path.path
+        )
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:

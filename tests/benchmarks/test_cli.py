@@ -122,6 +122,18 @@ def test_plan_polyline_passes_its_corner_within_the_blend(tmp_path: Path) -> Non
     np.testing.assert_allclose(tool[-1], end, atol=1e-8)
 
 
+def test_plan_polyline_keeps_a_speed_for_each_segment() -> None:
+    p = optik.load("paper6r").fk(np.deg2rad([float(v) for v in START.split(",")]))[:3, 3]
+    words = [",".join(f"{v:.9f}" for v in p + np.array(move)) for move in ([0.03, 0.0, 0.0], [0.03, 0.0, 0.03])]
+    polyline = ("plan", "polyline", "--via", words[0], "--via", words[1], "--timing", "toppra", "--json")
+    done = inside(*polyline, "--tool-speed", "0.05,0.1")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["limits"]["tool_speed"] == [0.05, 0.1]
+    assert 0.99 < found["certificate"]["tool_speed"]["ratio"] <= 1.0
+    assert 0.06 < found["certificate"]["tool_speed"]["value"] <= 0.1
+
+
 def test_plan_joints_lasts_as_long_as_asked_and_writes_a_ros_message(tmp_path: Path) -> None:
     file = tmp_path / "joints.yaml"
     done = inside("plan", "joints", "--to-deg", "0,0,10,0,30,0", "--duration", "4", "--out", str(file), "--json")
@@ -169,6 +181,8 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
         (["plan", "line", "--start-deg", "1,2"], "expected 6 joint values"),
         (["plan", "joints", "--to-deg", ""], "--to-deg"),
         (["plan", "line", "--tool-speed", "0"], "tool_speed"),
+        (["plan", "line", "--tool-speed", "fast"], "--tool-speed"),
+        (["plan", "line", "--tool-speed", "0.1,0.2"], "a line has one segment"),
         (["plan", "arc", "--via", "1,2,3"], "--via and --to, or --centre"),
         (["plan", "arc", "--via", "1,2,3", "--to", "1,2"], "3 or 6 numbers"),
         (["plan", "polyline", "--via", "a,b,c"], "--via"),

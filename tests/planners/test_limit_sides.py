@@ -16,11 +16,12 @@ from optik.types import Array
 from planners import Motion, MotionLimits, Plan, certify, load_motion, plan, replan, save
 from planners.curve import monomials
 from planners.limits import PathPoints
+from planners.timing.optimal import Optimal
 from tests.planners.cases import START, default_joint_path, default_line, paper6r, random_trajectory
 
 VELOCITY, ACCELERATION = (-0.8, 1.5), (np.array([-4.0, -3.0, -2.0, -5.0, -4.0, -3.0]), 6.0)
 LIMITS = MotionLimits(VELOCITY, ACCELERATION, 60.0)
-LAWS = ("smooth", "ruckig", "constant_speed", "toppra")
+LAWS = ("smooth", "ruckig", "constant_speed", "toppra", "optimal")
 
 sizes = st.floats(1e-3, 1e3)
 
@@ -160,17 +161,23 @@ def test_laws_keep_both_sides(law: str, plans: dict[str, Plan]) -> None:
     motion, bounds = found.trajectory, LIMITS.bounds(6)
     ratios = [beyond(motion, i, *bounds[f]).max() for i, f in ((1, "velocity"), (2, "acceleration"))]
     assert max(ratios) <= 1.0 + 1e-9
-    if law in ("smooth", "toppra"):  # others may be bound by the jerk
+    if law in ("smooth", "toppra", "optimal"):  # others may be bound by the jerk
         assert max(ratios) > 0.97
     nearer = plan(paper6r(), default_line(), START, limits=LIMITS.symmetric(), timing=law)
     assert motion.duration <= nearer.trajectory.duration * (1.0 + 1e-9)
 
 
-def test_toppra_uses_the_wider_side(plans: dict[str, Plan]) -> None:
-    nearer = plan(paper6r(), default_line(), START, limits=LIMITS.symmetric(), timing="toppra")
-    assert plans["toppra"].trajectory.duration < 0.9 * nearer.trajectory.duration
+@pytest.mark.parametrize("law", ["toppra", "optimal"])
+def test_the_wider_side_is_used(law: str, plans: dict[str, Plan]) -> None:
+    nearer = plan(paper6r(), default_line(), START, limits=LIMITS.symmetric(), timing=law)
+    assert plans[law].trajectory.duration < (0.9 if law == "toppra" else 0.97) * nearer.trajectory.duration
     lower, upper = LIMITS.bounds(6)["acceleration"]
-    assert beyond(plans["toppra"].trajectory, 2, lower, np.minimum(-lower, upper)).max() > 1.2
+    assert beyond(plans[law].trajectory, 2, lower, np.minimum(-lower, upper)).max() > 1.2
+
+
+def test_the_optimum_comes_near_the_same_programme_on_more_intervals(plans: dict[str, Plan]) -> None:
+    finer = Optimal(intervals=400).run(plans["optimal"].joint_path, LIMITS)
+    assert plans["optimal"].trajectory.duration < 1.002 * finer.duration
 
 
 def test_reversing_a_path_exchanges_its_sides(plans: dict[str, Plan]) -> None:

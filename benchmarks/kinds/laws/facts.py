@@ -87,7 +87,7 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
         "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
         "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
         "sampled_jerk": float(proof.sampled_jerk.max()),
-        "least_duration": least_duration(robot, motion, proof, limits),
+        "least_duration": least_duration(robot, path, motion, proof, limits),
     }  # fmt: skip
     for field in DERIVATIVES:
         ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
@@ -99,13 +99,15 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
     return facts
 
 
-def least_duration(robot: Robot, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
+def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
     """Duration at which the same motion, scaled in time uniformly, just keeps every limit.
 
     Parameters
     ----------
     robot : Robot
         The arm.
+    path : Path
+        What the tool follows.
     motion : Trajectory
         The motion.
     proof : Certificate
@@ -120,7 +122,7 @@ def least_duration(robot: Robot, motion: Trajectory, proof: Certificate, limits:
     """
     if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
         return float("inf")
-    return motion.duration * stretch(robot, motion, limits)
+    return motion.duration * stretch(robot, motion, limits, path=path)
 
 
 def breaks(proof: Certificate) -> list[str]:

@@ -64,7 +64,7 @@ def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[d
     for _ in range(SLOWINGS):
         message = message_of(*_paced(source, rate, factor, between), form)
         executed = controlled(message, form.names)
-        needed = stretch(motion.robot, executed, motion.limits, judged)
+        needed = stretch(motion.robot, executed, motion.limits, judged, motion.path)
         if needed <= 1.0:
             return message, executed
         _check_slowing(motion, executed.duration / source.duration * needed, strict)

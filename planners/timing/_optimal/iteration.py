@@ -5,9 +5,10 @@ Places s_k are fixed; unknown are ṡ = v and s̈ = a at them, and the duration 
     min Σ τ_k   with   v τ + a τ²/2 + j τ³/6 = Δs,   v + a τ + j τ²/2 = v⁺,   a + j τ = a⁺,
     |q' v| ≤ V,   |q' a + q'' v²| ≤ A,   |q' j + 3 q'' v a + q''' v³| ≤ J at both ends of every interval.
 
-All of it is polynomial, and nothing is singular at standstill. A Newton step of the barrier problem (Nocedal and Wright,
-Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by one sweep back and one forth
-(Riccati), in which the sign of every pivot shows whether the step goes down.
+Torques and their rates are rows with more coefficients: p a + c v² + f v + g and p j + d v a + c' v³ + g' v + f' a + f'' v²
+(`planners.limits._torque_rows`). All of it is polynomial, and nothing is singular at standstill. A Newton step of the
+barrier problem (Nocedal and Wright, Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by
+one sweep back and one forth (Riccati), in which the sign of every pivot shows whether the step goes down.
 """
 
 from __future__ import annotations
@@ -19,12 +20,20 @@ import numpy as np
 from optik.compiled import compiled, inlined
 from optik.linear import copy_matrix
 from optik.types import Array
-from planners.timing._optimal.newton import Iterate, Problem, back, first, forth
+from planners.timing._optimal.newton import Iterate, Problem, back, edge_slope, first, forth
 
 MET = 1e-5
 """Residual of the dynamics of an interval that is accepted, over its length."""
 TRUE = 1e-4
 """Change of a joint's jerk by that residual that is accepted, over its limit: in brief intervals it is the stricter test."""
+
+
+@inlined
+def _edge_value(edge: Array, k: int, end: int, i: int, v: float, a: float, j: float) -> float:
+    """Value over its limit of what the jerk changes."""
+    p, q, u = edge[k, end, i, 0], edge[k, end, i, 1], edge[k, end, i, 2]
+    linear, square, slope = edge[k, end, i, 3], edge[k, end, i, 5], edge[k, end, i, 4]
+    return float(p * j + (q * v + slope) * a + ((u * v + square) * v + linear) * v)
 
 
 @compiled
@@ -39,43 +48,43 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
         v, a, τ, j [as the problem].
     g : (K, 3) array
         Filled with the residuals [as the problem].
-    c : (K + 1, 3·n) array
+    c : (K + 1, m + 2·e) array
         Filled with the values over their limits [1].
     """
     node, edge = problem.node, problem.edge
-    K, n = problem.ds.shape[0], node.shape[1]
+    K, m, e = problem.ds.shape[0], node.shape[1], edge.shape[2]
     for k in range(K + 1):
         v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
-        for i in range(n):
-            c[k, i] = node[k, i, 0] * a + node[k, i, 1] * v * v
+        for i in range(m):
+            c[k, i] = node[k, i, 0] * a + (node[k, i, 1] * v + node[k, i, 2]) * v + node[k, i, 3]
         if k == K:
             break
         g[k, 0] = tau * (v + tau * (0.5 * a + tau * j / 6.0)) - problem.ds[k]
         g[k, 1] = v + tau * (a + 0.5 * tau * j) - z[k + 1, 0]
         g[k, 2] = a + tau * j - z[k + 1, 1]
         w, b = z[k + 1, 0], z[k + 1, 1]
-        for i in range(n):
-            c[k, n + i] = edge[k, 0, i, 0] * j + edge[k, 0, i, 1] * v * a + edge[k, 0, i, 2] * v * v * v
-            c[k, 2 * n + i] = edge[k, 1, i, 0] * j + edge[k, 1, i, 1] * w * b + edge[k, 1, i, 2] * w * w * w
+        for i in range(e):
+            c[k, m + i] = _edge_value(edge, k, 0, i, v, a, j)
+            c[k, m + e + i] = _edge_value(edge, k, 1, i, w, b, j)
 
 
 @compiled
 def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
-    """Change of every limited value along d, to first order (K + 1, 3 n)."""
+    """Change of every limited value along d, to first order (K + 1, m + 2 e)."""
     node, edge = problem.node, problem.edge
-    K, n = problem.ds.shape[0], node.shape[1]
+    K, m, e = problem.ds.shape[0], node.shape[1], edge.shape[2]
     for k in range(K + 1):
         v, a = z[k, 0], z[k, 1]
-        for i in range(n):
-            out[k, i] = node[k, i, 0] * d[k, 1] + 2.0 * node[k, i, 1] * v * d[k, 0]
+        for i in range(m):
+            out[k, i] = node[k, i, 0] * d[k, 1] + (2.0 * node[k, i, 1] * v + node[k, i, 2]) * d[k, 0]
         if k == K:
             break
         w, b = z[k + 1, 0], z[k + 1, 1]
-        for i in range(n):
-            p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], edge[k, 0, i, 2]
-            out[k, n + i] = p * d[k, 3] + q * (v * d[k, 1] + a * d[k, 0]) + 3.0 * u * v * v * d[k, 0]
-            p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], edge[k, 1, i, 2]
-            out[k, 2 * n + i] = p * d[k, 3] + q * (w * d[k + 1, 1] + b * d[k + 1, 0]) + 3.0 * u * w * w * d[k + 1, 0]
+        for i in range(e):
+            x, r = edge_slope(edge, k, 0, i, v, a)
+            out[k, m + i] = edge[k, 0, i, 0] * d[k, 3] + r * d[k, 1] + x * d[k, 0]
+            x, r = edge_slope(edge, k, 1, i, w, b)
+            out[k, m + e + i] = edge[k, 1, i, 0] * d[k, 3] + r * d[k + 1, 1] + x * d[k + 1, 0]
 
 
 @inlined
@@ -96,13 +105,13 @@ def _lengths(
     dbound: Array,
 ) -> tuple[float, float]:
     """Steps of slacks and duals, and how long primal and dual steps may be so that all stays positive."""
-    K, n = problem.ds.shape[0], problem.node.shape[1]
+    K, rows = problem.ds.shape[0], at.c.shape[1]
     primal, dual, keep = 1.0, 1.0, max(0.99, 1.0 - mu)
     for k in range(K):
         weight = mu * problem.tau[k]
         for side in range(2):
             sign = 1.0 - 2.0 * side
-            for i in range(first(k, n), 3 * n):
+            for i in range(first(k, problem), rows):
                 t, y = at.slack[k, side, i], at.dual[k, side, i]
                 dt = 1.0 - sign * (at.c[k, i] + slope[k, i]) - t
                 dy = (weight - y * dt) / t - y
@@ -123,7 +132,7 @@ def _lengths(
 @compiled
 def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Array) -> tuple[float, float]:
     """Barrier objective, and the sum of what the equations leave."""
-    K, n = g.shape[0], problem.node.shape[1]
+    K, rows = g.shape[0], c.shape[1]
     objective, off = 0.0, abs(z[K, 0] - problem.goal[0]) + abs(z[K, 1] - problem.goal[1])
     for k in range(K):
         tau, weight = problem.tau[k], mu * problem.tau[k]
@@ -132,7 +141,7 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
         if k > 0:
             objective -= weight * log(z[k, 0] * (problem.top[k] - z[k, 0]))
         product = 1.0  # one logarithm for several slacks
-        for i in range(first(k, n), 3 * n):
+        for i in range(first(k, problem), rows):
             above, below = slack[k, 0, i], slack[k, 1, i]
             product *= above * below
             if product < 1e-150 or product > 1e150:
@@ -166,7 +175,7 @@ def _better(passed: Array, count: int, objective: float, off: float, small: floa
 @compiled
 def _begin(problem: Problem, at: Iterate, mu: float) -> None:
     """Put the start inside its bounds, and slacks and multipliers on the central path."""
-    K, n = problem.ds.shape[0], problem.node.shape[1]
+    K, rows = problem.ds.shape[0], at.c.shape[1]
     for k in range(K):
         weight = mu * problem.tau[k]
         if k > 0:
@@ -179,7 +188,7 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
     for k in range(K):
         for side in range(2):
             sign = 1.0 - 2.0 * side
-            for i in range(3 * n):
+            for i in range(rows):
                 at.slack[k, side, i] = max(1.0 - sign * at.c[k, i], 1e-2)
                 at.dual[k, side, i] = mu * problem.tau[k] / at.slack[k, side, i]
 
@@ -220,19 +229,19 @@ def _take(
 @compiled
 def _gap(problem: Problem, at: Iterate) -> float:
     """Sum of all slacks times their multipliers: about what is left to the optimum; infinite where the dynamics are not met."""
-    K, n = problem.ds.shape[0], problem.node.shape[1]
+    K, rows = problem.ds.shape[0], at.c.shape[1]
     gap = 0.0
     for k in range(K):
         tau, most = at.z[k, 2], 0.0
         left = (abs(at.g[k, 0]), tau * abs(at.g[k, 1]), tau * tau * abs(at.g[k, 2]))
         for side in range(2):
-            for i in range(n):
+            for i in range(problem.edge.shape[2]):
                 most = max(most, abs(problem.edge[k, side, i, 0]))
         jerk = (60.0 * left[0] + 36.0 * left[1] + 9.0 * left[2]) / tau**3  # of the quintic that leaves nothing
         if left[0] + left[1] + left[2] > MET * problem.ds[k] or jerk * most > TRUE:
             return np.inf
         for side in range(2):
-            for i in range(first(k, n), 3 * n):
+            for i in range(first(k, problem), rows):
                 gap += at.slack[k, side, i] * at.dual[k, side, i]
         if k > 0:
             gap += at.z[k, 0] * at.bound[k, 0] + (problem.top[k] - at.z[k, 0]) * at.bound[k, 1]
@@ -270,8 +279,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
     int
         Iterations taken; −1 where none of them led on.
     """
-    K, n = problem.ds.shape[0], problem.node.shape[1]
-    rows = 3 * n
+    K, rows = problem.ds.shape[0], problem.node.shape[1] + 2 * problem.edge.shape[2]
     at, trial = _iterate(K, rows), _iterate(K, rows)
     copy_matrix(z, at.z)
     _begin(problem, at, mu)
@@ -300,7 +308,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
             alpha *= 0.5
         _take(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
-            if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (6 * n + 3) * least * problem.tau.sum():
+            if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (2 * rows + 3) * least * problem.tau.sum():
                 copy_matrix(at.z, z)
                 return iteration + 1
             mu, count = max(least, min(0.2 * mu, mu**1.5)), 0

@@ -23,11 +23,13 @@ PIVOT = 1e-8
 
 
 class Problem(NamedTuple):
-    """What is given, in units in which the numbers are near 1; n joints, K intervals.
+    """What is given, in units in which the numbers are near 1; K intervals, m limits at places, e limits in intervals.
 
     ds (K,) lengths of the intervals, tau (K,) about their durations, 1 in the mean, least (K,) their least ones (above 0, so
-    that time does not run backwards on the way to the solution), top (K + 1,) greatest speeds, node (K + 1, n, 2) q'/A and
-    q''/A, edge (K, 2, n, 3) q'/J, 3 q''/J and q'''/J at both ends of each interval, goal (2,) v and a at the end.
+    that time does not run backwards on the way to the solution), top (K + 1,) greatest speeds, node (K + 1, m, 4) the
+    coefficients of a, v², v and 1 of what is limited at places (q'/A, q''/A, 0 and 0 for an acceleration), edge (K, 2, e, 6)
+    those of j, v a, v³, v, a and v² at both ends of each interval (q'/J, 3 q''/J, q'''/J, 0, 0 and 0 for a jerk), goal (2,) v
+    and a at the end. Every such value is limited to [−1, 1].
 
     A sharp corner has intervals a thousandth as long as others: what is added to a stage, what is judged small, and the
     weight of its barrier, are counted in the interval's own ds and tau.
@@ -45,8 +47,8 @@ class Problem(NamedTuple):
 class Iterate(NamedTuple):
     """Where the iteration stands.
 
-    z (K + 1, 4) holds v, a, τ, j; g (K, 3) what the dynamics leave, c (K + 1, 3 n) the limited values, each in [−1, 1] at
-    the end: n accelerations at the node, n jerks at the interval's start, n at its end. slack and dual (K + 1, 2, 3 n)
+    z (K + 1, 4) holds v, a, τ, j; g (K, 3) what the dynamics leave, c (K + 1, m + 2 e) the limited values, each in [−1, 1]
+    at the end: m at the place, e at the interval's start, e at its end. slack and dual (K + 1, 2, m + 2 e)
     belong to c ≤ 1 and −c ≤ 1, bound (K + 1, 3) to v ≥ 0, v ≤ top and τ ≥ its least, lam (K + 1, 3) to the dynamics.
     """
 
@@ -60,22 +62,44 @@ class Iterate(NamedTuple):
 
 
 @inlined
-def first(k: int, n: int) -> int:
-    """First limit of a place that is judged: the state at the start is given, so its acceleration is not.
+def first(k: int, problem: Problem) -> int:
+    """First limit of a place that is judged: the state at the start is given, so its acceleration and torque are not.
 
     Parameters
     ----------
     k : int
         The place.
-    n : int
-        Number of joints.
+    problem : Problem
+        What is given.
 
     Returns
     -------
     int
-        0 or n.
+        0 or m.
     """
-    return n if k == 0 else 0
+    return int(problem.node.shape[1]) if k == 0 else 0
+
+
+@inlined
+def edge_slope(edge: Array, k: int, end: int, i: int, v: float, a: float) -> tuple[float, float]:
+    """Derivatives over v and over a of a value that the jerk changes.
+
+    Parameters
+    ----------
+    edge : (K, 2, e, 6) array
+        Coefficients; see `Problem` [as the problem].
+    k, end, i : int
+        Interval, its end, and the limit.
+    v, a : float
+        The state there [as the problem].
+
+    Returns
+    -------
+    tuple of float
+        Over v, over a.
+    """
+    q, u, y = edge[k, end, i, 1], edge[k, end, i, 2], edge[k, end, i, 5]
+    return q * a + (3.0 * u * v + 2.0 * y) * v + edge[k, end, i, 3], q * v + edge[k, end, i, 4]
 
 
 @inlined
@@ -92,7 +116,7 @@ def _pull(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
 def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Array, m: Array) -> None:
     """Quadratic model of the barrier problem on interval k, over (v, a, τ, j, v⁺, a⁺): upper half of M (6, 6), and m (6,)."""
     z, lam, node, edge = at.z, at.lam, problem.node, problem.edge
-    n = node.shape[1]
+    n, e = node.shape[1], edge.shape[2]
     v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
     w, b = z[k + 1, 0], z[k + 1, 1]
     size = problem.ds[k] / problem.tau[k]
@@ -110,22 +134,22 @@ def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Ar
         for i in range(n):
             weight, pull, y = _pull(at, k, i, mu)
             p, q = node[k, i, 0], node[k, i, 1]
-            x = 2.0 * q * v
+            x = 2.0 * q * v + node[k, i, 2]
             m0, m1 = m0 + pull * x, m1 + pull * p
             M00, M01, M11 = M00 + weight * x * x + 2.0 * q * y, M01 + weight * x * p, M11 + weight * p * p
-    for i in range(n):
+    for i in range(e):
         weight, pull, y = _pull(at, k, n + i, mu)
-        p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], edge[k, 0, i, 2]
-        x, r = q * a + 3.0 * u * v * v, q * v
+        p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], 6.0 * edge[k, 0, i, 2] * v + 2.0 * edge[k, 0, i, 5]
+        x, r = edge_slope(edge, k, 0, i, v, a)
         m0, m1, m3 = m0 + pull * x, m1 + pull * r, m3 + pull * p
-        M00, M01, M11 = M00 + weight * x * x + 6.0 * u * v * y, M01 + weight * x * r + q * y, M11 + weight * r * r
+        M00, M01, M11 = M00 + weight * x * x + u * y, M01 + weight * x * r + q * y, M11 + weight * r * r
         M03, M13, M33 = M03 + weight * x * p, M13 + weight * r * p, M33 + weight * p * p
-        weight, pull, y = _pull(at, k, 2 * n + i, mu)
-        p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], edge[k, 1, i, 2]
-        x, r = q * b + 3.0 * u * w * w, q * w
+        weight, pull, y = _pull(at, k, n + e + i, mu)
+        p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], 6.0 * edge[k, 1, i, 2] * w + 2.0 * edge[k, 1, i, 5]
+        x, r = edge_slope(edge, k, 1, i, w, b)
         m3, m4, m5 = m3 + pull * p, m4 + pull * x, m5 + pull * r
         M33, M34, M35 = M33 + weight * p * p, M34 + weight * p * x, M35 + weight * p * r
-        M44, M45, M55 = M44 + weight * x * x + 6.0 * u * w * y, M45 + weight * x * r + q * y, M55 + weight * r * r
+        M44, M45, M55 = M44 + weight * x * x + u * y, M45 + weight * x * r + q * y, M55 + weight * r * r
     m[0], m[1], m[2], m[3], m[4], m[5] = m0, m1, 1.0 - mu * spare, m3, m4, m5
     M[0, 0], M[0, 1], M[0, 3], M[1, 1], M[1, 3], M[3, 3] = M00, M01, M03, M11, M13, M33
     M[3, 4], M[3, 5], M[4, 4], M[4, 5], M[5, 5] = M34, M35, M44, M45, M55

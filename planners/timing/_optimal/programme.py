@@ -11,8 +11,8 @@ from optik.errors import NoSolution
 from optik.types import Array
 from planners.curve import passed_at
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, MotionLimits, PathPoints
-from planners.timing._optimal import reach
+from planners.limits import DERIVATIVES, MotionLimits
+from planners.timing._optimal import limited, reach
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.newton import Problem
 from planners.timing.base import PathState, speed_bound
@@ -37,6 +37,8 @@ NO_WAY = 1e-9
 """Share of the path below which the distance covered within the filter's width is neglected: it is rounding in s."""
 TOOL_SPARE = 0.9999
 """Share of the tool's limits that a motion from a moving state uses: it cannot be slowed afterwards."""
+TORQUE_SPARE = 0.998
+"""The same of the limits on torque and its rate, whose proved bounds are farther above the largest values."""
 
 
 class Programme(NamedTuple):
@@ -50,6 +52,7 @@ class Programme(NamedTuple):
     start: Array
     units: tuple[float, float]
     moving: PathState | None
+    rows: limited.Rows
 
 
 def programme(
@@ -99,6 +102,10 @@ def programme(
     at, v, a = _filtered(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
+    for place in limits.tool_changes(joint_path.path):  # the nearest place between moves there
+        k = int(np.abs(at - place).argmin())
+        if 0 < k < at.size - 1 and at[k - 1] < place < at[k + 1]:
+            at[k] = place
     v[-1] = a[-1] = 0.0
     v[0], a[0] = state.speed, state.acceleration
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
@@ -287,19 +294,18 @@ def numbers(
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
     found, v1 = derivatives(joint_path, s), length / time
-    after, before = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
-    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
-    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
-    node = limits.rows("acceleration", PathPoints(joint_path, s, found)) * np.array([v1 / time, v1**2])
-    edge = np.stack([limits.rows("jerk", at) for at in (first, last)], axis=1)
-    edge *= np.array([v1 / time**2, v1**2 / time, v1**3])
+    around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
+    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
+        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
+        limits = limits.scaled(TORQUE_SPARE, ("torque", "torque_rate"))
+    given = limited.rows(joint_path, limits, s, found, around)
+    node = given.node * np.array([v1 / time, v1**2, v1, 1.0])
+    edge = given.edge * np.array([v1 / time**2, v1**2 / time, v1**3, v1, v1 / time, v1**2])
     start = np.zeros((K + 1, 4))
     start[:, 0], start[:, 1], start[:-1, 2] = v / v1, a * (time / v1), tau / time
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
-    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
-        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
-    return Programme(problem, s, start, units, moving)
+    return Programme(problem, s, start, units, moving, given)

@@ -84,7 +84,10 @@ def straight_stop(joint_path: JointPath, limits: MotionLimits, state: PathState)
         motion = _along(joint_path, state, phases)
         if motion is not None and state.joints is not None:
             motion = begun(motion, state.joints, limits)
-        if motion is not None and stretch(joint_path.robot, motion, limits) <= 1.0 + LIMIT_ROUNDING:
+        if (
+            motion is not None
+            and stretch(joint_path.robot, motion, limits, path=joint_path.path) <= 1.0 + LIMIT_ROUNDING
+        ):
             return motion
     return None
 

@@ -11,6 +11,7 @@ from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, MotionLimits
 from planners.timing import _sweep
 from planners.timing._optimal.derivatives import derivatives
+from planners.timing._optimal.limited import swept_rows
 from planners.timing._optimal.programme import Programme, numbers
 from planners.timing._places import graded
 from planners.timing.base import speed_bound
@@ -27,6 +28,8 @@ SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
 line has four such changes."""
+EVEN_LOADED, PER_CHANGE_LOADED = 60, (20.0, 6.0, 20.0)
+"""The same where torques are limited: their ramps are longer than those of accelerations, and speeds peak inside them."""
 
 FASTEST = 1e4
 """Largest ratio of speeds and accelerations to the mean ones: no initial guess needs more."""
@@ -36,6 +39,9 @@ FEWEST = 50
 """Least number of intervals of a motion, whatever the rounding."""
 NODE_JUMP = 0.02
 """Largest jump of q''' within an interval, as a share of the jerk limits: at larger ones there is a place."""
+
+SAME_NODE = 1e-9
+"""Share of the path within which a node and a place where a limit changes are the same."""
 
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
@@ -68,11 +74,14 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE, top)
     _sweep.swept(along, top, SWEEP_ROUNDS, SWEEP_EXCESS, motion)
     t = motion[0]
-    least = min(briefest(along.jerk), t[-1] / FEWEST)
-    usual = round(_sweep.spread(along, motion, EVEN, PER_CHANGE, least, share))
+    jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
+    least = min(briefest(jerk), t[-1] / FEWEST)
+    even, per_change = (EVEN, PER_CHANGE) if along.jerk.size == jerk.size else (EVEN_LOADED, PER_CHANGE_LOADED)
+    usual = round(_sweep.spread(along, motion, even, per_change, least, share))
     count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
-    when, k, nodes = _with(when, joint_path, along, motion, least)
+    changes = limits.tool_changes(joint_path.path)
+    when, k, nodes = _with(when, joint_path, along, motion, least, changes)
     found = np.empty((3, when.size))
     _sweep.sampled(along.s, motion, when, found)
     found[0, 0], found[0, -1], found[0, k] = 0.0, joint_path.end, nodes
@@ -83,11 +92,12 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
 
 
 def _with(
-    when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float
+    when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float, changes: Array
 ) -> tuple[Array, Indices, Array]:
     """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
 
-    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell.
+    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell. So has a
+    place at which the limit on the tool's speed changes.
 
     Returns
     -------
@@ -97,10 +107,13 @@ def _with(
     nodes = joint_path.nodes[1:-1]
     beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
     jump = np.abs(derivatives(joint_path, nodes + beside)[3] - derivatives(joint_path, nodes - beside)[3])
-    passed = np.interp(nodes, along.s, motion[0])
     speed = np.interp(nodes, along.s, motion[1])
-    chosen = (jump / along.jerk).max(axis=1) * speed**3 > NODE_JUMP
-    nodes, passed = nodes[chosen], passed[chosen]
+    chosen = (jump / along.jerk[: jump.shape[1]]).max(axis=1) * speed**3 > NODE_JUMP
+    nodes = nodes[chosen]
+    if changes.size:
+        apart = np.abs(nodes[:, None] - changes).min(axis=1) > SAME_NODE * joint_path.end
+        nodes = np.sort(np.concatenate([nodes[apart], changes]))
+    passed = np.interp(nodes, along.s, motion[0])
     # what they replace: a time that is nearer than a third of its interval
     i = np.clip(np.searchsorted(when, passed), 1, when.size - 1)
     low, high = passed - when[i - 1], when[i] - passed
@@ -169,15 +182,21 @@ def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
     moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
     A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
-    _, q1, q2, q3 = derivatives(joint_path, s)
+    found = derivatives(joint_path, s)
+    *loaded, most = swept_rows(joint_path, limits, s, found)
+    if most.size:
+        q1, q2, q3 = (np.concatenate(pair, axis=1) for pair in zip(found[1:], loaded, strict=True))
+        A, J = np.append(A, most[0]), np.append(J, most[1])
+    else:
+        _, q1, q2, q3 = found
     size, length = np.abs(q1), float(s[-1])
     a, j = float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
     # by order of magnitude no motion takes less time than these; far higher derivatives need not be told apart
     least = max(float((np.diff(s) / top[1:]).sum()), np.sqrt(length * a), np.cbrt(length * j))
     free = not np.isfinite([bound[field][moving] for field in DERIVATIVES]).any() and not np.isfinite(limits.tool).any()
-    if free or not 0.0 < least < np.inf:
+    if (free and not most.size) or not 0.0 < least < np.inf:
         names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
         raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
     top = np.minimum(top, FASTEST * length / least)
-    most = FASTEST * length / least**2, FASTEST**2 * length / least**3
-    return _sweep.Along(s, q1, q2, q3, A, J, top, most)
+    highest = FASTEST * length / least**2, FASTEST**2 * length / least**3
+    return _sweep.Along(s, q1, q2, q3, A, J, top, highest)

@@ -10,7 +10,7 @@ from scipy.interpolate import PPoly
 from optik.compiled import compiled
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import MotionLimits, PathPoints
+from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
 from planners.paths.base import Path
 from planners.timing._places import graded
 from planners.timing.base import speed_bound
@@ -97,7 +97,10 @@ def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
 
 
 def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
-    return Table(s, 1.0 / speed_bound(joint_path, limits, s), parts(limits, PathPoints(joint_path, s)))
+    slowness = 1.0 / speed_bound(joint_path, limits, s)
+    if any(np.ndim(limits.value(name)) for name in TOOL_SPEEDS):  # the lesser speed also half a cell beyond its segment
+        slowness = np.maximum(slowness, np.maximum(np.append(slowness[1:], 0.0), np.append(0.0, slowness[:-1])))
+    return Table(s, slowness, parts(limits, PathPoints(joint_path, s)))
 
 
 def fine_enough(path: Path) -> int:

@@ -1,0 +1,355 @@
+"""Capsules that enclose a mesh, with a proved bound of how far each stands out beyond it.
+
+A capsule is convex, so it encloses a triangle if it encloses its corners. A mesh that one capsule encloses badly is cut by
+planes, and each part gets its own: the cut face of a solid lies in the convex hull of its edge, which is part of the cut
+surface, so that the capsules enclose the solid and not only its surface.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.types import Array, Flags
+
+ROUNDING = 1e-9
+"""Added to every radius [m]: a million times what rounding moves a point of an arm by, and too little to be seen."""
+
+WELL_ENCLOSED = 0.02
+"""A mesh is cut until its capsules stand out less than this [m], or as many as are allowed are used."""
+
+MOST_OF_ONE = 4
+"""Most capsules that enclose one mesh: the time of a proof grows with the number of capsules."""
+
+SPACING = 60
+"""Distances to a mesh are taken to points on it, at most this part of its size apart."""
+
+MOST_POINTS = 200_000
+"""Most points on a mesh: with fewer points than `SPACING` asks for the excess is stated larger than it is, never smaller."""
+
+EXCESS_STEP = 2e-4
+"""The stated excess is at most this much larger than the distance of a point of the capsule from the mesh's points [m]."""
+
+
+LEAST_GAIN = 0.9
+"""A part is cut if its excess falls below this part of what it was: else the proof would take longer for nothing gained."""
+
+CUTS = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
+"""Where planes across an axis are tried, as parts of the extent."""
+
+CELLS = 16
+"""Cells along the meridian of a capsule and around its axis, before they are divided."""
+
+
+class Capsule(NamedTuple):
+    """A capsule around a part of a mesh."""
+
+    a: Array
+    b: Array
+    radius: float
+    excess: float = np.nan
+
+
+def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
+    """Enclose a mesh by capsules: one, or several if it stands out too far.
+
+    Parameters
+    ----------
+    triangles : (k, 3, 3) array
+        Corners of the triangles [m].
+    most : int
+        Largest number of capsules.
+    excess : float
+        The mesh is cut while a capsule stands out farther than this [m].
+
+    Returns
+    -------
+    list of Capsule
+        Capsules whose union contains every triangle, each with the bound of its excess.
+    """
+    tree = _points_on(triangles)
+    parts, found = [triangles], [fitted(triangles)]
+    found = _measured(found, tree)
+    closed: set[int] = set()
+    while len(parts) < most:
+        open_ = [i for i, c in enumerate(found) if c.excess > excess and id(parts[i]) not in closed]
+        if not open_:
+            break
+        i = max(open_, key=lambda k: found[k].excess)
+        better = _divided(parts, found, i, tree)
+        if better is None:
+            closed.add(id(parts[i]))
+        else:
+            parts, found = better
+    return found
+
+
+def _divided(parts: list[Array], found: list[Capsule], i: int, tree: Any) -> tuple[list[Array], list[Capsule]] | None:
+    """Parts and capsules with one part cut in two, if that brings its excess down by a tenth at least; else None."""
+    others = found[:i] + found[i + 1 :]
+    halves = _cut(parts[i], others, tree)
+    if halves is None:
+        return None
+    capsules = [fitted(half) for half in halves]
+    if (
+        max(_farthest(c, [*others, capsules[1 - k]], tree) for k, c in enumerate(capsules))
+        > LEAST_GAIN * found[i].excess
+    ):
+        return None
+    return [*parts[:i], *halves, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+
+
+# ---------------------------------------------------------------- one capsule
+
+
+def fitted(triangles: Array) -> Capsule:
+    """Enclose triangles by one capsule of small volume.
+
+    Parameters
+    ----------
+    triangles : (k, 3, 3) array
+        Corners of the triangles [m].
+
+    Returns
+    -------
+    Capsule
+        The capsule; every corner is inside.
+    """
+    from scipy.optimize import minimize
+
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    corners = _hull(points)
+    starts = sorted(_starts(corners), key=lambda start: _volume(*_about(corners, *start)))
+
+    best = starts[0]
+    for origin, u in starts[:2]:
+        v, w = _across(u)
+        size = float(np.ptp(corners, axis=0).max())
+
+        def placed(x: Array, o: Array = origin, u: Array = u, v: Array = v, w: Array = w) -> tuple[Array, Array, float]:
+            return o + x[0] * v + x[1] * w, u + x[2] * v + x[3] * w, x[4]
+
+        def cost(x: Array, placed: Any = placed) -> float:
+            return _volume(*_about(corners, *placed(x)))
+
+        steps = np.array([0.05 * size, 0.05 * size, 0.1, 0.1, 0.2])
+        simplex = np.vstack((np.zeros(5), np.diag(steps)))
+        result = minimize(cost, np.zeros(5), method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 600})
+        if result.fun < _volume(*_about(corners, *best)):
+            best = placed(result.x)
+    a, b, _ = _about(corners, *best)
+    radius = float(distance_to_segment(points, a, b).max()) * (1.0 + ROUNDING) + ROUNDING
+    return Capsule(a, b, radius)
+
+
+def _hull(points: Array) -> Array:
+    """Corners of the convex hull; all points if they lie in a plane."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.ascontiguousarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):
+        return points
+
+
+def _starts(points: Array) -> list[tuple[Array, Array]]:
+    """Lines along the axes of the frame and along the principal axes, through the middle of the points."""
+    axes = np.vstack((np.eye(3), _principal(points)))
+    found = []
+    for u in axes:
+        v, w = _across(u)
+        middle = sum(0.5 * ((points @ x).min() + (points @ x).max()) * x for x in (u, v, w))
+        found.append((np.asarray(middle), u))
+    return found
+
+
+def _across(u: Array) -> tuple[Array, Array]:
+    """Two unit vectors that make a right-angled frame with a unit vector."""
+    other = np.eye(3)[int(np.argmin(np.abs(u)))]
+    v = np.cross(u, other)
+    v /= np.linalg.norm(v)
+    return v, np.cross(u, v)
+
+
+def _about(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
+    """Shortest capsule about a line that encloses points, wider than needed by the square of a factor."""
+    u = direction / np.linalg.norm(direction)
+    offsets = points - origin
+    along = offsets @ u
+    off = np.maximum((offsets * offsets).sum(axis=1) - along * along, 0.0)
+    radius = float(np.sqrt(off.max())) * (1.0 + wider * wider)
+    reach = np.sqrt(np.maximum(radius * radius - off, 0.0))
+    first, last = float((along + reach).min()), float((along - reach).max())
+    if first > last:  # a sphere on the line
+        first = last = 0.5 * (first + last)
+        radius = float(np.sqrt((off + (along - first) ** 2).max()))
+    return origin + first * u, origin + last * u, radius
+
+
+def _volume(a: Array, b: Array, radius: float) -> float:
+    return float(np.pi * radius * radius * (np.linalg.norm(b - a) + 4.0 / 3.0 * radius))
+
+
+def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
+    """Distances of points from a segment.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        The points [m].
+    a, b : (3,) arrays
+        Ends of the segment [m]; it may have length 0.
+
+    Returns
+    -------
+    (k,) array
+        Distances [m].
+    """
+    d = b - a
+    length2 = float(d @ d)
+    t = np.clip((points - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
+    return np.asarray(np.linalg.norm(points - (a + t[:, None] * d), axis=1))
+
+
+# ---------------------------------------------------------------- cutting
+
+
+def _cut(triangles: Array, others: list[Capsule], tree: Any) -> tuple[Array, Array] | None:
+    """Two parts of a mesh, cut by the plane of a few that leaves the least excess; None if none cuts it."""
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    best, least = None, np.inf
+    for u in np.vstack((np.eye(3), _principal(points))):
+        low, high = float((points @ u).min()), float((points @ u).max())
+        for part in CUTS:
+            halves = clipped(triangles, u, low + part * (high - low))
+            if min(len(half) for half in halves) == 0:
+                continue
+            capsules = [_roughly(half) for half in halves]
+            worst = max(_farthest(c, [*others, capsules[1 - k]], tree, coarse=True) for k, c in enumerate(capsules))
+            if worst < least:
+                best, least = halves, worst
+    return best
+
+
+def _principal(points: Array) -> Array:
+    """Principal axes (3, 3) of points, as rows."""
+    offsets = points - points.mean(axis=0)
+    return np.asarray(np.linalg.eigh(offsets.T @ offsets)[1].T)
+
+
+def _roughly(triangles: Array) -> Capsule:
+    """Capsule about the best of a few axes."""
+    corners = _hull(np.unique(triangles.reshape(-1, 3), axis=0))
+    return Capsule(*min((_about(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c)))
+
+
+def clipped(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:
+    """Cut triangles by a plane.
+
+    Parameters
+    ----------
+    triangles : (k, 3, 3) array
+        Corners of the triangles [m].
+    normal : (3,) array
+        Normal of the plane [1].
+    offset : float
+        The plane is where normal · x = offset [m].
+
+    Returns
+    -------
+    below, above : (j, 3, 3) arrays
+        Triangles of the two sides [m]; together they cover the same surface.
+    """
+    height = triangles @ normal - offset
+    up: Flags = height > 0.0
+    count = up.sum(axis=1)
+    sides = {False: [triangles[count == 0]], True: [triangles[count == 3]]}
+    for alone in (True, False):  # triangles with one corner on one side, and two on the other
+        chosen = count == (1 if alone else 2)
+        if not chosen.any():
+            continue
+        first = np.argmax(up[chosen] == alone, axis=1)
+        order = (first[:, None] + np.arange(3)) % 3
+        rows = np.arange(len(order))[:, None]
+        corner, h = triangles[chosen][rows, order], height[chosen][rows, order]
+        a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
+        p = a + (h[:, 0] / (h[:, 0] - h[:, 1]))[:, None] * (b - a)
+        q = a + (h[:, 0] / (h[:, 0] - h[:, 2]))[:, None] * (c - a)
+        sides[alone].append(np.stack((a, p, q), axis=1))
+        sides[not alone] += [np.stack((p, b, c), axis=1), np.stack((p, c, q), axis=1)]
+    return np.concatenate(sides[False]), np.concatenate(sides[True])
+
+
+# ---------------------------------------------------------------- excess
+
+
+def _points_on(triangles: Array) -> Any:
+    """Tree of points on the triangles, near enough to each other for distances to the mesh."""
+    from scipy.spatial import cKDTree
+
+    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    points, todo = [triangles.reshape(-1, 3)], triangles
+    count = len(points[0])
+    while len(todo):
+        edges = np.linalg.norm(todo - np.roll(todo, -1, axis=1), axis=2)
+        todo = todo[edges.max(axis=1) > size / SPACING]
+        count += len(todo)
+        if count > MOST_POINTS or not len(todo):
+            break
+        longest = np.argmax(np.linalg.norm(todo - np.roll(todo, -1, axis=1), axis=2), axis=1)
+        rows, order = np.arange(len(todo))[:, None], (longest[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(todo[rows, order], 1, 0)
+        middle = 0.5 * (a + b)
+        points.append(middle)
+        todo = np.concatenate((np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)))
+    return cKDTree(np.concatenate(points))
+
+
+def _measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
+    """The capsules of a mesh, each with the bound of its excess."""
+    others = [capsules[:i] + capsules[i + 1 :] for i in range(len(capsules))]
+    return [c._replace(excess=_farthest(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
+
+
+def _farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
+    """Bound of the distance of a capsule's surface, as far as it is on the surface of the union, from points of the mesh.
+
+    The surface is covered by cells along the meridian and around the axis. No point of a cell is farther from the mesh than
+    its centre is, plus half the cell's extent; cells that may hold the farthest point are divided. The coarse value is no
+    bound: it takes the centres of the first cells.
+    """
+    meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
+    steps = (np.arange(CELLS) + 0.5) / CELLS
+    s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))
+    ds, dphi, bound = meridian / CELLS, 2.0 * np.pi / CELLS, 0.0
+    while len(s):
+        place, across = _on_surface(capsule, s, phi)
+        extent = 0.5 * ds + 0.5 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)
+        outside = np.ones(len(s), dtype=bool)
+        for other in others:
+            outside &= distance_to_segment(place, other.a, other.b) > other.radius - (0.0 if coarse else extent)
+        s, phi, place, extent = s[outside], phi[outside], place[outside], extent[outside]
+        distance = np.asarray(tree.query(place)[0]) if len(s) else np.zeros(0)
+        if coarse:
+            return float(distance.max(initial=0.0))
+        open_ = distance + extent > max(float(distance.max(initial=0.0)), bound) + EXCESS_STEP
+        bound = max(bound, float((distance + extent)[~open_].max(initial=0.0)))
+        ds, dphi = 0.5 * ds, 0.5 * dphi
+        s = np.concatenate([s[open_] + 0.5 * i * ds for i in (-1, -1, 1, 1)])
+        phi = np.concatenate([phi[open_] + 0.5 * i * dphi for i in (-1, 1, -1, 1)])
+    return bound
+
+
+def _on_surface(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Array]:
+    """Points of a capsule's surface by the length along the meridian and the angle, and their distances from the axis."""
+    r, d = capsule.radius, capsule.b - capsule.a
+    length = float(np.linalg.norm(d))
+    u = d / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    v, w = _across(u)
+    cap = 0.5 * np.pi * r
+    angle = np.where(s < cap, s, np.where(s > cap + length, s - length, cap)) / r
+    along = np.clip(s - cap, 0.0, length) - r * np.cos(angle)
+    across = r * np.sin(angle)
+    around = np.cos(phi)[:, None] * v + np.sin(phi)[:, None] * w
+    return capsule.a + along[:, None] * u + across[:, None] * around, across

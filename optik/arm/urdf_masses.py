@@ -1,0 +1,115 @@
+"""Masses, friction and torque limits of a URDF's chain: <inertial>, <dynamics> and <limit effort=>."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from optik.arm.body import Body, checked_body, joined, moved_body
+from optik.arm.inertia import Inertia
+from optik.arm.urdf_tree import Joint, Tree, number, origin_pose
+from optik.errors import InvalidInput, RobotModelError
+from optik.types import Array
+
+PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+"""Attributes of an <inertia>, as they stand in the tensor."""
+
+
+def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None:
+    """Read what the joints of a chain move, merged over fixed joints.
+
+    Parameters
+    ----------
+    tree : Tree
+        The links.
+    placed : list of (Joint, (4, 4) array)
+        The chain's joints, fixed ones too, with the frame of the link below each of them in the frame of the last moving
+        joint [1, m].
+
+    Returns
+    -------
+    Inertia or None
+        One body for each moving joint, of mass 0 where no <inertial> is stated; None where none is stated at all.
+
+    Raises
+    ------
+    RobotModelError
+        A number that is none, or masses that no body has; the link is named.
+    """
+    chain = [joint for joint, _T in placed]
+    groups: list[list[Body]] = []
+    for joint, T in placed:
+        if joint.kind != "fixed":
+            groups.append([])
+        if groups:  # links before the first moving joint stand still
+            carried = list(tree.carried(joint.child, chain))
+            groups[-1] += [moved_body(body, T @ pose) for link, pose in carried for body in _bodies(tree, link)]
+    if not any(body[0] for group in groups for body in group):
+        return None
+    mass, com, tensor = (np.array(part) for part in zip(*map(joined, groups), strict=True))
+    moving = [joint for joint in chain if joint.kind != "fixed"]
+    motor, viscous, coulomb = (_dynamics(tree.name, moving, name) for name in ("armature", "damping", "friction"))
+    try:
+        return Inertia(mass, com, tensor, motor, viscous, coulomb, f"URDF {tree.name!r}")
+    except InvalidInput as error:  # of the links together: each of them was checked
+        raise RobotModelError(tree.name, str(error)) from None
+
+
+def read_torques(robot: str, joints: list[Joint]) -> Array | None:
+    """Read the torque limits of joints.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the robot, for errors.
+    joints : list of Joint
+        The moving joints.
+
+    Returns
+    -------
+    (n,) array or None
+        Limits [N·m, N], infinite where the file has none or 0; None where all are unknown.
+
+    Raises
+    ------
+    RobotModelError
+        An effort that is negative or no number.
+    """
+    efforts = np.array([_positive(robot, joint, "limit", "effort") for joint in joints])
+    return np.where(efforts > 0.0, efforts, np.inf) if efforts.any() else None
+
+
+def _dynamics(robot: str, joints: list[Joint], name: str) -> Array:
+    return np.array([_positive(robot, joint, "dynamics", name) for joint in joints])
+
+
+def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
+    """Attribute of an element of a joint, 0 if it is missing."""
+    element, where = joint.element.get(tag), f"joint {joint.name!r}"
+    value = 0.0 if element is None else number(robot, where, element.get(name, "0"), name)
+    if value < 0.0:
+        raise RobotModelError(robot, f"{where}: {name} {value:.6g}, expected a number ≥ 0")
+    return value
+
+
+def _bodies(tree: Tree, link: str) -> list[Body]:
+    """Rigid bodies of a link in its frame: one, or none without an <inertial>."""
+    found = tree.parts(link, "inertial")
+    if not found:
+        return []
+    where, inertial = f"link {link!r}", found[0]
+
+    def value(tag: str, attribute: str) -> float:
+        element: Any = inertial.find(tree.prefix + tag)
+        if element is None:
+            raise RobotModelError(tree.name, f"{where}: an <inertial> without <{tag}>")
+        return number(tree.name, where, element.get(attribute, "0"), attribute if tag == "inertia" else tag)
+
+    tensor = np.array([[value("inertia", name) for name in row] for row in PRODUCTS])
+    body = (value("mass", "value"), np.zeros(3), tensor)
+    T = origin_pose(tree.name, where, inertial.find(tree.prefix + "origin"))
+    try:
+        return [checked_body(moved_body(body, T), where)]
+    except InvalidInput as error:
+        raise RobotModelError(tree.name, str(error)) from None

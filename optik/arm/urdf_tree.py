@@ -1,0 +1,416 @@
+"""The tree of links and joints of a URDF: read from XML, checked to be one tree, with its numbers and poses."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from math import cos, sin
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from optik import se3
+from optik.errors import InvalidInput, RobotModelError
+from optik.files import content_of
+from optik.types import Array
+
+MOST_URDF_BYTES = 32 * 2**20
+"""Longest description that is read [bytes]: a hundred times that of any arm, and small enough to be parsed at once."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One <joint> of a URDF: the links that it connects, and its child elements by name."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    element: Any
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The links of a URDF and the joint above each of them, checked to be one tree."""
+
+    name: str
+    root: str
+    above: dict[str, Joint]
+    below: dict[str, list[str]]
+    links: dict[str, Any]
+    prefix: str
+
+    def reached(self, base: str) -> list[str]:
+        """Links at and below a link.
+
+        Parameters
+        ----------
+        base : str
+            The link.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
+        found, todo = [], [base]
+        while todo:
+            found.append(todo.pop())
+            todo.extend(self.below.get(found[-1], ()))
+        return found
+
+    def path(self, link: str) -> list[str]:
+        """Links from one up to the root.
+
+        Parameters
+        ----------
+        link : str
+            The link to begin with.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
+        found = [link]
+        while found[-1] in self.above:
+            found.append(self.above[found[-1]].parent)
+        return found
+
+    def parts(self, link: str, tag: str) -> list[Any]:
+        """XML elements of one kind in a link.
+
+        Parameters
+        ----------
+        link : str
+            The link.
+        tag : str
+            Their tag, such as "inertial" or "collision".
+
+        Returns
+        -------
+        list of Element
+            In the file's order.
+        """
+        return list(self.links[link].findall(self.prefix + tag))
+
+    def carried(self, link: str, chain: list[Joint]) -> Iterator[tuple[str, Array]]:
+        """Links that move with a link of a chain: itself, and what hangs on it beside the chain, whose joints stand at 0.
+
+        Parameters
+        ----------
+        link : str
+            The link of the chain.
+        chain : list of Joint
+            Joints that are not followed.
+
+        Yields
+        ------
+        name : str
+            Name of the link.
+        pose : (4, 4) array
+            Pose of its frame in that of the first link [1, m].
+        """
+        left = {joint.child for joint in chain}
+        todo = [(link, np.eye(4))]
+        while todo:
+            name, T = todo.pop()
+            yield name, T
+            for child in self.below.get(name, ()):
+                if child not in left:
+                    todo.append((child, T @ joint_origin(self.name, self.above[child])))
+
+
+def read_tree(source: str | os.PathLike[str], name: str | None) -> Tree:
+    """Read the links and joints of a URDF.
+
+    Parameters
+    ----------
+    source : str or path
+        A file, or the XML itself (text that begins with <).
+    name : str, optional
+        Name of the robot; by default the file's.
+
+    Returns
+    -------
+    Tree
+        The tree.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
+    RobotModelError
+        No tree of links.
+    """
+    return _tree(_parsed(_content_of(source)), name)
+
+
+def _content_of(source: object) -> bytes:
+    """XML as bytes: the argument itself if it begins with <, else the content of the file that it names."""
+    wanted = "the path of a URDF file, or its text (which begins with <)"
+    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
+        # A string is decoded already: an encoding that its XML declaration names does not apply.
+        text = re.sub(r"\A\s*(<\?xml[^>]*?)\s+encoding\s*=\s*(\"[^\"]*\"|'[^']*')", r"\1", source.lstrip("\ufeff"))
+        content = text.strip().encode("utf-8", errors="replace")
+        if len(content) > MOST_URDF_BYTES:
+            raise InvalidInput("source", f"more than {MOST_URDF_BYTES // 2**20} MB", wanted)
+        return content
+    if not isinstance(source, str | os.PathLike):
+        raise InvalidInput("source", repr(source)[:60], wanted)
+    if Path(source).suffix == ".xacro":
+        _refuse_xacro(str(source))
+    return content_of(Path(source), argument="source", expected=wanted, most=MOST_URDF_BYTES)
+
+
+def _parsed(content: bytes) -> Any:
+    """Root element of XML without DOCTYPE and entities."""
+    import xml.etree.ElementTree as ElementTree
+
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        return fromstring(content, forbid_dtd=True)
+    except DefusedXmlException:
+        raise InvalidInput("source", "a DOCTYPE or an entity", "URDF without them; nothing in it is expanded") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two: an unknown encoding
+        if b"<xacro:" in content:
+            _refuse_xacro("source")
+        raise InvalidInput("source", f"no XML: {error}", "URDF, which is XML") from None
+
+
+def _refuse_xacro(file: str) -> NoReturn:
+    raise InvalidInput(
+        "source", f"xacro in {file[:120]!r}", "URDF; expand it first, for example by: xacro in.xacro > out.urdf"
+    )
+
+
+def _tree(root: Any, name: str | None) -> Tree:
+    """Links and joints of a <robot>, without elements of other namespaces (Gazebo, controllers)."""
+    space, _, tag = root.tag.rpartition("}")
+    prefix = f"{space}}}" if space else ""
+    if tag != "robot":
+        raise InvalidInput("source", f"the element <{tag[:60]}>", "a URDF, whose outermost element is <robot>")
+    if any("xacro" in str(element.tag).partition("}")[0] and "}" in str(element.tag) for element in root.iter()):
+        _refuse_xacro("source")
+    robot = name or root.get("name") or "robot"
+    elements = root.findall(f"{prefix}link")
+    links = [_attribute(robot, e, "name", "a <link>") for e in elements]
+    joints = [_joint(robot, e, prefix) for e in root.findall(f"{prefix}joint")]
+    for kind, found in (("links", links), ("joints", [j.name for j in joints])):
+        twice = _repeated(found)
+        if twice:
+            raise RobotModelError(robot, f"two {kind} are named {twice!r}")
+    above, below = _connections(robot, links, joints)
+    grown = Tree(robot, _root(robot, links, above), above, below, dict(zip(links, elements, strict=True)), prefix)
+    in_cycles = set(links).difference(grown.reached(grown.root))
+    if in_cycles:
+        raise RobotModelError(robot, f"a cycle of links: {listed([x for x in links if x in in_cycles])}")
+    return grown
+
+
+def _connections(robot: str, links: list[str], joints: list[Joint]) -> tuple[dict[str, Joint], dict[str, list[str]]]:
+    """Joint above each link and the links below each, or RobotModelError with the link or joint that makes it no tree."""
+    if not links:
+        raise RobotModelError(robot, "no links")
+    known = set(links)
+    for joint in joints:
+        for end, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in known:
+                raise RobotModelError(robot, f"joint {joint.name!r}: its {end} link {link!r} does not exist")
+    above: dict[str, Joint] = {}
+    for joint in joints:
+        if joint.child in above:
+            both = f"{above[joint.child].name!r} and {joint.name!r}"
+            raise RobotModelError(robot, f"link {joint.child!r} has two parents, by the joints {both}")
+        above[joint.child] = joint
+    below: dict[str, list[str]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint.child)
+    return above, below
+
+
+def _root(robot: str, links: list[str], above: dict[str, Joint]) -> str:
+    """Return the only link without a parent; "" where every link has one."""
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        raise RobotModelError(robot, f"{len(roots)} links have no parent, a tree has one: {listed(roots)}")
+    return roots[0] if roots else ""
+
+
+def _joint(robot: str, element: Any, prefix: str) -> Joint:
+    name = _attribute(robot, element, "name", "a <joint>")
+    ends = []
+    for end in ("parent", "child"):
+        found = element.find(prefix + end)
+        if found is None:
+            raise RobotModelError(robot, f"joint {name!r}: no <{end}>")
+        ends.append(_attribute(robot, found, "link", f"joint {name!r}: its <{end}>"))
+    inner = {child.tag.removeprefix(prefix): child for child in reversed(element) if isinstance(child.tag, str)}
+    return Joint(name, element.get("type", ""), ends[0], ends[1], inner)
+
+
+def _attribute(robot: str, element: Any, name: str, what: str) -> str:
+    value = element.get(name)
+    if not value:
+        raise RobotModelError(robot, f"{what} has no {name}")
+    return str(value)
+
+
+def _repeated(names: Iterable[str]) -> str | None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
+
+
+def listed(names: list[str]) -> str:
+    """Return names for an error, at most twelve of them.
+
+    Parameters
+    ----------
+    names : list of str
+        The names.
+
+    Returns
+    -------
+    str
+        The names, separated by commas.
+    """
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "none"
+
+
+# ---------------------------------------------------------------- numbers and poses
+
+
+def joint_origin(robot: str, joint: Joint) -> Array:
+    """Pose of a joint in its parent link.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the robot, for errors.
+    joint : Joint
+        The joint.
+
+    Returns
+    -------
+    (4, 4) array
+        The pose [1, m].
+
+    Raises
+    ------
+    RobotModelError
+        An <origin> that is no pose.
+    """
+    return origin_pose(robot, f"joint {joint.name!r}", joint.element.get("origin"))
+
+
+def origin_pose(robot: str, where: str, element: Any) -> Array:
+    """Pose that an <origin> states: R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Parameters
+    ----------
+    robot : str
+        Name of the robot, for errors.
+    where : str
+        What an error calls the element that has this origin.
+    element : Element or None
+        The <origin>; None for the identity.
+
+    Returns
+    -------
+    (4, 4) array
+        The pose [1, m].
+
+    Raises
+    ------
+    RobotModelError
+        Not three finite numbers each, or farther away than poses may be.
+    """
+    if element is None:
+        return np.eye(4)
+    roll, pitch, yaw = triple(robot, where, element.get("rpy", "0 0 0"), "origin rpy")
+    Rx = [[1.0, 0.0, 0.0], [0.0, cos(roll), -sin(roll)], [0.0, sin(roll), cos(roll)]]
+    Ry = [[cos(pitch), 0.0, sin(pitch)], [0.0, 1.0, 0.0], [-sin(pitch), 0.0, cos(pitch)]]
+    Rz = [[cos(yaw), -sin(yaw), 0.0], [sin(yaw), cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+    xyz = triple(robot, where, element.get("xyz", "0 0 0"), "origin xyz")
+    if np.abs(xyz).max() > se3.FARTHEST:
+        raise RobotModelError(robot, f"{where}: origin {np.abs(xyz).max():.3g} m away")
+    return se3.pose(np.array(Rz) @ Ry @ Rx, xyz)
+
+
+def triple(robot: str, where: str, text: str, what: str) -> Array:
+    """Read three numbers.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the robot, for errors.
+    where : str
+        What an error calls the element.
+    text : str
+        The numbers, separated by blanks.
+    what : str
+        What an error calls the numbers.
+
+    Returns
+    -------
+    (3,) array
+        The numbers [rad, m or 1].
+
+    Raises
+    ------
+    InvalidInput
+        xacro.
+    RobotModelError
+        Not three finite numbers.
+    """
+    words = text.split()
+    if len(words) != 3:
+        raise RobotModelError(robot, f"{where}: {what} is {text[:60]!r}, expected three numbers")
+    return np.array([number(robot, where, word, what) for word in words])
+
+
+def number(robot: str, where: str, text: str, what: str) -> float:
+    """Read a number.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the robot, for errors.
+    where : str
+        What an error calls the element.
+    text : str
+        The number.
+    what : str
+        What an error calls it.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    InvalidInput
+        xacro.
+    RobotModelError
+        Not a finite number.
+    """
+    if "${" in text or "$(" in text:
+        _refuse_xacro(text)
+    try:
+        value = float(text) if "_" not in text else math.nan  # Python reads 1_000, URDF does not
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RobotModelError(robot, f"{where}: {what} is {text[:60]!r}, expected a finite number")
+    return value

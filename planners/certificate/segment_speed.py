@@ -1,0 +1,133 @@
+"""Greatest ratio of the tool's speed to limits that differ from stretch to stretch of the path: a proved upper bound."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.types import Array, Indices
+from planners.certificate.bounds import Instants, MotionBounds
+from planners.certificate.dividing import Closeness, Divided, tiled
+from planners.certificate.examined import Examined
+from planners.certificate.nearest import Nearest
+from planners.certificate.tool_speed import SPEED_EXCESS, SPEED_INTERVALS, speeds_within
+from planners.paths.base import Path
+
+RATIO_FLOOR = 1e-6
+"""Ratio to a limit below which the excess of the bound is counted from here."""
+CROSSING_ROUNDING = 1e-12
+"""Share of the path, and of the duration, below which a place and a break, or two instants, are the same: rounding is near."""
+CROSSING_STEPS = 60
+"""Most steps to the instant at which a break is passed; Newton's method usually needs three."""
+
+
+class Limited(NamedTuple):
+    """A motion at instants, as `Instants`, with the limit (k,) of the stretch of time that each belongs to."""
+
+    t: Array
+    joints: Array
+    poses: Array
+    motion: Array
+    bound: Array
+
+
+def segment_speed(motion: Examined, on_pieces: Array, part: int) -> tuple[float, float]:
+    """Bound the ratio of the tool's speed to the limit of the piece of the path that the tool is on, at every instant.
+
+    Which piece it is on is told by the place s(t) that is nearest to the tool (`planners.certificate.path_error`). Where s(t)
+    goes back within an interval, the least limit of all pieces that it comes to counts.
+
+    Parameters
+    ----------
+    motion : Examined
+        The motion, with its path.
+    on_pieces : (k - 1,) array
+        Limits on the pieces between the path's breaks [m/s] or [rad/s]; infinity where free.
+    part : int
+        0 for the speed of the tool's point, 1 for that of its rotation.
+
+    Returns
+    -------
+    tuple of float
+        Ratio [1], and when it is nearly reached [s].
+    """
+    bounds = motion.bounds
+    piece, begin, end, limit = _stretches(motion, on_pieces)
+    ratios = _Ratios(bounds, motion.trajectory.end, part)
+    left, right = (Limited(*bounds.at(piece, t), limit) for t in (begin, end))
+    return float(ratios.bound(piece, left, right)[0]), float(ratios.when[0])
+
+
+class _Ratios(Divided[Limited]):
+    """|v| or |ω| of the tool over its limit; the second value is not used."""
+
+    def __init__(self, bounds: MotionBounds, duration: float, part: int) -> None:
+        super().__init__(duration, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
+        self._bounds, self._part = bounds, part
+
+    def between(self, left: Limited, right: Limited) -> Array:
+        out = np.empty((left.t.size, 2))
+        speeds_within(self._bounds.links, self._bounds.robot.prismatic, Instants(*left[:4]), Instants(*right[:4]), out)
+        return np.stack([out[:, self._part] / left.bound, np.zeros(left.t.size)], axis=1)
+
+    def within(self, piece: Indices, left: Limited, right: Limited, shares: Array) -> Limited:
+        times = shares.size // piece.size
+        t = tiled(left.t, times) + shares * tiled(right.t - left.t, times)
+        return Limited(*self._bounds.at(tiled(piece, times), t), tiled(left.bound, times))
+
+    def note(self, side: Limited) -> None:
+        first = 3 * self._part
+        ratio = np.linalg.norm(side.motion[:, 0, first : first + 3], axis=1) / side.bound
+        worst = int(ratio.argmax())
+        if ratio[worst] > self.found[0]:
+            self.found[0], self.when[0] = ratio[worst], side.t[worst]
+
+
+def _stretches(motion: Examined, on_pieces: Array) -> tuple[Indices, Array, Array, Array]:
+    """Intervals of time (k,) in which one limit holds: their pieces of the motion, begins, ends [s] and limits."""
+    passage, path = motion.along[1], motion.path
+    t, s, inner = passage.t, passage.s, path.breaks[1:-1]
+    low, high = np.minimum(s[:-1], s[1:]), np.maximum(s[:-1], s[1:])
+    back = s[1:] < s[:-1]
+    for when, top, bottom in passage.falls:
+        i = min(int(np.searchsorted(t, when, side="right")) - 1, low.size - 1)
+        low[i], high[i], back[i] = min(low[i], bottom), max(high[i], top), True
+    first = np.searchsorted(inner, low + CROSSING_ROUNDING * path.end, side="right")
+    last = np.maximum(first, np.searchsorted(inner, high - CROSSING_ROUNDING * path.end, side="left"))
+    piece = np.cumsum(passage.knot)[:-1] - 1
+    limit = on_pieces[first]
+    for k in np.flatnonzero(back & (first < last)):
+        limit[k] = on_pieces[first[k] : last[k] + 1].min()
+    changes = np.flatnonzero(np.diff(on_pieces) != 0.0)  # inner breaks at which the limit changes
+    count = np.searchsorted(changes, last) - np.searchsorted(changes, first)
+    count[back] = 0
+    parted = np.repeat(np.arange(count.size), count)  # intervals, once for each change in them
+    if not parted.size:
+        return piece, t[:-1], t[1:], limit
+    nth = np.arange(parted.size) - np.repeat(np.cumsum(count) - count, count)
+    crossed = changes[np.searchsorted(changes, first[parted]) + nth]
+    when = _crossings(motion.bounds, path, piece[parted], (t[parted], t[parted + 1]), inner[crossed])
+    begin, after = np.concatenate([t[:-1], when]), np.concatenate([limit, on_pieces[crossed + 1]])
+    owner = np.concatenate([piece, piece[parted]])
+    order = np.lexsort((np.arange(begin.size), begin))
+    begin = begin[order]
+    return owner[order], begin, np.append(begin[1:], t[-1]), after[order]
+
+
+def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Array, Array], places: Array) -> Array:
+    """Instants (k,) between two, at which a motion passes places of its path: Newton's method inside of a bisection."""
+    nearest, (low, high) = Nearest(path), ends
+    t, shortest = 0.5 * (low + high), CROSSING_ROUNDING * float(bounds.knots[-1])
+    for _ in range(CROSSING_STEPS):
+        found = nearest.places(bounds.at(piece, t), places)
+        off = found.s - places
+        low, high = np.where(off < 0.0, t, low), np.where(off < 0.0, high, t)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            after = t - off / found.speed
+        after = np.where((after > low) & (after < high), after, 0.5 * (low + high))
+        settled = np.abs(after - t).max() <= shortest
+        t = after
+        if settled:
+            break
+    return t

@@ -1,0 +1,329 @@
+"""Rows of the optimum's programme: accelerations and torques at places, jerks and torque rates in intervals."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.arm.inertia import Load
+from optik.dynamics import torques_batch
+from optik.errors import NoSolution
+from optik.kinematics import Chain
+from optik.types import Array, Flags, Indices
+from planners.certificate.bounds import instants
+from planners.following.follow import JointPath
+from planners.limits import MotionLimits, PathPoints
+from planners.limits._sides import sides
+from planners.limits._torque_rows import torque_rate_rows, torque_rows
+from planners.trajectory import Trajectory
+
+RESTING = 1e-9
+"""Share of the largest q' below which a joint rests: its Coulomb friction may have either sign."""
+BETWEEN_PLACES = np.array([0.21, 0.5, 0.79])
+"""Shares of an interval at which its torque is compared with the limits: between the places, where rows limit it."""
+SWEPT_EVERY = 4
+"""Every which place of the sweeps has rows of its own; those of the others are interpolated."""
+NO_LIMIT = 1e30
+"""Limit of what is free, in the sweeps: finite, since they multiply it by durations that may be 0."""
+NEAR = 0.8
+"""Share of a torque limit, reached at an end of an interval, above which torques inside it are found."""
+LEAST_ROOM = 1e-3
+"""Least share of a torque limit that gravity must leave where a row is tightened: less is no room for a motion."""
+
+
+class Rows(NamedTuple):
+    """Rows of the limits at K + 1 places and in the K intervals between, each value limited to [−1, 1].
+
+    ``node`` (K + 1, m, 4) coefficients of s̈, ṡ², ṡ and 1; ``edge`` (K, 2, e, 6) those of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² at both ends
+    of each interval; ``lower`` and ``upper`` (K, m − n) the limits [N·m, N] of the torque without Coulomb friction in each
+    interval, those of every load side by side, and ``static`` (K + 1, m − n) the torque of gravity. Accelerations and jerks
+    come first.
+    """
+
+    node: Array
+    edge: Array
+    lower: Array
+    upper: Array
+    static: Array
+
+
+def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]) -> Rows:
+    """The rows at places.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s : (K + 1,) array
+        Places [m, rad].
+    found : (4, K + 1, n) array
+        q, q', q'' and q''' at the places [as q over powers of s].
+    around : (2,) tuple of (K, n) arrays
+        q''' behind the first and before the last place of every interval [as q over s³].
+
+    Returns
+    -------
+    Rows
+        In the units of time and s.
+
+    Raises
+    ------
+    NoSolution
+        Gravity alone exceeds a torque limit, or leaves nothing of it.
+    """
+    after, before = around
+    at = PathPoints(joint_path, s, (*found[:3], np.vstack([after, before[-1:]])))
+    first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
+    last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
+    bounds = limits.bounds(joint_path.robot.n)
+    node = [_padded(limits.rows("acceleration", at), 4)] if np.isfinite(bounds["acceleration"]).any() else []
+    edge = [np.stack([_padded(limits.rows("jerk", side), 6) for side in (first, last)], axis=1)]
+    lower = upper = np.empty((s.size - 1, 0))
+    static = np.empty((s.size, 0))
+    if np.isfinite(bounds["torque"]).any():
+        row, lower, upper = _torques(at, bounds["torque"])
+        static = row[..., 3]
+        node.append(_centred(row, lower, upper, joint_path))
+    if np.isfinite(bounds["torque_rate"]).any():
+        edge.append(_rates(at, before, bounds["torque_rate"]))
+    nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))
+    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static)
+
+
+def _padded(given: Array, columns: int) -> Array:
+    """Rows (k, m, ·) with zeros for the monomials that they lack."""
+    wide = np.zeros((*given.shape[:2], columns))
+    wide[..., : given.shape[2]] = given
+    return wide
+
+
+def _torques(at: PathPoints, bound: Array) -> tuple[Array, Array, Array]:
+    """Rows of the torques of all loads (K + 1, m, 4) and their limits in the intervals (K, m), Coulomb friction taken off."""
+    loads, q1 = at.joint_path.robot.loads, at.q(1)
+    low, high = sides(bound)
+    back, forth = moves(q1)
+    found, lower, upper = [], [], []
+    for load in loads:
+        found.append(torque_rows(at, load))
+        lower.append(low + load.coulomb * back)
+        upper.append(high - load.coulomb * forth)
+    return tuple(np.concatenate(x, axis=1) for x in (found, lower, upper))  # type: ignore[return-value]
+
+
+def moves(q1: Array) -> tuple[Flags, Flags]:
+    """Whether a joint may move backwards, and forwards, in the intervals between places; both where it rests.
+
+    Parameters
+    ----------
+    q1 : (K + 1, n) array
+        q' at the places [as q over s].
+
+    Returns
+    -------
+    tuple of (K, n) arrays of bool
+        Backwards, forwards.
+    """
+    still = RESTING * np.abs(q1).max()
+    back, forth = q1 < still, q1 > -still
+    return back[:-1] | back[1:], forth[:-1] | forth[1:]
+
+
+def _centred(row: Array, lower: Array, upper: Array, joint_path: JointPath) -> Array:
+    """Rows of torques (K + 1, m, 4), limited to [−1, 1] by the limits of both intervals at each place."""
+    low = np.maximum(np.vstack([lower[:1], lower]), np.vstack([lower, lower[-1:]]))
+    high = np.minimum(np.vstack([upper[:1], upper]), np.vstack([upper, upper[-1:]]))
+    half = 0.5 * (high - low)
+    centred = row.copy()
+    free = ~np.isfinite(half)
+    with np.errstate(invalid="ignore"):
+        centred[..., 3] -= np.where(free, 0.0, 0.5 * (high + low))
+        centred /= np.where(free, np.inf, half)[..., None]
+    over = np.where(free, 0.0, np.where(half > 0.0, np.abs(centred[..., 3]), np.inf))
+    if over.max() >= 1.0:
+        _refuse(over, row[..., 3], joint_path)
+    return centred
+
+
+def _refuse(over: Array, static: Array, joint_path: JointPath) -> None:
+    """Raise NoSolution for the place and the joint at which gravity and friction leave nothing of a torque limit."""
+    k, i = np.unravel_index(int(over.argmax()), over.shape)
+    joint = joint_path.robot.joint_names[i % joint_path.robot.n]
+    raise NoSolution(
+        f"gravity needs a torque of {static[k, i]:.6g} at {joint}, which with its Coulomb friction is beyond the limit",
+        joint=joint, advice="a lighter payload, another branch or path, or a higher torque limit",
+    )  # fmt: skip
+
+
+def _rates(at: PathPoints, before: Array, bound: Array) -> Array:
+    """Rows of the torque rates of all loads at both ends of the intervals (K, 2, e, 6), q''' from inside each."""
+    last = at.q(3)[1:]
+    jumps = np.flatnonzero((np.abs(before - last) > RESTING * np.abs(last).max()).any(axis=1))
+    beside = PathPoints(at.joint_path, at.s[1:][jumps], (*(at.q(i)[1:][jumps] for i in range(3)), before[jumps]))
+    out = []
+    for load in at.joint_path.robot.loads:
+        row = torque_rate_rows(at, load)
+        ends = np.stack([row[:-1], row[1:]], axis=1)
+        if jumps.size:
+            ends[jumps, 1] = torque_rate_rows(beside, load)
+        out.append(ends / bound[:, None])
+    return np.concatenate(out, axis=2)
+
+
+def dynamic_excess(value: Array, static: Array) -> Array:
+    """By what the dynamic part of a value exceeds what its static part leaves of [−1, 1].
+
+    A motion slowed by c has dynamic parts 1 / c² as large and the same static part.
+
+    Parameters
+    ----------
+    value, static : (..., m) arrays
+        The value and its static part, over the limit [1].
+
+    Returns
+    -------
+    (..., m) array
+        At most 1 where the value is within its limits [1].
+    """
+    with_sign = np.copysign(1.0, value) * static
+    room = np.maximum(1.0 - with_sign, LEAST_ROOM)
+    return np.asarray((np.abs(value) - with_sign) / room)
+
+
+def torque_excess(
+    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: Array
+) -> tuple[Array, Array]:
+    """By how much torques and torque rates exceed their limits inside the pieces of a motion.
+
+    Only inside pieces at whose ends one of them is near its limit: between the ends they differ little.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    given : Rows
+        At the motion's knots.
+    motion : Trajectory
+        A motion of K pieces.
+    values : (K + 1, m + 2·e) array
+        Values of the rows at the ends, over their limits [1].
+
+    Returns
+    -------
+    tuple of (K, m) and (K, e) arrays
+        `dynamic_excess` of every torque, and the ratio of every torque rate [1]; empty where they are free, 0 where they are
+        far from their limits.
+    """
+    robot, bounds = joint_path.robot, limits.bounds(joint_path.robot.n)
+    K, m, every = motion.knots.size - 1, given.lower.shape[1], given.node.shape[1]
+    rated = bool(np.isfinite(bounds["torque_rate"]).any())
+    if not m and not rated:
+        return np.empty((K, 0)), np.empty((K, 0))
+    loads = robot.loads
+    torque, rate = np.zeros((K, m)), np.zeros((K, len(loads) * robot.n if rated else 0))
+    at = np.abs(values)
+    place = at[:, every - m : every].max(axis=1, initial=0.0)
+    near = np.maximum(np.maximum(place[:-1], place[1:]), at[:-1, every + robot.n :].max(axis=1, initial=0.0))
+    some = np.flatnonzero(near > NEAR)
+    if not some.size:
+        return torque, rate
+    states = states_within(motion, some, BETWEEN_PLACES)
+    found = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
+    found = found.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
+    if m:
+        low, high = given.lower[some], given.upper[some]
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        free = ~np.isfinite(half)
+        half, middle = np.where(free, np.inf, half), np.where(free, 0.0, middle)
+        share = BETWEEN_PLACES[:, None, None]
+        static = (1.0 - share) * given.static[some] + share * given.static[some + 1]
+        torque[some] = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
+    if rated:
+        rate[some] = (np.abs(found[:, :, 1]) / np.tile(bounds["torque_rate"], len(loads))).max(axis=0)
+    return torque, rate
+
+
+def states_within(motion: Trajectory, pieces: Indices, shares: Array) -> Array:
+    """q, q̇, q̈ and q⃛ of a motion inside its pieces.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    pieces : (k,) array of int
+        Pieces of it.
+    shares : (m,) array
+        Shares of the pieces' durations [1].
+
+    Returns
+    -------
+    (m · k, 4, n) array
+        All pieces' first instants, then their second ones [rad, rad/s, rad/s², rad/s³, or m].
+    """
+    h = np.diff(motion.knots)[pieces]
+    states = np.empty((shares.size * h.size, 6, motion.n))
+    instants(motion.padded, np.tile(pieces, shares.size), (shares[:, None] * h).ravel(), states)
+    return np.ascontiguousarray(states[:, :4])
+
+
+def _torques_of(chain: Chain, load: Load, states: Array) -> Array:
+    """Torques of a load without Coulomb friction, and their rates (k, 2, n), at states (k, 4, n)."""
+    out = np.empty((states.shape[0], 2, states.shape[2]))
+    torques_batch(chain, load.bodies, load.viscous, states, out)
+    return out
+
+
+def swept_rows(
+    joint_path: JointPath, limits: MotionLimits, s: Array, found: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Torques and torque rates as if each were a joint of its own, for the sweeps that make an initial guess.
+
+    A torque is a joint with q' = p and q'' = c over what gravity leaves of the limit, whose acceleration is limited to 1; a
+    torque rate one with q' = p, 3 q'' = d and q''' = c' over the limit, whose jerk is limited to 1.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    s : (k,) array
+        Places [m, rad].
+    found : (4, k, n) array
+        q, q', q'' and q''' there [as q over powers of s].
+
+    Returns
+    -------
+    tuple of arrays
+        q', q'' and q''' (k, m), and the limits (2, m) on their accelerations and jerks [as 1 over powers of s].
+
+    Raises
+    ------
+    NoSolution
+        Gravity alone exceeds a torque limit, or leaves nothing of it.
+    """
+    bounds = limits.bounds(joint_path.robot.n)
+    none = np.empty((s.size, 0))
+    first, second, third, most = [none], [none], [none], [np.empty((2, 0))]
+    every = np.unique(np.append(np.arange(0, s.size, SWEPT_EVERY), s.size - 1))
+    at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
+    if np.isfinite(bounds["torque"]).any():
+        row, lower, upper = _torques(at, bounds["torque"])
+        row = _centred(row, lower, upper, joint_path)
+        room = np.maximum(1.0 - np.abs(row[..., 3]), LEAST_ROOM)
+        first, second, third = [*first, row[..., 0] / room], [*second, row[..., 1] / room], [*third, 0.0 * room]
+        most.append(np.vstack([np.ones(room.shape[1]), np.full(room.shape[1], NO_LIMIT)]))
+    if np.isfinite(bounds["torque_rate"]).any():
+        for load in joint_path.robot.loads:
+            row = torque_rate_rows(at, load) / bounds["torque_rate"][:, None]
+            first, second, third = [*first, row[..., 0]], [*second, row[..., 1] / 3.0], [*third, row[..., 2]]
+            most.append(np.vstack([np.full(row.shape[1], NO_LIMIT), np.ones(row.shape[1])]))
+    if len(most) == 1:
+        return none, none, none, most[0]
+    columns = (np.concatenate(x[1:], axis=1) for x in (first, second, third))
+    q1, q2, q3 = (np.stack([np.interp(s, s[every], x) for x in one.T], axis=1) for one in columns)
+    return q1, q2, q3, np.concatenate(most, axis=1)

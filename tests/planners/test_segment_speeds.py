@@ -1,0 +1,175 @@
+"""Speed limits of a polyline's segments: which one holds where, and what laws and certificates make of them."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners import JointPath, MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
+from planners.curve import composed
+from planners.fit import stretch
+from planners.hermite import through
+from planners.limits import PathPoints
+from tests.planners.cases import START, default_line, paper6r
+
+SPEEDS = (0.1, 0.3, 0.05)
+PLACES = np.array([[0.0, 0.0, 0.0], [-0.06, 0.0, 0.1], [-0.12, 0.05, 0.12], [-0.1, 0.1, 0.2]])
+LAWS = ("smooth", "ruckig", "constant_speed", "toppra", "optimal")
+
+
+def limits(speeds: tuple[float, ...] | float = SPEEDS) -> MotionLimits:
+    return MotionLimits(3.0, 15.0, 300.0, tool_speed=speeds)
+
+
+@cache
+def bent() -> Polyline:
+    waypoints = np.tile(paper6r().fk(START), (len(PLACES), 1, 1))
+    waypoints[:, :3, 3] += PLACES
+    return Polyline(waypoints, blend=2e-3)
+
+
+@cache
+def along_bent() -> JointPath:
+    return plan(paper6r(), bent(), START, limits=limits(0.3), timing="smooth").joint_path
+
+
+def segment_of(points: Array) -> Array:
+    """Of tool positions (k, 3): the segment whose straight line they are on, −1 − i within the corner after segment i."""
+    corners = bent().waypoints[:, :3, 3]
+    found = np.full(len(points), -9)
+    for i, (a, b) in enumerate(pairwise(corners)):
+        e = (b - a) / np.linalg.norm(b - a)
+        part = (points - a) @ e
+        off = np.linalg.norm(points - a - part[:, None] * e, axis=1)
+        found[(off < 2e-8) & (part > -1e-9) & (part < np.linalg.norm(b - a) + 1e-9)] = i
+    middle = found == -9
+    nearest = np.linalg.norm(points[:, None] - corners[None, 1:-1], axis=2).argmin(axis=1)
+    found[middle] = -1 - nearest[middle]
+    return found
+
+
+def dense(motion: Trajectory, speeds: tuple[float, ...], count: int = 40_001) -> tuple[Array, Array]:
+    """Times, and ratios of differences of the tool's position to the limit of where it is."""
+    t = np.linspace(0.0, motion.end, count)
+    points = paper6r().fk(motion(t))[:, :3, 3]
+    v = np.linalg.norm(points[2:] - points[:-2], axis=1) / (t[2:] - t[:-2])
+    at = segment_of(points)[1:-1]
+    corner = np.clip(-1 - at, 0, len(speeds) - 2)
+    each = np.array(speeds)
+    bound = np.where(at >= 0, each[np.maximum(at, 0)], np.minimum(each[corner], each[corner + 1]))
+    return t[1:-1], v / bound
+
+
+def test_a_corner_has_the_lesser_limit_of_both_its_segments() -> None:
+    assert bent().segments == 3
+    assert bent().least_on_pieces(np.array(SPEEDS)).tolist() == [0.1, 0.1, 0.3, 0.05, 0.05]
+    twice = np.insert(bent().waypoints, 1, bent().waypoints[0], axis=0)  # two equal waypoints: one segment is left out
+    path = Polyline(twice, blend=2e-3)
+    assert (path.segments, path.dropped) == (4, (1,))
+    assert path.least_on_pieces(np.array([0.7, 0.1, 0.3, 0.05])).tolist() == [0.1, 0.1, 0.3, 0.05, 0.05]
+    assert path.least_on_pieces(np.array([0.02, 0.1, 0.3, 0.05])).tolist() == [0.02, 0.02, 0.3, 0.05, 0.05]
+    assert default_line().least_on_pieces(np.array([0.4])).tolist() == [0.4]
+
+
+def test_rows_have_the_limit_of_their_place_and_at_a_break_the_lesser() -> None:
+    path, joints = bent(), along_bent()
+    rows = limits().rows("tool_speed", PathPoints(joints, path.breaks))[:, 0, 0]
+    size = np.linalg.norm(path.twist(path.breaks)[:, :3], axis=1)
+    np.testing.assert_allclose(size / rows, [0.1, 0.1, 0.1, 0.05, 0.05, 0.05], rtol=1e-12)
+    middles = 0.5 * (path.breaks[1:] + path.breaks[:-1])
+    rows = limits().rows("tool_speed", PathPoints(joints, middles))[:, 0, 0]
+    np.testing.assert_allclose(np.linalg.norm(path.twist(middles)[:, :3], axis=1) / rows, [0.1, 0.1, 0.3, 0.05, 0.05])
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_laws_keep_the_limit_of_every_segment(law: str) -> None:
+    found = plan(paper6r(), bent(), START, limits=limits(), timing=law)
+    assert found and found.certificate.holds, found.certificate.broken
+    ratio = dense(found.trajectory, SPEEDS)[1]
+    proof = found.certificate.tool_speed
+    assert 0.95 < ratio.max() <= proof.ratio * (1.0 + 1e-5) and proof.ratio <= 1.0 + 1e-12
+    if law in ("ruckig", "toppra", "optimal"):  # which are as fast as each piece allows
+        least = float((np.diff(bent().breaks) / bent().least_on_pieces(np.array(SPEEDS))).sum())
+        assert least < found.trajectory.duration < (1.02 if law == "toppra" else 1.05) * least
+        assert "tool_speed" in found.certificate.binding.limit
+
+
+@pytest.mark.parametrize("speeds", [(0.3, 0.2, 0.3), (0.05, 0.3, 0.3), (0.3, 0.3, 0.05), (0.3, 0.02, np.inf)])
+def test_the_proof_is_of_each_segment_on_its_own_stretch(speeds: tuple[float, ...]) -> None:
+    motion = plan(paper6r(), bent(), START, limits=limits(0.3), timing="ruckig").trajectory
+    proof = certify(paper6r(), bent(), motion, limits(speeds), keeps=("tool_speed",))
+    times, ratio = dense(motion, speeds)
+    k = int(ratio.argmax())
+    assert ratio[k] <= proof.tool_speed.ratio * (1.0 + 1e-5)
+    assert proof.tool_speed.ratio == pytest.approx(ratio[k], rel=2e-3)  # differences of positions at 40 kHz
+    assert not proof.holds and "tool_speed of tool" in proof.broken[0]
+    near = ratio > 0.998 * ratio[k]
+    assert times[near].min() - 1e-3 <= proof.tool_speed.time <= times[near].max() + 1e-3
+    assert proof.binding.ratio.max() == pytest.approx(proof.tool_speed.ratio, rel=0.02)
+    alone = certify(paper6r(), bent(), motion, limits(0.3))
+    assert proof.tool_speed.value == alone.tool_speed.value
+    factor = stretch(paper6r(), motion, limits(speeds), ("tool_speed",), bent())
+    assert factor == pytest.approx(proof.tool_speed.ratio, rel=1e-9)
+
+
+def test_where_a_motion_goes_back_over_a_break_the_lesser_limit_counts() -> None:
+    """A motion that turns twice around the end of the first corner, the fastest place between two knots."""
+    joints, place = along_bent(), float(bent().breaks[2])
+    t = np.linspace(0.0, 1.0, 41)
+    swing = 2e-3 * np.sin(12.0 * np.pi * t) * np.sin(np.pi * t) ** 3
+    s = place * (10 * t**3 - 15 * t**4 + 6 * t**5) * 1.6 + swing
+    s = np.minimum(s, joints.end)
+    v, a = np.gradient(s, t), np.gradient(np.gradient(s, t), t)
+    v[0] = v[-1] = 0.0
+    q, q1, q2 = (joints(s, i) for i in range(3))
+    motion = Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
+    proof = certify(paper6r(), bent(), motion, limits((0.1, 1.0, 1.0)), keeps=("tool_speed",))
+    ratio = dense(motion, (0.1, 1.0, 1.0))[1]
+    assert proof.coverage.missing[2] != (0.0, 0.0)  # it does go back
+    assert proof.tool_speed.ratio >= ratio.max() * (1.0 - 1e-4)
+
+
+def test_a_wrong_count_is_named_with_both_numbers() -> None:
+    wrong = limits((0.1, 0.3))
+    motion = plan(paper6r(), bent(), START, limits=limits(0.3), timing="smooth")
+    for call in (
+        lambda: plan(paper6r(), bent(), START, limits=wrong),
+        lambda: certify(paper6r(), bent(), motion.trajectory, wrong),
+        lambda: replan(motion, 0.2, limits=wrong),
+    ):
+        with pytest.raises(
+            InvalidInput, match=r"expected 3 numbers, one for each segment of the polyline, .*; got 2 num"
+        ):
+            call()
+    with pytest.raises(
+        InvalidInput, match="rotation_speed: expected one number: a line has one segment; got 2 numbers"
+    ):
+        plan(paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, rotation_speed=(1.0, 2.0)))
+    with pytest.raises(InvalidInput, match="path"):
+        stretch(paper6r(), motion.trajectory, limits())
+    for bad in ((0.1, -0.3, 0.2), (), (0.1, float("nan")), [[0.1, 0.2]], (0.1, "x")):
+        with pytest.raises(InvalidInput, match="tool_speed"):
+            MotionLimits(tool_speed=bad)  # type: ignore[arg-type]
+
+
+def test_limits_of_segments_are_values(tmp_path: Path) -> None:
+    one = limits()
+    assert one == pickle.loads(pickle.dumps(one)) == MotionLimits.from_plain(one.to_plain(), 6)
+    assert hash(one) == hash(limits((0.1, 0.3, 0.05))) and one != limits((0.1, 0.3, 0.06))
+    assert limits((0.2,)) == limits(0.2)
+    assert one.scaled(2.0).value("tool_speed").tolist() == [0.2, 0.6, 0.1]
+    assert one.to_dict(6)["tool_speed"] == list(SPEEDS)
+    assert one.tool == (0.3, np.inf)
+    assert one.tool_at(bent(), np.array([0.05, 0.15]))[:, 0].tolist() == [0.1, 0.3]
+    motion = plan(paper6r(), bent(), START, limits=one, timing="ruckig").motion
+    for suffix in (".json", ".csv", ".npz"):
+        save(motion, tmp_path / f"motion{suffix}")
+        again = load_motion(tmp_path / f"motion{suffix}")
+        assert again.limits == one and again.certify().tool_speed == motion.certify().tool_speed
