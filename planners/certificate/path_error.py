@@ -15,7 +15,6 @@ from planners.certificate.failure import Failure
 from planners.certificate.nearest import Nearest
 from planners.certificate.path_bounds import Compared, PieceBounds, intervals, largest
 from planners.certificate.progress import BEND, places_along
-from planners.limits._extreme import plain
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -46,7 +45,7 @@ class PathError(NamedTuple):
 
     def to_dict(self) -> dict[str, float | None]:
         """Plain data for files; undefined numbers, of a motion without a path, as None."""
-        return dict(zip(self._fields, plain(np.array(self)), strict=True))
+        return {name: x if np.isfinite(x) else None for name, x in self._asdict().items()}
 
     def failures(self, tolerance: tuple[float, float] | None) -> list[Failure]:
         """How the tool leaves its path by more than the tolerance.
