@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from benchmarks.kinds._scenes import scene_named
 from benchmarks.kinds.base import Compared, Kind, Section, Table, Tell
 from benchmarks.kinds.clearance.measures import MEASURES
-from benchmarks.kinds.clearance.run import measure, scene_of
+from benchmarks.kinds.clearance.run import measure
 from benchmarks.kinds.clearance.settings import ClearanceBlock, read_block
 from optik.arm.library import load
 
@@ -37,7 +38,7 @@ class _Clearance(Kind):
         return read_block(data)
 
     def prepare(self, block: ClearanceBlock, seed: int) -> None:
-        scene_of(block).examined(load(block.robot))
+        scene_named(block.scene).examined(load(block.robot))
 
     def measure(self, block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
         return measure(block, seed, tell)

@@ -9,9 +9,10 @@ from zlib import crc32
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._scenes import scene_named
 from benchmarks.kinds.base import Tell
 from benchmarks.kinds.clearance.sampling import CoalSampling
-from benchmarks.kinds.clearance.settings import PROOF, SCENES, ClearanceBlock, sampling_label
+from benchmarks.kinds.clearance.settings import PROOF, ClearanceBlock, sampling_label
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import nearest_pairs
@@ -43,27 +44,6 @@ ROW_TYPES = {
 """Columns of the rows."""
 
 
-def scene_of(block: ClearanceBlock) -> Scene:
-    """The scene of a block.
-
-    Parameters
-    ----------
-    block : ClearanceBlock
-        The block.
-
-    Returns
-    -------
-    Scene
-        What stands around the arm.
-
-    Raises
-    ------
-    InvalidInput
-        A file that is no scene.
-    """
-    return Scene.load(SCENES.get(block.scene, block.scene))
-
-
 def measure(block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
     """Judge every motion of a block by every method.
 
@@ -86,7 +66,7 @@ def measure(block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
     InvalidInput
         A scene in which no free configuration was found.
     """
-    arm, scene = load(block.robot), scene_of(block)
+    arm, scene = load(block.robot), scene_named(block.scene)
     try:
         coal = CoalSampling(arm, scene, block.margin)
     except ModuleNotFoundError:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from benchmarks.kinds._scenes import scene_name
 from benchmarks.kinds.base import Block, Entry
 from benchmarks.kinds.clearance.measures import MEASURES
 from benchmarks.settings import all_of, check_keys, check_known, check_list
 from benchmarks.targets import read_target
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
-from optik.plugins.used import data_file_of
-
-SCENES = {file.stem: str(file) for file in sorted(Path(__file__).with_name("scenes").glob("*.toml"))}
-"""Scenes that come with the suites, by name."""
 
 PROOF = "proof for every instant"
 """Label of the proof beside those of the sampling."""
@@ -108,7 +104,7 @@ def read_block(data: Any) -> ClearanceBlock:
         id=str(data["id"]),
         title=str(data.get("title", data["id"])),
         robot=check_known(data["robot"], "optik.robots", "robot"),
-        scene=_scene(data["scene"], f"{where}: scene"),
+        scene=scene_name(data["scene"], f"{where}: scene"),
         count=data["count"],
         joint_steps=_above_0(data.get("joint_steps", [0.2, 0.1, 0.05, 0.02]), f"{where}: joint_steps"),
         rates=_above_0(data.get("rates", [100.0, 400.0]), f"{where}: rates"),
@@ -118,15 +114,6 @@ def read_block(data: Any) -> ClearanceBlock:
         data.get("targets"), f"{where}: targets", lambda one: read_target(one, where, MEASURES, labels=block.labels)
     )
     return ClearanceBlock(**{**block.__dict__, "targets": targets})
-
-
-def _scene(value: Any, where: str) -> str:
-    """A scene of ours by its name, or the path of a file."""
-    if isinstance(value, str) and value in SCENES:
-        return value
-    if isinstance(value, str) and "." not in value and "/" not in value:
-        raise InvalidInput(where, repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
-    return data_file_of(value, where)
 
 
 def _above_0(values: Any, where: str) -> tuple[float, ...]:

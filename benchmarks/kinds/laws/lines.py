@@ -9,7 +9,8 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.kinds.laws.arms import Stands, arm_label, arm_with, stands_of
+from benchmarks.kinds._arms import arm_label, arm_with
+from benchmarks.kinds.laws.arms import Stands, stands_of
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count

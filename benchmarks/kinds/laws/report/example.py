@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.laws.arms import arm_label
+from benchmarks.kinds._arms import arm_label
 from benchmarks.kinds.laws.facts import JOINT_LIMITS
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
