@@ -16,6 +16,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
 from optik.ik._problem import check_start
 from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.statics import check_statics
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
@@ -402,6 +403,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     assert followed.joint_path is not None
     joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
+        check_statics(joints, asked.limits, keeps)
         raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
         factor = stretch(asked.robot, raw, asked.limits, keeps, asked.path)
         exceeded = factor > 1.0
