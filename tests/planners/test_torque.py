@@ -23,7 +23,7 @@ from tests.oracles.torques import Torques
 from tests.planners.torques import loaded, proved, random_loaded, swing, values
 
 each_kind = pytest.mark.parametrize("rate", [False, True], ids=["torque", "rate"])
-ROUNDING = 1e-9
+TORQUE_ROUNDING = 1e-9
 """What the polynomials' rounding may make of a torque, as a share of it."""
 
 
@@ -62,7 +62,7 @@ def is_pinocchios(seed: int) -> None:
     largest = np.maximum(largest, np.abs(torque - load.coulomb) * (sign == 0.0)).max(axis=0)
     for rate, found in ((False, largest), (True, np.abs(rates).max(axis=0))):
         bound = proved(robot, motion, rate=rate).ratio
-        assert (bound >= found * (1.0 - ROUNDING)).all()
+        assert (bound >= found * (1.0 - TORQUE_ROUNDING)).all()
         if not rate:
             assert (bound <= 1.002 * np.maximum(found, 0.01)).all()
 
@@ -85,7 +85,7 @@ def test_the_bound_is_close_to_the_largest_sample(rate: bool) -> None:
         robot = random_loaded(rng, 6, prismatic=seed % 2 == 0)
         motion = swing(rng, 6, 20, 1.0)
         bound, found = proved(robot, motion, rate=rate).ratio, dense(robot, motion, 20001, rate=rate)
-        assert (bound >= found * (1.0 - ROUNDING)).all()
+        assert (bound >= found * (1.0 - TORQUE_ROUNDING)).all()
         assert (bound <= 1.002 * np.maximum(found, 0.01)).all()
 
 
@@ -107,7 +107,7 @@ def test_one_wide_interval_is_bounded_without_any_division(rate: bool, prismatic
         bound = proved(robot, motion, rate=rate, most=0).ratio
         assert (bound >= dense(robot, motion, 100_001 if n == 7 else 20_001, rate=rate)).all()
         closer = proved(robot, motion, rate=rate).ratio
-        assert (closer <= bound * (1.0 + ROUNDING)).all()
+        assert (closer <= bound * (1.0 + TORQUE_ROUNDING)).all()
 
 
 @settings(max_examples=40, deadline=None)
