@@ -36,6 +36,14 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     [[inertia.links]]
     mass_kg = 5.0
 
+    [shapes]                             # optional: capsules that enclose the links; without it, contacts are unknown
+    source = "measured by us"            # optional: by default the file's source
+    capsules = [                         # link: 0 or "base", or the number or the name of the joint that moves it
+      { link = "base", a_mm = [0.0, 0.0, -250.0], b_mm = [0.0, 0.0, -90.0], radius_mm = 95.0 },
+      { link = 1, centre_mm = [-120.0, 40.0, 0.0], radius_mm = 110.0, excess_mm = 15.0, name = "motor" },
+    ]
+    apart = [ { links = ["base", "motor"], reason = "the motor turns above the base" } ]   # optional: not examined
+
 A row names its position limits by one of range_deg, range_rad and range_mm, and its velocity by speed_deg [°/s] or
 speed_mm [mm/s], in all rows or in none. Millimetres belong to prismatic joints, degrees and radians to revolute ones;
 [-inf, inf] stands for a joint without position limits.
@@ -44,6 +52,10 @@ Centres of mass and inertias are stated in the table's frames, as published tabl
 joint i and stands, in a standard table, a_i and α_i behind the joint, in a modified one at it. `inertia` is about the centre
 of mass, in kg·m², in the order xx, yy, zz, xy, xz, yz. `motor` is the inertia of motor and gears reflected to the joint (of
 the motor times the square of the gear ratio) in kg·m² or kg, `viscous` is in N·m·s/rad or N·s/m, `coulomb` in N·m or N.
+
+A capsule is stated in the table's frame of its link, the base's in the robot's base frame, as a segment and a radius that
+together contain the link; the excess says how far it stands out beyond the link at most. The frame of row i moves with joint
+i and stands, in a standard table, a_i and α_i behind the joint, in a modified one at it. The last link carries the tool.
 """
 
 from __future__ import annotations
@@ -64,6 +76,7 @@ from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits
 from optik.arm.plain import record, word
 from optik.arm.robot import Robot
+from optik.arm.shapes.toml import shapes_from_toml
 from optik.arm.tables import DHRow
 from optik.check import check_number, check_words
 from optik.errors import InvalidInput
@@ -82,6 +95,9 @@ URDF = (".urdf", ".xml")
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
 
+URDF_OPTIONS = {"tip", "base", "shapes", "packages", "srdf"}
+"""What can stand behind a URDF's path."""
+
 MOST_TOML_BYTES = 2**20
 """Longest file that is read [bytes]: a thousand times that of an arm of seven joints."""
 
@@ -91,7 +107,9 @@ CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
 REQUIRED_KEYS = ("convention", "joints")
 """Keys that every file has."""
 
-OPTIONAL_KEYS = ("source", "joint_names", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia")
+OPTIONAL_KEYS = (
+    "source", "joint_names", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia", "shapes",
+)  # fmt: skip
 """Keys that a file may have."""
 
 RANGES = {"range_deg": RADIANS_PER_DEGREE, "range_rad": 1.0, "range_mm": 1e-3}
@@ -116,7 +134,8 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     name : str or path
         A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file with
         what `Robot.to_dict` returns, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). The links
-        of a URDF can stand behind its path: ``"./arm.urdf#tip=tool0&base=base_link"``.
+        of a URDF can stand behind its path: ``"./arm.urdf#tip=tool0&base=base_link"``, and ``shapes=yes`` to read its
+        <collision> elements, with ``packages=FOLDER`` for a folder of packages and ``srdf=FILE``.
     tip, base : str, optional
         For a URDF, the links of `Robot.from_urdf`.
 
@@ -152,7 +171,7 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
     suffix, file = Path(path).suffix.lower(), file_of(path, "robot")
     if suffix in URDF:
         try:
-            return Robot.from_urdf(file, **links)
+            return Robot.from_urdf(file, **_urdf_options(links))
         except InvalidInput as error:
             where = f"robot {path!r}" if error.argument == "source" else error.argument  # which of several files
             raise InvalidInput(where, error.got, error.expected) from None
@@ -173,11 +192,22 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
 
 
 def _links(text: str) -> dict[str, str]:
-    """Links behind a URDF's path, ``tip=tool0&base=base_link``."""
+    """What stands behind a URDF's path, ``tip=tool0&base=base_link``."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
-    if not set(links) <= {"tip", "base"} or not all(links.values()):
-        raise InvalidInput("robot", repr(text), "links of a URDF: tip=LINK, base=LINK or tip=LINK&base=LINK")
+    if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
+        expected = "tip=LINK, base=LINK, shapes=yes, packages=FOLDER or srdf=FILE, joined by &"
+        raise InvalidInput("robot", repr(text), f"options of a URDF: {expected}")
     return links
+
+
+def _urdf_options(links: dict[str, str]) -> dict[str, Any]:
+    """Arguments of `Robot.from_urdf` for what stands behind a path; with folders or an SRDF, shapes are meant."""
+    options: dict[str, Any] = {key: value for key, value in links.items() if key in ("tip", "base", "srdf")}
+    if "packages" in links:
+        options["package_dirs"] = [links["packages"]]
+    if {"srdf", "packages", "shapes"} & set(links):
+        options["shapes"] = links.get("shapes", "yes") == "yes"
+    return options
 
 
 def _robot_of(value: Any, where: str, name: str) -> Robot:
@@ -239,17 +269,21 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
         raise InvalidInput("joints", repr(joints)[:60], "a list of rows, one for each joint")
     for i, joint in enumerate(joints):
         record(joint, (), f"joints[{i}]", optional=JOINT_KEYS)
+    names = check_words(data.get("joint_names", ()), "joint_names")
+    default = [f"joint{i + 1}" for i in range(len(joints))]
+    source = word(data.get("source", file.name), "source")
     return CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
         _limits(joints, data.get("dynamic_limits", {})),
         name=name,
         base=_placed(data.get("base", {}), "base"),
         tool=_placed(data.get("tool", {}), "tool"),
-        joint_names=check_words(data.get("joint_names", ()), "joint_names"),
+        joint_names=names,
         gravity=_numbers(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
         gravity_magnitude=data.get("gravity_magnitude", STANDARD_GRAVITY),
-        source=word(data.get("source", file.name), "source"),
-        inertia=_inertia(data["inertia"], len(joints), data.get("source", file.name)) if "inertia" in data else None,
+        source=source,
+        inertia=_inertia(data["inertia"], len(joints), source) if "inertia" in data else None,
+        shapes=shapes_from_toml(data["shapes"], source, names or default) if "shapes" in data else None,
     )
 
 

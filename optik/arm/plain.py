@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
+from optik.arm.shapes.model import Shapes
 from optik.errors import InvalidInput
 from optik.types import Array
 
@@ -33,6 +34,9 @@ INERTIA_KEYS = ("mass", "com", "tensor", "motor", "viscous", "coulomb", "source"
 
 PAYLOAD_KEYS = ("mass", "com", "inertia")
 """Keys of a payload: the fields of `Payload`."""
+
+SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
+"""Keys of an arm's shapes: the arrays of `Capsules` and the excess in columns, and the other fields of `Shapes`."""
 
 
 def plain_numbers(values: ArrayLike) -> Any:
@@ -224,6 +228,7 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
         "limits": limits,
         "source": arm.source,
         **masses,
+        **({} if arm.shapes is None else {"shapes": shapes_to_dict(arm.shapes)}),
     }
 
 
@@ -247,7 +252,7 @@ def arm_from_dict(data: Any) -> ArmModel:
     RobotModelError
         Not a serial arm.
     """
-    data = record(data, ARM_KEYS, "robot", optional=MASS_KEYS)
+    data = record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes"))
     joint_names = words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
@@ -268,6 +273,7 @@ def arm_from_dict(data: Any) -> ArmModel:
         gravity_magnitude=_number(data.get("gravity_magnitude", STANDARD_GRAVITY), "robot.gravity_magnitude"),
         inertia=_inertia(data["inertia"], n) if "inertia" in data else None,
         payload=_payload(data["payload"]) if "payload" in data else None,
+        shapes=shapes_from_dict(data["shapes"]) if "shapes" in data else None,
     )
 
 
@@ -283,3 +289,58 @@ def _payload(data: Any) -> Payload:
     mass = numbers(data["mass"], (2,) if isinstance(data["mass"], list) else (), "robot.payload.mass")
     com, tensor = (numbers(data[k], s, f"robot.payload.{k}") for k, s in (("com", (3,)), ("inertia", (3, 3))))
     return Payload(tuple(mass.tolist()) if mass.ndim else float(mass), com, tensor)
+
+
+def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
+    """Return shapes as plain data.
+
+    Parameters
+    ----------
+    shapes : Shapes
+        The shapes.
+
+    Returns
+    -------
+    dict
+        Data that JSON can hold, with the keys `SHAPES_KEYS`; an unknown excess is None.
+    """
+    columns = [column.tolist() for column in (*shapes.capsules, shapes.excess)]
+    columns[4] = [None if e != e else e for e in columns[4]]
+    words_ = (list(shapes.names), [list(pair) for pair in shapes.apart], shapes.source)
+    return dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True))
+
+
+def shapes_from_dict(data: Any) -> Shapes:
+    """Read shapes from plain data.
+
+    Parameters
+    ----------
+    data : dict
+        What `shapes_to_dict` returned.
+
+    Returns
+    -------
+    Shapes
+        The shapes, equal to the ones that were written.
+
+    Raises
+    ------
+    InvalidInput
+        Missing or unknown keys, wrong lengths, or values that `Shapes` refuses.
+    """
+    data = record(data, SHAPES_KEYS, "robot.shapes")
+    links = data["link"]
+    if not isinstance(links, list):
+        raise InvalidInput("robot.shapes.link", repr(links)[:60], "a list of numbers of links")
+    m = len(links)
+    a, b = (numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
+    radius = numbers(data["radius"], (m,), "robot.shapes.radius")
+    known = data["excess"]
+    stated = (
+        [np.nan if e is None else _number(e, "robot.shapes.excess") for e in known] if isinstance(known, list) else []
+    )
+    if len(stated) != m:
+        raise InvalidInput("robot.shapes.excess", repr(known)[:60], f"{m} numbers or null")
+    capsules: Any = list(zip(links, a, b, radius.tolist(), strict=True))
+    names = words(data["names"], "robot.shapes.names")
+    return Shapes(capsules, names, data["apart"], np.array(stated), word(data["source"], "robot.shapes.source"))

@@ -15,9 +15,10 @@ from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.plain import arm_from_dict, arm_to_dict
+from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
 from optik.arm.torques import ArmDynamics
-from optik.check import real_array
+from optik.check import check_flag, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -83,7 +84,7 @@ class Robot(ArmDynamics):
         limits : JointLimits
             Of all joints.
         **options
-            name, joint_names, gravity, source, gravity_magnitude, inertia, payload as of `Robot`; base and tool, both
+            name, joint_names, gravity, source, gravity_magnitude, inertia, payload, shapes as of `Robot`; base and tool, both
             (4, 4): the base stands before the table's first transform, the tool after its last.
 
         Returns
@@ -114,8 +115,8 @@ class Robot(ArmDynamics):
             Of all joints.
         **options
             name, joint_names, gravity, source, gravity_magnitude, payload as of `Robot`; base and tool, both (4, 4): the
-            base stands before the table's first transform, the tool after its last; inertia: in the table's frames, which
-            stand a_i and α_i behind the joints' frames.
+            base stands before the table's first transform, the tool after its last; inertia and shapes: in the table's frames,
+            which stand a_i and α_i behind the joints' frames.
 
         Returns
         -------
@@ -134,6 +135,8 @@ class Robot(ArmDynamics):
         fixed = [b @ screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
         if isinstance(options.get("inertia"), Inertia) and options["inertia"].mass.size == len(table):
             options["inertia"] = options["inertia"].moved(before[1:])
+        if isinstance(options.get("shapes"), Shapes):
+            options["shapes"] = options["shapes"].moved_all([np.eye(4), *before[1:]])
         return _assemble(fixed, before[-1], table, limits, options)
 
     @staticmethod
@@ -144,6 +147,9 @@ class Robot(ArmDynamics):
         *,
         name: str | None = None,
         gravity: ArrayLike = (0.0, 0.0, -1.0),
+        shapes: bool = False,
+        package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+        srdf: str | os.PathLike[str] | None = None,
     ) -> Robot:
         """Read the chain between two links of a URDF.
 
@@ -167,6 +173,13 @@ class Robot(ArmDynamics):
             Name of the arm; by default the file's.
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; −z by default.
+        shapes : bool
+            Read the <collision> elements, too, and enclose them by capsules; meshes in STL or OBJ. By default they are
+            not read, because meshes take seconds and are often missing.
+        package_dirs : mapping of str to path, or sequence of paths, optional
+            Folders of the meshes besides the file's own: of each package by its name, or that contain packages.
+        srdf : str or path, optional
+            File, or its text, whose <disable_collisions> name pairs of links that are not examined.
 
         Returns
         -------
@@ -176,14 +189,23 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
+            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that cannot be read or lies elsewhere.
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, following another (<mimic>), without an axis, with crossed or missing limits.
         """
         from optik.arm.urdf import read_urdf
 
-        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity))
+        if not check_flag(shapes, "shapes"):
+            if package_dirs is not None or srdf is not None:
+                raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
+            return _robot(read_urdf(source, tip, base, name=name, gravity=gravity))
+        from optik.arm.shapes.meshes import folders_of
+
+        robot = _robot(
+            read_urdf(source, tip, base, name=name, gravity=gravity, folders=folders_of(source, package_dirs))
+        )
+        return robot if srdf is None or robot.shapes is None else robot.with_shapes(robot.shapes.with_srdf(srdf))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.
@@ -416,7 +438,7 @@ def _assemble(
         raise RobotModelError(name, "no joints")
     base = se3.check_pose(options.pop("base", np.eye(4)), "base")
     tool = last @ se3.check_pose(options.pop("tool", np.eye(4)), "tool")
-    given = ("joint_names", "gravity", "source", "gravity_magnitude", "inertia", "payload")
+    given = ("joint_names", "gravity", "source", "gravity_magnitude", "inertia", "payload", "shapes")
     known = {key: options.pop(key) for key in given if key in options}
     if options:
         raise InvalidInput("options", ", ".join(options), f"some of name, base, tool, {', '.join(given)}")

@@ -6,7 +6,8 @@ import math
 import os
 import warnings
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,11 +20,17 @@ from optik.arm.urdf_tree import Joint, Tree, joint_origin, listed, number, read_
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
+if TYPE_CHECKING:
+    from optik.arm.shapes.meshes import MeshFolders
+
 P = ParamSpec("P")
 """Arguments of a function."""
 
 R = TypeVar("R")
 """Result of a function."""
+
+Placed: TypeAlias = list[tuple[Joint, Array]]
+"""The joints of a chain, fixed ones too, and the frames of their links in the frames of the arm's joints."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints that become joints of the arm; fixed ones are merged, others are refused."""
@@ -36,6 +43,7 @@ def read_urdf(
     *,
     name: str | None = None,
     gravity: ArrayLike = (0.0, 0.0, -1.0),
+    folders: MeshFolders | None = None,
 ) -> ArmModel:
     """Read the chain between two links; see `Robot.from_urdf`.
 
@@ -51,6 +59,8 @@ def read_urdf(
         Name of the arm; by default the file's.
     gravity : (3,) array, optional
         Direction of gravity in the base frame [1].
+    folders : MeshFolders, optional
+        Where the meshes of <collision> elements may lie; without it, shapes are not read.
 
     Returns
     -------
@@ -74,7 +84,12 @@ def read_urdf(
     if base not in links:
         raise RobotModelError(tree.name, f"link {tip!r} is not below link {base!r}; above it are: {listed(links[1:])}")
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
-    return _arm(tree, chain, gravity, f"URDF {tree.name!r}, from {base} to {tip}")
+    arm, placed = _arm(tree, chain, gravity, f"URDF {tree.name!r}, from {base} to {tip}")
+    if folders is None:
+        return arm
+    from optik.arm.shapes.urdf import read_shapes
+
+    return arm.with_shapes(read_shapes(tree, base, placed, folders, partial(_axis, tree.name)))
 
 
 def _known_link(tree: Tree, link: str, argument: str) -> str:
@@ -94,12 +109,10 @@ def _only_leaf(tree: Tree, base: str) -> str:
 # ---------------------------------------------------------------- the chain as an arm
 
 
-def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> ArmModel:
+def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tuple[ArmModel, Placed]:
     """Merge fixed joints; if an axis is not z, rotate z onto it before the joint and back after it."""
     name, fixed, limits, moving = tree.name, [], [], []
-    placed: list[
-        tuple[Joint, Array]
-    ] = []  # the joints, fixed ones too, and the frames of their links in the joint frames
+    placed: Placed = []
     T = np.eye(4)
     for joint in chain:
         T = T @ joint_origin(name, joint)
@@ -115,7 +128,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> Arm
         raise RobotModelError(name, "no joint between base and tip moves")
     lower, upper, velocity = np.array(limits).T
     known = JointLimits(lower, upper, velocity if np.isfinite(velocity).any() else None)
-    return ArmModel(
+    arm = ArmModel(
         name,
         np.array(fixed),
         np.array([joint.kind == "prismatic" for joint in moving]),
@@ -126,6 +139,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> Arm
         source,
         inertia=_tolerated(read_masses, tree, placed),
     )
+    return arm, placed
 
 
 def _tolerated(read: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | None:

@@ -147,7 +147,28 @@ def read_tree(source: str | os.PathLike[str], name: str | None) -> Tree:
     RobotModelError
         No tree of links.
     """
-    return _tree(_parsed(_content_of(source)), name)
+    return _tree(read_xml(source), name)
+
+
+def read_xml(source: str | os.PathLike[str]) -> Any:
+    """Read XML without DOCTYPE and entities.
+
+    Parameters
+    ----------
+    source : str or path
+        A file, or the XML itself (text that begins with <).
+
+    Returns
+    -------
+    Element
+        The outermost element.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, no XML, xacro, a DOCTYPE or an entity.
+    """
+    return _parsed(_content_of(source))
 
 
 def _content_of(source: object) -> bytes:

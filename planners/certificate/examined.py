@@ -41,6 +41,11 @@ class Examined:
         self.robot, self.trajectory, self._path, self._enough = robot, trajectory, path, enough
 
     @property
+    def has_path(self) -> bool:
+        """Whether the motion has a path."""
+        return self._path is not None
+
+    @property
     def path(self) -> Path:
         """The path; raises InvalidInput where none is known."""
         if self._path is None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import optik
 from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -222,19 +224,21 @@ def test_a_moving_state_is_planned_anew_within_the_torques() -> None:
 
 
 def test_an_arm_without_masses_has_no_torques() -> None:
+    bare = replace(paper6r(), inertia=None)
     with pytest.raises(InvalidInput, match="masses"):
-        plan(paper6r(), default_line(), START, limits=MotionLimits(*OUR, torque=10.0))
-    found = plan(paper6r(), default_line(), START, limits=MotionLimits(*OUR))
+        plan(bare, default_line(), START, limits=MotionLimits(*OUR, torque=10.0))
+    found = plan(bare, default_line(), START, limits=MotionLimits(*OUR))
     with pytest.raises(InvalidInput, match="masses"):
-        certify(paper6r(), default_line(), found.trajectory, MotionLimits(*OUR, torque_rate=10.0))
+        certify(bare, default_line(), found.trajectory, MotionLimits(*OUR, torque_rate=10.0))
     assert np.isnan(found.certificate.worst("torque")[0])
+    assert MotionLimits.of(bare).torque is None
 
 
 def test_limits_of_the_robot_come_with_its_masses() -> None:
-    arm = robot()
-    own = MotionLimits.of(arm)
-    assert (own.torque is None) == (arm.limits.torque is None)
-    assert MotionLimits.of(paper6r()).torque is None or paper6r().inertia is not None
+    panda = optik.load("panda")
+    own = MotionLimits.of(panda)
+    assert own.torque == pytest.approx(panda.limits.torque)
+    assert MotionLimits.of(replace(panda, inertia=None)).torque is None
 
 
 @pytest.mark.parametrize("suffix", [".json", ".npz", ".csv"])

@@ -7,6 +7,7 @@ surface, so that the capsules enclose the solid and not only its surface.
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +17,10 @@ from optik.types import Array, Flags
 ROUNDING = 1e-9
 """Added to every radius [m]: a million times what rounding moves a point of an arm by, and too little to be seen."""
 
-WELL_ENCLOSED = 0.02
+WELL_ENCLOSED = 0.03
 """A mesh is cut until its capsules stand out less than this [m], or as many as are allowed are used."""
 
-MOST_OF_ONE = 4
+MOST_OF_ONE = 3
 """Most capsules that enclose one mesh: the time of a proof grows with the number of capsules."""
 
 SPACING = 60
@@ -33,9 +34,15 @@ EXCESS_STEP = 2e-4
 
 
 LEAST_GAIN = 0.9
-"""A part is cut if its excess falls below this part of what it was: else the proof would take longer for nothing gained."""
+"""A part is cut if the product of excess and size falls below this part of what it was: a proof takes longer with more."""
 
-CUTS = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
+FEW_TRIANGLES = 500
+"""Of a larger mesh, about so many triangles are taken to choose where it is cut; all of it is cut there then."""
+
+SAME_AXIS = 0.98
+"""A principal axis whose cosine to an axis of the frame is above this is not tried besides it."""
+
+CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Where planes across an axis are tried, as parts of the extent."""
 
 CELLS = 16
@@ -77,7 +84,7 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
         if not open_:
             break
         i = max(open_, key=lambda k: found[k].excess)
-        better = _divided(parts, found, i, tree)
+        better = _divided(parts, found, i, tree, most + 1 - len(parts))
         if better is None:
             closed.add(id(parts[i]))
         else:
@@ -85,19 +92,25 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
     return found
 
 
-def _divided(parts: list[Array], found: list[Capsule], i: int, tree: Any) -> tuple[list[Array], list[Capsule]] | None:
-    """Parts and capsules with one part cut in two, if that brings its excess down by a tenth at least; else None."""
+def _divided(
+    parts: list[Array], found: list[Capsule], i: int, tree: Any, most: int
+) -> tuple[list[Array], list[Capsule]] | None:
+    """Parts and capsules with one part cut in at most so many, if that brings excess and size down enough; else None."""
     others = found[:i] + found[i + 1 :]
-    halves = _cut(parts[i], others, tree)
-    if halves is None:
+    pieces = _cut(parts[i], others, tree, most)
+    capsules = [fitted(piece) for piece in pieces]
+    if not capsules:
         return None
-    capsules = [fitted(half) for half in halves]
-    if (
-        max(_farthest(c, [*others, capsules[1 - k]], tree) for k, c in enumerate(capsules))
-        > LEAST_GAIN * found[i].excess
-    ):
+    before = found[i].excess * _size([found[i]])
+    if _worst(capsules, others, tree) * _size(capsules) > LEAST_GAIN * before:
         return None
-    return [*parts[:i], *halves, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+    return [*parts[:i], *pieces, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+
+
+def _worst(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
+    """Largest excess of some capsules of a mesh."""
+    rest = [[*others, *capsules[:k], *capsules[k + 1 :]] for k in range(len(capsules))]
+    return max(_farthest(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
 
 
 # ---------------------------------------------------------------- one capsule
@@ -118,11 +131,11 @@ def fitted(triangles: Array) -> Capsule:
     """
     from scipy.optimize import minimize
 
-    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    points = triangles.reshape(-1, 3)
     corners = _hull(points)
     starts = sorted(_starts(corners), key=lambda start: _volume(*_about(corners, *start)))
 
-    best = starts[0]
+    best: tuple[Array, Array, float] = (*starts[0], 0.0)
     for origin, u in starts[:2]:
         v, w = _across(u)
         size = float(np.ptp(corners, axis=0).max())
@@ -143,6 +156,28 @@ def fitted(triangles: Array) -> Capsule:
     return Capsule(a, b, radius)
 
 
+def around_cylinder(radius: float, length: float) -> Capsule:
+    """Enclose a cylinder about the z axis by a capsule about the same axis, of the least volume.
+
+    Parameters
+    ----------
+    radius, length : float
+        Sizes of the cylinder, whose middle is the origin [m].
+
+    Returns
+    -------
+    Capsule
+        The capsule; its excess is exact.
+    """
+    # With radius r the ends of the segment stand √(r² − radius²) inside the cylinder's faces; at the last r it is a sphere.
+    r = radius + np.linspace(0.0, 1.0, 1001) ** 2 * (np.hypot(radius, 0.5 * length) - radius)
+    half = np.maximum(0.5 * length - np.sqrt(r * r - radius * radius), 0.0)
+    best = int(np.argmin(r * r * (2.0 * half + 4.0 / 3.0 * r)))
+    end = np.array([0.0, 0.0, half[best]])
+    excess = max(r[best] - radius, half[best] + r[best] - 0.5 * length)
+    return Capsule(-end, end, float(r[best]) * (1.0 + ROUNDING) + ROUNDING, float(excess) + 2.0 * ROUNDING)
+
+
 def _hull(points: Array) -> Array:
     """Corners of the convex hull; all points if they lie in a plane."""
     from scipy.spatial import ConvexHull, QhullError
@@ -155,9 +190,8 @@ def _hull(points: Array) -> Array:
 
 def _starts(points: Array) -> list[tuple[Array, Array]]:
     """Lines along the axes of the frame and along the principal axes, through the middle of the points."""
-    axes = np.vstack((np.eye(3), _principal(points)))
     found = []
-    for u in axes:
+    for u in _axes(points):
         v, w = _across(u)
         middle = sum(0.5 * ((points @ x).min() + (points @ x).max()) * x for x in (u, v, w))
         found.append((np.asarray(middle), u))
@@ -166,10 +200,12 @@ def _starts(points: Array) -> list[tuple[Array, Array]]:
 
 def _across(u: Array) -> tuple[Array, Array]:
     """Two unit vectors that make a right-angled frame with a unit vector."""
-    other = np.eye(3)[int(np.argmin(np.abs(u)))]
-    v = np.cross(u, other)
-    v /= np.linalg.norm(v)
-    return v, np.cross(u, v)
+    x, y, z = u.tolist()
+    least = int(np.argmin(np.abs(u)))
+    v = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])
+    v /= np.sqrt(v @ v)
+    a, b, c = v.tolist()
+    return v, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 def _about(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
@@ -215,32 +251,50 @@ def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
 # ---------------------------------------------------------------- cutting
 
 
-def _cut(triangles: Array, others: list[Capsule], tree: Any) -> tuple[Array, Array] | None:
-    """Two parts of a mesh, cut by the plane of a few that leaves the least excess; None if none cuts it."""
-    points = np.unique(triangles.reshape(-1, 3), axis=0)
-    best, least = None, np.inf
-    for u in np.vstack((np.eye(3), _principal(points))):
+def _size(capsules: list[Capsule]) -> float:
+    """Cube root of the total volume [m]."""
+    return float(np.cbrt(sum(_volume(c.a, c.b, c.radius) for c in capsules)))
+
+
+def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[Array]:
+    """The mesh cut across an axis in two or three parts, the way of a few that leaves the least excess; or no parts."""
+    few = triangles[:: 1 + len(triangles) // FEW_TRIANGLES]
+    points = triangles.reshape(-1, 3)
+    best: tuple[Array, list[float]] | None = None
+    least = np.inf
+    for u in _axes(points):
         low, high = float((points @ u).min()), float((points @ u).max())
-        for part in CUTS:
-            halves = clipped(triangles, u, low + part * (high - low))
-            if min(len(half) for half in halves) == 0:
+        for cuts in (c for count in range(1, min(most, 3)) for c in combinations(CUTS, count)):
+            offsets = [low + part * (high - low) for part in cuts]
+            pieces = _slabs(few, u, offsets)
+            if min(len(piece) for piece in pieces) == 0:
                 continue
-            capsules = [_roughly(half) for half in halves]
-            worst = max(_farthest(c, [*others, capsules[1 - k]], tree, coarse=True) for k, c in enumerate(capsules))
-            if worst < least:
-                best, least = halves, worst
-    return best
+            capsules = [_roughly(piece) for piece in pieces]
+            worst = _worst(capsules, others, tree, coarse=True) * _size(capsules)
+            if worst < (1.0 if len(pieces) == 2 else LEAST_GAIN) * least:  # a third capsule has to pay
+                best, least = (u, offsets), worst
+    return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
 
 
-def _principal(points: Array) -> Array:
-    """Principal axes (3, 3) of points, as rows."""
+def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]:
+    """Parts of a mesh between parallel planes."""
+    pieces = []
+    for offset in offsets:
+        below, triangles = clipped(triangles, normal, offset)
+        pieces.append(below)
+    return [*pieces, triangles]
+
+
+def _axes(points: Array) -> Array:
+    """Axes of the frame, and principal axes of points that differ from them, as rows."""
     offsets = points - points.mean(axis=0)
-    return np.asarray(np.linalg.eigh(offsets.T @ offsets)[1].T)
+    principal = np.linalg.eigh(offsets.T @ offsets)[1].T
+    return np.vstack((np.eye(3), principal[np.abs(principal).max(axis=1) < SAME_AXIS]))
 
 
 def _roughly(triangles: Array) -> Capsule:
     """Capsule about the best of a few axes."""
-    corners = _hull(np.unique(triangles.reshape(-1, 3), axis=0))
+    corners = _hull(triangles.reshape(-1, 3))
     return Capsule(*min((_about(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c)))
 
 
@@ -313,12 +367,10 @@ def _measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
 
 
 def _farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Bound of the distance of a capsule's surface, as far as it is on the surface of the union, from points of the mesh.
-
-    The surface is covered by cells along the meridian and around the axis. No point of a cell is farther from the mesh than
-    its centre is, plus half the cell's extent; cells that may hold the farthest point are divided. The coarse value is no
-    bound: it takes the centres of the first cells.
-    """
+    """Bound of the distance of a capsule's surface, as far as it is on the surface of the union, from points of the mesh."""
+    # The surface is covered by cells along the meridian and around the axis. No point of a cell is farther from the mesh
+    # than its centre is, plus half the cell's extent; cells that may hold the farthest point are divided. The coarse value
+    # is no bound: it takes the centres of the first cells.
     meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
     steps = (np.arange(CELLS) + 0.5) / CELLS
     s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))

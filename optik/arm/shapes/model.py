@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -75,7 +76,7 @@ class Shapes:
         checked = {
             "capsules": capsules,
             "names": names,
-            "excess": _checked_excess(self.excess, m),
+            "excess": checked_excess(self.excess, m, "shapes.excess"),
         }
         for field, value in checked.items():
             object.__setattr__(self, field, value)
@@ -143,11 +144,11 @@ class Shapes:
 
     @cached_property
     def left_out(self) -> tuple[tuple[str, str, str], ...]:
-        """Pairs of names that are not examined against each other, each with its reason."""
+        """Pairs of names that are not examined against each other though they move, each with its reason."""
         link, names = self.capsules[0], self.names or tuple(str(i) for i in self.capsules[0].tolist())
         found: dict[tuple[str, str], str] = {}
         for i, j in zip(*np.triu_indices(self.m, 1), strict=True):
-            if abs(link[i] - link[j]) <= 1 and names[i] != names[j]:
+            if abs(link[i] - link[j]) == 1 and names[i] != names[j]:
                 found.setdefault((names[i], names[j]), NEIGHBOURS)
         for first, second, reason in self.apart:
             for i in self.of(first):
@@ -173,6 +174,67 @@ class Shapes:
             yield tuple(part if isinstance(part, str) else int(part) for part in pair)  # type: ignore[misc]
 
     # ------------------------------------------------------------ copies
+
+    def with_apart(self, pairs: Iterable[Apart]) -> Shapes:
+        """Return the shapes with more pairs that are not examined.
+
+        Parameters
+        ----------
+        pairs : iterable of (one, other, reason)
+            Names of capsules or numbers of links, and the reason.
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+
+        Raises
+        ------
+        InvalidInput
+            Not such pairs, or an unknown name.
+        """
+        return replace(self, apart=(*self.apart, *pairs))
+
+    def with_srdf(self, source: str | os.PathLike[str]) -> Shapes:
+        """Return the shapes without the pairs of links that an SRDF disables, each with the reason that stands there.
+
+        Parameters
+        ----------
+        source : str or path
+            A file, or the XML itself (text that begins with <). Links that have no capsules are passed over.
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+
+        Raises
+        ------
+        InvalidInput
+            No such file, no XML, or no SRDF.
+        """
+        from optik.arm.shapes.urdf import disabled_pairs
+
+        known = set(self.names)
+        return self.with_apart(pair for pair in disabled_pairs(source) if {pair[0], pair[1]} <= known)
+
+    def moved_all(self, poses: Sequence[Array]) -> Shapes:
+        """Return the shapes in other frames of the links.
+
+        Parameters
+        ----------
+        poses : sequence of (4, 4) arrays
+            Poses of the present frames in the new ones, of link 0, 1, … [1, m]; links beyond them stay as they are.
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+        """
+        shapes = self
+        for link, T in enumerate(poses):
+            shapes = shapes.moved(link, T)
+        return shapes
 
     def moved(self, link: int, T: Array) -> Shapes:
         """Return the shapes with the capsules of one link moved, as when the link's frame is exchanged.
@@ -240,11 +302,32 @@ def _checked_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
     return int(row[0]), ends[0], ends[-1], length_of(row[-1], f"{where}: radius", LONGEST_LINK)
 
 
-def _checked_excess(value: ArrayLike, m: int) -> Array:
-    excess = real_array(value, "shapes.excess", f"a number, or {m} of them")
-    if excess.shape not in ((), (m,)) or (excess < 0.0).any() or np.isinf(excess).any():
-        raise InvalidInput("shapes.excess", repr(value)[:60], f"{m} lengths ≥ 0 (NaN where unknown)")
-    return frozen(np.broadcast_to(excess, (m,)), "shapes.excess")
+def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
+    """Return how far shapes stand out beyond what they enclose, checked.
+
+    Parameters
+    ----------
+    value : scalar or (count,) array
+        Lengths, NaN where unknown [m].
+    count : int
+        Number of shapes.
+    where : str
+        What an error calls them.
+
+    Returns
+    -------
+    (count,) array
+        The lengths, read-only [m].
+
+    Raises
+    ------
+    InvalidInput
+        Another number of them, negative or infinite ones.
+    """
+    excess = real_array(value, where, f"a number, or {count} of them")
+    if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
+        raise InvalidInput(where, repr(value)[:60], f"{count} lengths ≥ 0 (NaN where unknown)")
+    return frozen(np.broadcast_to(excess, (count,)), where)
 
 
 def point_of(value: ArrayLike, where: str, farthest: float) -> Array:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -11,7 +12,7 @@ import numpy as np
 
 from optik import se3
 from optik.arm.limits import frozen
-from optik.arm.shapes.model import length_of, point_of
+from optik.arm.shapes.model import checked_excess, length_of, point_of
 from optik.check import check_words
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
@@ -56,6 +57,8 @@ class Scene:
         moves it) or of its capsules, and of an object. An arm without such a link is refused when the scene meets it.
     names : sequence of str, optional
         One for each object, in the order boxes, spheres, capsules, planes; by default box1, …, sphere1, ….
+    excess : scalar or (objects,) array, optional
+        How far each object stands out beyond what it encloses at most, such as a mesh [m]; 0 by default.
 
     Raises
     ------
@@ -69,6 +72,7 @@ class Scene:
     planes: tuple[tuple[Array, Array], ...] = ()
     allow: tuple[tuple[str, str], ...] = ()
     names: tuple[str, ...] = ()
+    excess: Array = 0.0  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane), strict=True):
@@ -81,12 +85,13 @@ class Scene:
             raise InvalidInput("scene", f"{sum(counts)} objects", f"at most {MOST_OBJECTS}")
         object.__setattr__(self, "names", _checked_names(self.names, counts))
         object.__setattr__(self, "allow", tuple(_checked_allow(self.allow, self.names)))
+        object.__setattr__(self, "excess", checked_excess(self.excess, len(self.names), "scene.excess"))
 
     # ------------------------------------------------------------ identity
 
     @cached_property
     def _content(self) -> Any:
-        return content((*(getattr(self, kind) for kind in OBJECT_KINDS), self.allow, self.names))
+        return content((*(getattr(self, kind) for kind in OBJECT_KINDS), self.allow, self.names, self.excess))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and self._content == other._content
@@ -95,11 +100,74 @@ class Scene:
         return hash(self._content)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.boxes, self.spheres, self.capsules, self.planes, self.allow, self.names)
+        return Scene, (self.boxes, self.spheres, self.capsules, self.planes, self.allow, self.names, self.excess)
 
     def __repr__(self) -> str:
         counts = (f"{len(getattr(self, kind))} {kind}" for kind in OBJECT_KINDS if getattr(self, kind))
         return f"Scene({', '.join(counts) or 'empty'})"
+
+    # ------------------------------------------------------------ files
+
+    @staticmethod
+    def load(
+        file: str | os.PathLike[str],
+        *,
+        package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+    ) -> Scene:
+        """Load a scene from a file: TOML, as `optik.scene.files` describes it, JSON of `to_dict`, or URDF.
+
+        Parameters
+        ----------
+        file : str or path
+            Its name ends in .toml, .json, .urdf or .xml. Of a URDF, the <collision> elements of all links stand where they
+            are with every joint at 0, in the frame of the root; meshes, in STL or OBJ, are enclosed by capsules.
+        package_dirs : mapping of str to path, or sequence of paths, optional
+            For a URDF, folders of meshes besides its own, as of `Robot.from_urdf`.
+
+        Returns
+        -------
+        Scene
+            The scene.
+
+        Raises
+        ------
+        InvalidInput
+            A file that cannot be read, or that holds no scene; the error names what is wrong in it.
+        RobotModelError
+            A URDF that is no tree, or that has no <collision>.
+        """
+        from optik.scene.files import load_scene
+
+        return load_scene(file, package_dirs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the scene as plain data for JSON; `from_dict` reads it back to the last bit."""
+        from optik.scene.files import scene_to_dict
+
+        return scene_to_dict(self)
+
+    @staticmethod
+    def from_dict(data: Mapping[str, Any]) -> Scene:
+        """Return the scene that `to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Scene
+            Equal to the one that was written.
+
+        Raises
+        ------
+        InvalidInput
+            Missing or unknown keys, or values that `Scene` refuses.
+        """
+        from optik.scene.files import scene_from_dict
+
+        return scene_from_dict(data)
 
     # ------------------------------------------------------------ for the proof
 

@@ -1,0 +1,223 @@
+"""Readers of meshes: STL, binary or ASCII, and OBJ; found only below the folders that are given."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from optik.check import check_words
+from optik.errors import InvalidInput
+from optik.files import content_of
+from optik.types import Array
+
+MOST_MESH_BYTES = 64 * 2**20
+"""Longest mesh that is read [bytes]: collision meshes have kilobytes, and text of this length is parsed in seconds."""
+
+MOST_TRIANGLES = 1_000_000
+"""Most triangles of a mesh: those of an STL of `MOST_MESH_BYTES`, and few enough to be enclosed in memory."""
+
+STL_HEADER, STL_TRIANGLE = 84, 50
+# Bytes of a binary STL: 80 of text and the number of triangles; normal, three corners and two bytes for each.
+
+FARTHEST_CORNER = 1e4
+"""Largest coordinate in a mesh [m, or its own unit before it is scaled]: millimetres of an arm are fewer."""
+
+
+class MeshFolders:
+    """The folders below which the meshes of a description may lie.
+
+    Parameters
+    ----------
+    beside : Path, optional
+        Folder of the description; none for a description that came as text.
+    package_dirs : mapping of str to path, or sequence of paths, optional
+        Folder of each ROS package by its name; or folders that contain packages, each in a folder of its name.
+
+    Raises
+    ------
+    InvalidInput
+        Not folders.
+    """
+
+    def __init__(
+        self,
+        beside: Path | None = None,
+        package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+    ) -> None:
+        given = package_dirs or ()
+        if isinstance(given, str | bytes) or not isinstance(given, Mapping | Sequence):
+            raise InvalidInput("package_dirs", repr(given)[:60], "{package: folder}, or a list of folders")
+        folders = list(given.values()) if isinstance(given, Mapping) else list(given)
+        for folder in folders:
+            if not isinstance(folder, str | os.PathLike) or not Path(folder).is_dir():
+                raise InvalidInput("package_dirs", repr(folder)[:120], "folders that exist")
+        self._named: dict[str, Path] = {}
+        if isinstance(given, Mapping):
+            self._named = dict(zip(check_words(given, "package_dirs"), map(Path, folders), strict=True))
+        self._roots = [] if isinstance(given, Mapping) else [Path(folder) for folder in folders]
+        self._beside = beside
+
+    def file(self, name: str, what: str) -> Path:
+        """Return the file of a mesh.
+
+        Parameters
+        ----------
+        name : str
+            What the description calls it: a path, package://…, or file://….
+        what : str
+            What an error calls its place in the description.
+
+        Returns
+        -------
+        Path
+            An existing file below one of the folders, symbolic links followed.
+
+        Raises
+        ------
+        InvalidInput
+            A URL, a file elsewhere or of another kind, or none.
+        """
+        scheme, separator, rest = name.partition("://")
+        if separator and scheme not in ("package", "model", "file"):
+            raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in a file, none from a URL")
+        if Path(name).suffix.lower() not in (".stl", ".obj"):
+            raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in STL or OBJ")
+        path = unquote(rest) if separator else name
+        if "\0" in path:
+            raise InvalidInput(what, f"the mesh {name[:120]!r}", "the name of a file")
+        candidates = self._in_packages(path) if scheme in ("package", "model") and separator else self._plain(path)
+        outside = False
+        for root, candidate in candidates:
+            found = candidate.resolve()
+            if not found.is_relative_to(root.resolve()):
+                outside = True
+            elif found.is_file():
+                return found
+        if outside:
+            expected = "a mesh below the folder of the description or below package_dirs"
+            raise InvalidInput(what, f"the mesh {name[:120]!r}, which lies elsewhere", expected)
+        hint = "" if candidates else "; name the folder of its package in package_dirs"
+        raise InvalidInput(what, f"the mesh {name[:120]!r}, which does not exist{hint}", "an existing file")
+
+    def _in_packages(self, path: str) -> list[tuple[Path, Path]]:
+        """Root and file of a path that begins with the name of a package."""
+        package, _, inner = path.partition("/")
+        found = [(self._named[package], self._named[package] / inner)] if package in self._named else []
+        for root in self._roots:
+            found.append((root, root / path))
+            if root.name == package:
+                found.append((root, root / inner))
+        if self._beside is not None and not found:
+            found = [(root, root / inner) for root in (self._beside,) if root.name == package]
+        return found
+
+    def _plain(self, path: str) -> list[tuple[Path, Path]]:
+        roots = [*([] if self._beside is None else [self._beside]), *self._named.values(), *self._roots]
+        return [(root, root / path) for root in roots]  # an absolute path replaces the root
+
+
+def folders_of(
+    source: str | os.PathLike[str],
+    package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None,
+) -> MeshFolders:
+    """Return the folders below which the meshes of a description may lie.
+
+    Parameters
+    ----------
+    source : str or path
+        The description: a file, or its text (which begins with <).
+    package_dirs : mapping of str to path, or sequence of paths, optional
+        Further folders, as of `MeshFolders`.
+
+    Returns
+    -------
+    MeshFolders
+        The folders.
+
+    Raises
+    ------
+    InvalidInput
+        Not folders.
+    """
+    text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+    return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
+
+
+def read_mesh(file: Path) -> Array:
+    """Read the triangles of a mesh in STL or OBJ.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+
+    Returns
+    -------
+    (k, 3, 3) array
+        Corners of the triangles, in the unit of the file [m].
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, is too large, is no mesh, has no triangles, or coordinates that are not finite.
+    """
+    where = f"mesh {file.name!r}"
+    expected = f"a mesh in STL or OBJ of at most {MOST_MESH_BYTES // 2**20} MB"
+    content = content_of(file, argument=where, expected=expected, most=MOST_MESH_BYTES)
+    triangles = (_obj if file.suffix.lower() == ".obj" else _stl)(content, where)
+    if not 1 <= len(triangles) <= MOST_TRIANGLES:
+        raise InvalidInput(where, f"{len(triangles):,} triangles", f"1 to {MOST_TRIANGLES:,} triangles")
+    if not np.isfinite(triangles).all() or np.abs(triangles).max() > FARTHEST_CORNER:
+        raise InvalidInput(where, "NaN, infinity or a coordinate above 1e4", "finite coordinates in metres")
+    return triangles
+
+
+def _stl(content: bytes, where: str) -> Array:
+    """Triangles of an STL; binary if its length is the one that its number of triangles says."""
+    if len(content) >= STL_HEADER:
+        count = int.from_bytes(content[80:STL_HEADER], "little")
+        if len(content) == STL_HEADER + STL_TRIANGLE * count:
+            kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+            return np.frombuffer(content, kind, count, STL_HEADER)["corners"].astype(np.float64)
+    if not content.lstrip().startswith(b"solid") or b"facet" not in content:
+        raise InvalidInput(where, f"{len(content)} bytes that are no STL, or a part of one", "a whole STL")
+    numbers = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
+    if len(numbers) % 3 or len(numbers) != 3 * len(re.findall(rb"\bendfacet\b", content)):
+        raise InvalidInput(where, f"{len(numbers)} corners, of which some triangle lacks one", "a whole STL")
+    return _floats(numbers, where).reshape(-1, 3, 3)
+
+
+def _obj(content: bytes, where: str) -> Array:
+    """Triangles of an OBJ; polygons are divided into fans."""
+    corners: list[list[bytes]] = []
+    faces: list[tuple[int, int, int]] = []
+    for line in content.replace(b"\\\n", b" ").splitlines():
+        word, *rest = line.split(b"#", 1)[0].split() or [b""]
+        if word == b"v":
+            if len(rest) < 3:
+                raise InvalidInput(where, repr(line[:60]), "three coordinates of a corner")
+            corners.append(rest[:3])
+        elif word == b"f":
+            try:
+                face = [int(part.split(b"/")[0]) for part in rest]
+            except ValueError:
+                raise InvalidInput(where, repr(line[:60]), "numbers of corners") from None
+            face = [i - 1 if i > 0 else len(corners) + i for i in face]
+            if len(face) < 3 or min(face) < 0 or max(face) >= len(corners):
+                raise InvalidInput(where, repr(line[:60]), "a face of three or more corners that are defined before")
+            faces += [(face[0], face[i], face[i + 1]) for i in range(1, len(face) - 1)]
+    if not faces:
+        return np.zeros((0, 3, 3))
+    return _floats(corners, where)[np.array(faces, dtype=np.int64)]
+
+
+def _floats(words: Sequence[Sequence[bytes]], where: str) -> Array:
+    try:
+        return np.array(words, dtype="S").astype(np.float64).reshape(-1, 3)
+    except ValueError as error:
+        raise InvalidInput(where, str(error)[:80], "coordinates that are numbers") from None

@@ -1,0 +1,255 @@
+"""Shapes of a URDF's <collision> elements: capsules that enclose boxes, spheres, cylinders, capsules and meshes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from optik.arm.shapes.enclosure import Capsule, around_cylinder, enclosing, fitted
+from optik.arm.shapes.meshes import MeshFolders, read_mesh
+from optik.arm.shapes.model import Shapes
+from optik.arm.urdf_tree import Joint, Tree, joint_origin, number, origin_pose, read_xml, triple
+from optik.errors import InvalidInput, RobotModelError
+from optik.types import Array
+
+CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+"""Corners of a box with edges of length 1."""
+
+FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Corners of the faces of a box, each around its face."""
+
+Axis = Callable[[Joint], Array]
+"""Unit axis (3,) of a joint in its own frame."""
+
+
+def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folders: MeshFolders, axis: Axis) -> Shapes:
+    """Read the shapes of a chain of links, and of all that hangs on it.
+
+    What hangs on the chain by fixed joints moves with its link. What hangs on it by joints that move, such as the fingers of
+    a gripper, is enclosed in every position of these joints, so its excess is unknown.
+
+    Parameters
+    ----------
+    tree : Tree
+        The links.
+    base : str
+        First link of the chain.
+    placed : list of (Joint, (4, 4) array)
+        The joints of the chain, and the poses of their links in the frames of the arm's joints [1, m].
+    folders : MeshFolders
+        Where meshes may lie.
+    axis : callable
+        Returns the unit axis of a joint.
+
+    Returns
+    -------
+    Shapes
+        The capsules, named after their links.
+
+    Raises
+    ------
+    InvalidInput
+        A mesh that cannot be read or lies elsewhere.
+    RobotModelError
+        No <collision> at all, an unknown geometry or one without its sizes, or a joint beside the chain without limits.
+    """
+    chain = {joint.child for joint, _ in placed}
+    carried: dict[str, list[tuple[str, Capsule]]] = {}
+    for link in reversed(_ordered(tree, base)):  # children before parents
+        found = [(link, c) for c in _own(tree, link, folders)]
+        for child in tree.below.get(link, ()):
+            if child not in chain:
+                joint = tree.above[child]
+                T = joint_origin(tree.name, joint)
+                found += [(name, _moved(_swept(tree.name, joint, c, axis), T)) for name, c in carried.pop(child)]
+        carried[link] = found
+    rows = [(0, np.eye(4), base)]
+    for joint, T in placed:
+        rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
+    capsules = [(i, name, _moved(c, T)) for i, T, link in rows for name, c in carried[link]]
+    if not capsules:
+        raise RobotModelError(tree.name, "no <collision> on any link of the chain")
+    return Shapes(
+        [(i, c.a, c.b, c.radius) for i, _, c in capsules],  # type: ignore[arg-type]
+        tuple(name for _, name, _ in capsules),
+        excess=np.array([c.excess for *_, c in capsules]),
+        source=f"<collision> of URDF {tree.name!r}",
+    )
+
+
+def _own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
+    """Capsules of a link's own <collision> elements, in the link's frame."""
+    found = []
+    for element in tree.parts(link, "collision"):
+        where = f"<collision> of link {link!r}"
+        T = origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
+        found += [_moved(c, T) for c in read_geometry(tree, element, where, folders)]
+    return found
+
+
+def _ordered(tree: Tree, base: str) -> list[str]:
+    """Links at and below a link, each behind its parent."""
+    found = [base]
+    for link in found:  # grows while it is read
+        found += tree.below.get(link, ())
+    return found
+
+
+def _moved(c: Capsule, T: Array) -> Capsule:
+    return c._replace(a=T[:3, :3] @ c.a + T[:3, 3], b=T[:3, :3] @ c.b + T[:3, 3])
+
+
+def _swept(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
+    """A capsule that encloses another in every position of the joint that moves it, in the frame before the joint."""
+    if joint.kind == "fixed":
+        return c
+    where = f"joint {joint.name!r}"
+    if joint.kind in ("revolute", "continuous"):  # a capsule about the axis contains all that turns about it
+        u = axis(joint)
+        along = np.array([c.a @ u, c.b @ u])
+        across = max(float(np.linalg.norm(end - (end @ u) * u)) for end in (c.a, c.b))
+        return Capsule(along.min() * u, along.max() * u, c.radius + across)
+    limit = joint.element.get("limit")
+    if joint.kind != "prismatic" or limit is None or limit.get("lower") is None or limit.get("upper") is None:
+        raise RobotModelError(
+            robot, f"{where}: type {joint.kind!r} without limits, so that its links' space is unknown"
+        )
+    ends = [number(robot, where, limit.get(side), f"{side} limit") * axis(joint) for side in ("lower", "upper")]
+    corners = np.array([end + shift for end in (c.a, c.b) for shift in ends])
+    hull = fitted(corners[[[0, 1, 2], [1, 2, 3]]])
+    return Capsule(hull.a, hull.b, hull.radius + c.radius)
+
+
+# ---------------------------------------------------------------- geometries
+
+
+def geometry_of(tree: Tree, element: Any) -> tuple[str, Any]:
+    """Return the geometry of a <collision>.
+
+    Parameters
+    ----------
+    tree : Tree
+        The links.
+    element : Element
+        The <collision>.
+
+    Returns
+    -------
+    kind : str
+        Its tag, such as "box"; "nothing" where there is none.
+    geometry : Element or None
+        The element with its sizes.
+    """
+    outer = element.find(f"{tree.prefix}geometry")
+    for child in () if outer is None else outer:
+        if isinstance(child.tag, str):  # no comment
+            return child.tag.removeprefix(tree.prefix), child
+    return "nothing", None
+
+
+def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) -> list[Capsule]:
+    """Enclose the geometry of a <collision> by capsules, in its own frame.
+
+    Parameters
+    ----------
+    tree : Tree
+        The links.
+    element : Element
+        The <collision>.
+    where : str
+        What an error calls it.
+    folders : MeshFolders
+        Where meshes may lie.
+
+    Returns
+    -------
+    list of Capsule
+        The capsules, each with its excess.
+
+    Raises
+    ------
+    InvalidInput
+        A mesh that cannot be read or lies elsewhere.
+    RobotModelError
+        An unknown geometry, or one without its sizes.
+    """
+    kind, shape = geometry_of(tree, element)
+
+    def length(name: str) -> float:
+        value = number(tree.name, where, shape.get(name, ""), f"{kind} {name}")
+        if value <= 0.0:
+            raise RobotModelError(tree.name, f"{where}: {kind} {name} {value:.6g}, expected a length above 0")
+        return value
+
+    if kind == "box":
+        edges = triple(tree.name, where, shape.get("size", ""), "box size")
+        if (edges <= 0.0).any():
+            raise RobotModelError(tree.name, f"{where}: box size {edges.tolist()}, expected lengths above 0")
+        return enclosing(box_triangles(edges))
+    if kind == "sphere":
+        return [Capsule(np.zeros(3), np.zeros(3), length("radius"), 0.0)]
+    if kind == "cylinder":
+        return [around_cylinder(length("radius"), length("length"))]
+    if kind == "capsule":
+        end = np.array([0.0, 0.0, 0.5 * length("length")])
+        return [Capsule(-end, end, length("radius"), 0.0)]
+    if kind == "mesh":
+        scale = triple(tree.name, where, shape.get("scale", "1 1 1"), "mesh scale")
+        return enclosing(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
+    raise RobotModelError(tree.name, f"{where}: {kind[:40]!r}, expected a box, sphere, cylinder, capsule or mesh")
+
+
+def box_triangles(edges: Array) -> Array:
+    """Triangles of a box about the origin.
+
+    Parameters
+    ----------
+    edges : (3,) array
+        Edge lengths [m].
+
+    Returns
+    -------
+    (12, 3, 3) array
+        Corners of the triangles [m].
+    """
+    corners = CORNERS * edges
+    return np.array([corners[list(part)] for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))])
+
+
+# ---------------------------------------------------------------- SRDF
+
+
+def disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
+    """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements.
+
+    Parameters
+    ----------
+    source : str or path
+        A file, or the XML itself (text that begins with <).
+
+    Returns
+    -------
+    list of (str, str, str)
+        Two links and the reason.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, no XML, or no SRDF.
+    """
+    try:
+        root = read_xml(source)
+    except InvalidInput as error:
+        raise InvalidInput("srdf", error.got, error.expected.replace("URDF", "SRDF")) from None
+    if root.tag != "robot":
+        raise InvalidInput("srdf", f"the element <{str(root.tag)[:60]}>", "an SRDF, whose outermost element is <robot>")
+    pairs = []
+    for element in root.iter("disable_collisions"):
+        one, other = element.get("link1"), element.get("link2")
+        if not one or not other:
+            raise InvalidInput("srdf", "a <disable_collisions> without link1 or link2", "two links")
+        pairs.append((one, other, element.get("reason") or "disabled in the SRDF"))
+    return pairs

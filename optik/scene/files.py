@@ -1,0 +1,211 @@
+"""Files of a scene: TOML in millimetres and degrees, JSON to the last bit, and URDF by `optik.scene.urdf`.
+
+A TOML file holds tables of objects, each of which can be left out, in the frame of the arm's base:
+
+    allow = [["base", "table"]]               # pairs that are not examined: a link of the arm, and an object
+
+    [[boxes]]
+    name = "table"                            # optional: by default box1, box2, …
+    xyz_mm = [400.0, 0.0, -25.0]              # of the centre
+    rpy_deg = [0.0, 0.0, 30.0]                # optional: roll, pitch and yaw
+    edges_mm = [800.0, 1200.0, 50.0]          # full lengths along the box's axes
+
+    [[spheres]]
+    centre_mm = [500.0, 0.0, 300.0]
+    radius_mm = 60.0
+
+    [[capsules]]                              # all points within a radius of a segment
+    a_mm = [600.0, 300.0, 0.0]
+    b_mm = [600.0, 300.0, 900.0]
+    radius_mm = 30.0
+
+    [[planes]]                                # all that is behind a plane
+    name = "floor"
+    point_mm = [0.0, 0.0, -700.0]
+    normal = [0.0, 0.0, 1.0]                  # to the free side, of any length
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from optik import se3
+from optik.arm.plain import record, word
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.files import content_of, parsed, suffix_of, text_of
+from optik.scene.model import OBJECT_KINDS, Scene
+from optik.types import Array
+
+MOST_SCENE_BYTES = 64 * 2**20
+"""Longest file that is read [bytes]: six hundred for each of the objects that a scene can have."""
+
+ROW_KEYS = {
+    "boxes": (("xyz_mm", "edges_mm"), ("rpy_deg", "name")),
+    "spheres": (("centre_mm", "radius_mm"), ("name",)),
+    "capsules": (("a_mm", "b_mm", "radius_mm"), ("name",)),
+    "planes": (("point_mm", "normal"), ("name",)),
+}
+"""Keys of a row of each kind: required ones, and others."""
+
+SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess")
+"""Keys of a scene in JSON: the fields of `Scene`."""
+
+
+def load_scene(
+    file: str | os.PathLike[str],
+    package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+) -> Scene:
+    """Load a scene from a file; see `Scene.load`.
+
+    Parameters
+    ----------
+    file : str or path
+        The file.
+    package_dirs : mapping of str to path, or sequence of paths, optional
+        For a URDF, folders of meshes besides its own.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    InvalidInput
+        A file that cannot be read, or that holds no scene.
+    RobotModelError
+        A URDF that is no tree, or that has no <collision>.
+    """
+    suffix = suffix_of(file, (".toml", ".json", ".urdf", ".xml"))
+    if suffix in (".urdf", ".xml"):
+        from optik.scene.urdf import scene_from_urdf
+
+        return scene_from_urdf(file, package_dirs)
+    if package_dirs is not None:
+        raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
+    path = Path(file)
+    content = content_of(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
+    try:
+        text = text_of(content)
+        return scene_from_dict(parsed(text, "scene")) if suffix == ".json" else scene_from_toml(text)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
+
+
+def scene_from_toml(text: str) -> Scene:
+    """Read a scene from TOML, in the format that this module describes.
+
+    Parameters
+    ----------
+    text : str
+        The TOML text.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    InvalidInput
+        Not TOML, a key that is missing or unknown, or a wrong value; the error names it.
+    """
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InvalidInput("scene", str(error)[:120], "TOML") from None
+    record(data, (), "scene", optional=(*OBJECT_KINDS, "allow"))
+    objects: dict[str, list[Any]] = {kind: [] for kind in OBJECT_KINDS}
+    names = []
+    for kind in OBJECT_KINDS:
+        rows = data.get(kind, [])
+        if not isinstance(rows, list):
+            raise InvalidInput(f"scene.{kind}", repr(rows)[:60], f"tables [[{kind}]]")
+        for i, row in enumerate(rows):
+            where = f"{kind}[{i}]"
+            required, optional = ROW_KEYS[kind]
+            record(row, required, where, optional=optional)
+            objects[kind].append(_object(kind, row, where))
+            names.append(word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
+    return Scene(**objects, allow=data.get("allow", ()), names=tuple(names))  # type: ignore[arg-type]
+
+
+def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
+    """Arguments of one object of `Scene`, in metres."""
+
+    def lengths(key: str) -> Array:
+        return _numbers(row[key], f"{where}.{key}") / 1000.0
+
+    if kind == "boxes":
+        turn = _numbers(row.get("rpy_deg", [0.0] * 3), f"{where}.rpy_deg")
+        return se3.from_xyz_rpy(lengths("xyz_mm"), turn), lengths("edges_mm")
+    if kind == "planes":
+        return lengths("point_mm"), _numbers(row["normal"], f"{where}.normal")
+    radius = check_number(row["radius_mm"], f"{where}.radius_mm", "a length above 0", above=0.0) / 1000.0
+    return (*(lengths(key) for key in (("centre_mm",) if kind == "spheres" else ("a_mm", "b_mm"))), radius)
+
+
+def _numbers(value: Any, where: str) -> Array:
+    if not isinstance(value, list) or len(value) != 3:
+        raise InvalidInput(where, repr(value)[:60], "three numbers")
+    return np.array([check_number(x, where, "three finite numbers") for x in value])
+
+
+def _singular(kind: str) -> str:
+    return {"boxes": "box"}.get(kind, kind.removesuffix("s"))
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """Return a scene as plain data; see `Scene.to_dict`.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    dict
+        Data that JSON can hold, with the keys `SCENE_KEYS`; an unknown excess is None.
+    """
+
+    def plain(value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    objects = {kind: [[plain(part) for part in one] for one in getattr(scene, kind)] for kind in OBJECT_KINDS}
+    excess = [None if e != e else e for e in scene.excess.tolist()]
+    return objects | {"allow": [list(pair) for pair in scene.allow], "names": list(scene.names), "excess": excess}
+
+
+def scene_from_dict(data: Any) -> Scene:
+    """Read a scene from plain data; see `Scene.from_dict`.
+
+    Parameters
+    ----------
+    data : dict
+        What `scene_to_dict` returned.
+
+    Returns
+    -------
+    Scene
+        Equal to the one that was written.
+
+    Raises
+    ------
+    InvalidInput
+        Missing or unknown keys, or values that `Scene` refuses.
+    """
+    data = record(data, SCENE_KEYS, "scene")
+    for key in SCENE_KEYS:
+        if not isinstance(data[key], list):
+            raise InvalidInput(f"scene.{key}", repr(data[key])[:60], "a list")
+    known = data["excess"]
+    excess = [np.nan if e is None else check_number(e, "scene.excess", "lengths ≥ 0", least=0.0) for e in known]
+    return Scene(**{key: data[key] for key in SCENE_KEYS if key != "excess"}, excess=np.array(excess))
