@@ -378,7 +378,7 @@ def _within(
 
     values (4, n): torque and rate at the start and at the end.
     """
-    coulomb, weights, rate, rest = what
+    coulomb, weights, rate, _ = what
     _, space, D, fourth = work
     joint_bounds(joints, np.full(1, h), D)
     fourth_bounds(model[2], D[0], model[3] == GRAVITY, space, fourth)
@@ -393,13 +393,10 @@ def _within(
         low, high = low - off, high + off
         f = coulomb[i]
         if f > 0.0:
-            sense, start, end = direction(joints[0, 1:, i], h)
-            below, above = low - f, high + f
-            low, high = (low + sense * f, high + sense * f) if sense != 0 else (below, above)
-            if abs(start) <= rest:
-                low, high = min(low, a - f), max(high, a + f)
-            if abs(end) <= rest:
-                low, high = min(low, b - f), max(high, b + f)
+            sense = direction(
+                joints[0, 1:, i], h
+            )  # 0: both sides; at rest at an end of the interval, `_note` counts them
+            low, high = low + (sense * f if sense != 0 else -f), high + (sense * f if sense != 0 else f)
         bound[0, i], bound[1, i] = -weights[0, i] * low, weights[1, i] * high
 
 
