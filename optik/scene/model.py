@@ -12,10 +12,11 @@ import numpy as np
 
 from optik import se3
 from optik.arm.limits import frozen
-from optik.arm.shapes.model import checked_excess, length_of, point_of
+from optik.arm.shapes.check import checked_excess, length_of, point_of
 from optik.check import check_words
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
+from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -33,9 +34,6 @@ MOST_OBJECTS = 100_000
 
 UNIT_NORMAL = 1e-14
 """A normal whose length is this near to 1 is kept to the last bit, so that a copy of a scene equals it."""
-
-OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
-"""Kinds of objects, in the order of their names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +134,11 @@ class Scene:
         RobotModelError
             A URDF that is no tree, or that has no <collision>.
         """
-        from optik.scene.files import load_scene
-
-        return load_scene(file, package_dirs)
+        return Scene(**load_scene(file, package_dirs))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scene as plain data for JSON; `from_dict` reads it back to the last bit."""
-        from optik.scene.files import scene_to_dict
-
-        return scene_to_dict(self)
+        return scene_to_dict({key: getattr(self, key) for key in SCENE_KEYS})
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Scene:
@@ -165,9 +159,7 @@ class Scene:
         InvalidInput
             Missing or unknown keys, or values that `Scene` refuses.
         """
-        from optik.scene.files import scene_from_dict
-
-        return scene_from_dict(data)
+        return Scene(**scene_from_dict(data))
 
     # ------------------------------------------------------------ for the proof
 
