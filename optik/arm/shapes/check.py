@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.limits import frozen
-from optik.check import check_count, check_number, real_array
+from optik.check import check_count, check_number, real_array, shown
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 
@@ -49,7 +49,7 @@ def checked_capsules(value: Any) -> Capsules:
             )
         value = list(zip(*(part.tolist() for part in value), strict=True))
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InvalidInput("shapes.capsules", repr(value)[:60], "a list of (link, a, b, radius)")
+        raise InvalidInput("shapes.capsules", shown(value), "a list of (link, a, b, radius)")
     rows = [_checked_row(row, f"shapes.capsules[{i}]") for i, row in enumerate(value)]
     if not 1 <= len(rows) <= MOST_CAPSULES:
         raise InvalidInput("shapes.capsules", f"{len(rows)} of them", f"1 to {MOST_CAPSULES} capsules")
@@ -62,7 +62,7 @@ def checked_capsules(value: Any) -> Capsules:
 def _checked_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
     """Link, ends and radius of one capsule; of a sphere both ends are the centre."""
     if not isinstance(row, list | tuple) or len(row) not in (3, 4):
-        raise InvalidInput(where, repr(row)[:80], "(link, a, b, radius), or (link, centre, radius) of a sphere")
+        raise InvalidInput(where, shown(row), "(link, a, b, radius), or (link, centre, radius) of a sphere")
     check_count(row[0], f"{where}: link", 0)
     ends = [point_of(end, where, LONGEST_LINK) for end in row[1:-1]]
     return int(row[0]), ends[0], ends[-1], length_of(row[-1], f"{where}: radius", LONGEST_LINK)
@@ -92,7 +92,7 @@ def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
     """
     excess = real_array(value, where, f"a number, or {count} of them")
     if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
-        raise InvalidInput(where, repr(value)[:60], f"{count} lengths ≥ 0 (NaN where unknown)")
+        raise InvalidInput(where, shown(value), f"{count} lengths ≥ 0 (NaN where unknown)")
     return frozen(np.broadcast_to(excess, (count,)), where)
 
 
@@ -120,7 +120,7 @@ def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
     """
     point = frozen(value, where)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InvalidInput(where, repr(value)[:80], "points of three finite numbers")
+        raise InvalidInput(where, shown(value), "points of three finite numbers")
     if (far := float(np.abs(point).max())) > farthest:
         raise InvalidInput(
             where, f"a coordinate of {far:.6g} m", f"metres (within {farthest:g}): looks like millimetres"

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.shapes.check import Capsules, checked_capsules, checked_excess
-from optik.check import check_count, check_words
+from optik.check import check_count, check_words, shown
 from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 
@@ -66,7 +66,7 @@ class Shapes:
         if names and len(names) != m:
             raise InvalidInput("shapes.names", f"{len(names)} names", f"one for each of {m} capsules")
         if not isinstance(self.source, str):
-            raise InvalidInput("shapes.source", repr(self.source)[:60], "a word")
+            raise InvalidInput("shapes.source", shown(self.source), "a word")
         checked = {
             "capsules": capsules,
             "names": names,
@@ -154,15 +154,15 @@ class Shapes:
     def _checked_apart(self, pairs: Any) -> Iterable[Apart]:
         expected = "pairs (one, other, reason): names of capsules or numbers of links, and a word"
         if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-            raise InvalidInput("shapes.apart", repr(pairs)[:60], expected)
+            raise InvalidInput("shapes.apart", shown(pairs), expected)
         for i, pair in enumerate(pairs):
             if not isinstance(pair, list | tuple) or len(pair) != 3 or not isinstance(pair[2], str):
-                raise InvalidInput(f"shapes.apart[{i}]", repr(pair)[:80], expected)
+                raise InvalidInput(f"shapes.apart[{i}]", shown(pair), expected)
             for part in pair[:2]:
                 if isinstance(part, str):
                     if part not in self.names:
                         known = ", ".join(dict.fromkeys(self.names))
-                        raise InvalidInput(f"shapes.apart[{i}]", repr(part)[:60], f"a name of capsules: {known[:200]}")
+                        raise InvalidInput(f"shapes.apart[{i}]", shown(part), f"a name of capsules: {known[:200]}")
                 else:
                     check_count(part, f"shapes.apart[{i}]", 0)
             yield tuple(part if isinstance(part, str) else int(part) for part in pair)  # type: ignore[misc]

@@ -11,6 +11,7 @@ from optik import se3
 from optik.arm.shapes.check import LONGEST_LINK, length_of, point_of
 from optik.arm.shapes.enclosure import box_triangles, enclosing
 from optik.arm.shapes.excess import Capsule
+from optik.check import shown
 from optik.errors import InvalidInput
 from optik.types import Array
 
@@ -39,12 +40,12 @@ def capsules_of(objects: Iterable[Any], name: str, place: Array) -> list[Capsule
     """
     expected = "a list of boxes (T, edges), spheres (centre, radius) or capsules (a, b, radius)"
     if isinstance(objects, str) or not isinstance(objects, Iterable):
-        raise InvalidInput(f"{name}.shapes", repr(objects)[:60], expected)
+        raise InvalidInput(f"{name}.shapes", shown(objects), expected)
     found: list[Capsule] = []
     for i, one in enumerate(objects):
         where = f"{name}.shapes[{i}]"
         if not isinstance(one, list | tuple) or len(one) not in (2, 3):
-            raise InvalidInput(where, repr(one)[:60], expected)
+            raise InvalidInput(where, shown(one), expected)
         if len(one) == 2 and np.ndim(one[1]) == 1:
             found += _box(one[0], one[1], where)
         else:
@@ -58,6 +59,6 @@ def capsules_of(objects: Iterable[Any], name: str, place: Array) -> list[Capsule
 def _box(pose: Any, edges: Any, where: str) -> list[Capsule]:
     lengths = point_of(edges, f"{where}: edges", LONGEST_LINK)
     if (lengths <= 0.0).any():
-        raise InvalidInput(f"{where}: edges", repr(edges)[:60], "three full edge lengths above 0")
+        raise InvalidInput(f"{where}: edges", shown(edges), "three full edge lengths above 0")
     T = se3.check_pose(pose, f"{where}: T")
     return [c.moved(T) for c in enclosing(box_triangles(lengths))]
