@@ -136,12 +136,23 @@ def test_meshes_are_found_below_their_folders_only(tmp_path):
 # ---------------------------------------------------------------- enclosure
 
 
-@pytest.mark.parametrize(
-    "convex", [bars(), [trimesh.creation.icosphere(1, 0.1)], [trimesh.creation.cylinder(0.02, 0.3, sections=9)]]
-)
-def test_the_solid_is_inside_and_no_point_of_the_surface_stands_out_farther_than_stated(convex):
+SOLIDS = {
+    "bent": bars(),
+    "ball": [trimesh.creation.icosphere(1, 0.1)],
+    "bar": [trimesh.creation.cylinder(0.02, 0.3, sections=9)],
+}
+"""Solids as unions of convex ones."""
+
+
+@cache
+def enclosed(name):
+    return enclosing(np.asarray(trimesh.util.concatenate(SOLIDS[name]).triangles))
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_the_solid_is_inside_and_no_point_of_the_surface_stands_out_farther_than_stated(name):
+    convex, capsules = SOLIDS[name], enclosed(name)
     mesh = trimesh.util.concatenate(convex)
-    capsules = enclosing(np.asarray(mesh.triangles))
     assert inside(np.asarray(mesh.triangles).reshape(-1, 3), capsules) <= 0.0
     for part in convex:  # any mean of its corners is in the solid
         weights = RNG.dirichlet(np.full(len(part.vertices), 0.3), 300)
