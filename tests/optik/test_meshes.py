@@ -1,6 +1,7 @@
 """Meshes and URDF shapes: read as trimesh reads them, enclosed whole, with an excess that is a bound."""
 
 import struct
+from functools import cache
 from pathlib import Path
 
 import numpy as np
