@@ -3,11 +3,13 @@
 from optik.scene import Scene
 from planners.certificate.active import Binding
 from planners.certificate.certificate import Certificate, certify
+from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve
 from planners.files import formats, load_motion, save
 from planners.files._ros.export import from_ros, to_ros
+from planners.files._setpoints import load_trajectory
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import MotionLimits
 from planners.motion import Motion
@@ -25,6 +27,8 @@ __all__ = [
     "Arc",
     "Binding",
     "Certificate",
+    "Clearance",
+    "Closest",
     "Curve",
     "FollowStatus",
     "Followed",
@@ -49,6 +53,7 @@ __all__ = [
     "from_ros",
     "laws",
     "load_motion",
+    "load_trajectory",
     "make_law",
     "make_path",
     "path_of",

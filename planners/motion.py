@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.coverage import check_span
 from planners.limits import ALL_LIMITS, MotionLimits
@@ -35,6 +37,10 @@ class Motion:
         The part of the path [s] that it is meant to cover, by default all.
     speed : float, optional
         The constant tool speed [m/s; rad/s for a pure rotation] that was asked.
+    scene : Scene, optional
+        What must not be touched by an arm with shapes.
+    margin : float, optional
+        What all distances to it must exceed [m].
 
     Raises
     ------
@@ -51,6 +57,8 @@ class Motion:
     tolerance: tuple[float, float] | None = None
     span: tuple[float, float] | None = None
     speed: float | None = None
+    scene: Scene | None = None
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
@@ -71,6 +79,8 @@ class Motion:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
+        if self.scene is not None:
+            object.__setattr__(self, "margin", check_scene(self.robot, self.scene, self.margin))
 
     def certify(self, **options: Any) -> Certificate:
         """Certify the motion anew.
@@ -91,6 +101,7 @@ class Motion:
             An option that `planners.certify` refuses.
         """
         known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance, "span": self.span}
+        known |= {"scene": self.scene, "margin": self.margin}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
 

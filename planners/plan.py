@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
-from optik.ik._problem import check_start
+from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.statics import check_statics
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion
+from planners.paths._goal import path_to
 from planners.paths.base import Path
-from planners.paths.joint_line import JointLine
-from planners.paths.line import Line
 from planners.timing import TimeLaw, law_for, make_law
 from planners.timing.base import check_motion
 from planners.trajectory import Trajectory
@@ -43,8 +44,9 @@ MOST_SECONDS = 1e9
 class PlanStatus(StrEnum):
     """How planning ended: the statuses of following the path, and those of timing.
 
-    TIMING_INFEASIBLE: the law found no motion. LIMITS_EXCEEDED: with ``strict=True``, the law's motion passes a limit that the
-    law promises to keep. NOT_PROVED: there is a motion, but its certificate does not hold.
+    CONTACT: the arm touches the scene or itself, or comes within the margin. TIMING_INFEASIBLE: the law found no motion.
+    LIMITS_EXCEEDED: with ``strict=True``, the law's motion passes a limit that the law promises to keep. NOT_PROVED: there is a
+    motion, but its certificate does not hold.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -53,6 +55,7 @@ class PlanStatus(StrEnum):
     BRANCH_JUMP = FollowStatus.BRANCH_JUMP
     SINGULAR = FollowStatus.SINGULAR
     UNREACHABLE = FollowStatus.UNREACHABLE
+    CONTACT = FollowStatus.CONTACT
     TIMING_INFEASIBLE = "timing_infeasible"
     LIMITS_EXCEEDED = "limits_exceeded"
     NOT_PROVED = "not_proved"
@@ -82,6 +85,10 @@ class Plan:
         The part of the path [m, or rad] that the motion covers, where that is not the whole: after `replan`.
     speed : float or None
         The constant tool speed [m/s; rad/s for a pure rotation] that was asked of the law.
+    scene : Scene or None
+        What must not be touched.
+    margin : float
+        What all distances to it must exceed [m].
     """
 
     robot: Robot
@@ -97,6 +104,8 @@ class Plan:
     slowed: float = 1.0
     span: tuple[float, float] | None = None
     speed: float | None = None
+    scene: Scene | None = None
+    margin: float = 0.0
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
@@ -161,7 +170,7 @@ class Plan:
         proof = self.certificate
         return Motion(
             self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance, self.span,
-            self.speed,
+            self.speed, self.scene, self.margin,
         )  # fmt: skip
 
     def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
@@ -193,16 +202,12 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    ik: str | os.PathLike[str] | IKSolver = "lm",
-    timing: str | os.PathLike[str] | TimeLaw = "optimal",
-    limits: MotionLimits | None = None,
-    samples: int = 151,
-    branch: str | None = None,
-    duration: float | None = None,
-    strict: bool = False,
-    tolerance: tuple[float, float] = (1e-5, 1e-5),
-    rate: float = 1000.0,
-) -> Plan:
+    ik: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
+    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
+    duration: float | None = None, strict: bool = False,
+    tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
+    scene: Scene | None = None, margin: float = 0.0,
+) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and prove what it keeps.
 
     Parameters
@@ -213,10 +218,8 @@ def plan(
         What the tool follows. For a pose, the straight line from the start; for joints [rad, m], the one in joint space.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
-    ik : str or IKSolver
-        Method, by name, by the path of a file (``"./jt.py"``), or built.
-    timing : str or TimeLaw
-        Law, by name, by the path of a file (``"./law.py"``), or built.
+    ik, timing : str, or IKSolver and TimeLaw
+        Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
     limits : MotionLimits, optional
         The robot's own by default.
     samples : int
@@ -231,6 +234,9 @@ def plan(
         Largest distance [m] and angle [rad] between tool and path with which the certificate holds.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, proved for every instant (`Certificate.clearance`),
+        and what all these distances must exceed [m]. An empty scene for the links alone; by default nothing is examined.
 
     Returns
     -------
@@ -241,18 +247,21 @@ def plan(
     ------
     InvalidInput, UnknownName
         An invalid argument, a limit that the law needs and that was not given; a name of no method or law; a law that
-        promises a limit which does not exist, or whose result is no trajectory.
+        promises a limit which does not exist, or whose result is no trajectory; a scene with an arm without shapes.
     """
-    solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate))
+    solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin))
     _check_wishes(duration, strict)
     allowed = Tolerance(*(FOLLOWED * x for x in asked.tolerance))
-    followed = follow(solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed)
+    followed = follow(
+        solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene, margin=margin
+    )
     return _timed(asked, followed, duration, strict)
 
 
 def _asked(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
-    timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None, judged: tuple[tuple[float, float], float],
+    timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
+    judged: tuple[tuple[float, float], float, Scene | None, float],
 ) -> tuple[IKSolver, Asked]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
     solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
@@ -266,8 +275,12 @@ def _asked(
         raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
-    tolerance, rate = judged
-    return solver, Asked(robot, path, limits, solver.name, law, check_tolerance(tolerance), rate)
+    tolerance, rate, scene, margin = judged
+    if scene is not None:
+        check_scene(robot, scene, margin)
+    return solver, Asked(
+        robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin
+    )
 
 
 def _check_wishes(duration: float | None, strict: bool) -> None:
@@ -275,42 +288,6 @@ def _check_wishes(duration: float | None, strict: bool) -> None:
         check_number(duration, "duration", "seconds above 0", above=0.0)
     if not isinstance(strict, bool):
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
-
-
-def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None) -> Path:
-    """Return the path from a configuration to a goal: a straight line to a pose, or one in joint space to joints.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    goal : (4, 4) or (n,) array
-        A pose of the tool, or joints [rad, m].
-    q_start : (n,) array
-        Configuration at the start [rad, m].
-
-    Returns
-    -------
-    Path
-        A `Line` or a `JointLine`.
-
-    Raises
-    ------
-    InvalidInput
-        Another shape, or no start.
-    """
-    expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
-    try:
-        array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput("path", repr(goal)[:60], expected) from None
-    if array.shape not in ((4, 4), (robot.n,)):
-        raise InvalidInput("path", f"shape {array.shape}", expected)
-    if q_start is None:
-        raise InvalidInput("q_start", "None", "the configuration that the path to a goal starts from")
-    if array.shape == (robot.n,):
-        return JointLine(robot, q_start, array)
-    return Line(robot.fk(check_start(robot, q_start, "q_start")), array)
 
 
 @dataclass(frozen=True)
@@ -325,6 +302,8 @@ class Asked:
     tolerance: tuple[float, float]
     rate: float
     span: tuple[float, float] | None = None
+    scene: Scene | None = None
+    margin: float = 0.0
 
     def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
         """Certify a motion and return its plan, solved where the certificate holds.
@@ -341,24 +320,25 @@ class Asked:
         Returns
         -------
         Plan
-            SOLVED, or NOT_PROVED.
+            SOLVED, CONTACT or NOT_PROVED.
         """
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
             law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
-            span=self.span,
+            span=self.span, scene=self.scene, margin=self.margin,
         )  # fmt: skip
         status, stop = PlanStatus.SOLVED, None
         if proof.failures:
             first = proof.failures[0]
             place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
-            status = PlanStatus.NOT_PROVED
+            touches = proof.clearance is not None and proof.clearance.touches
+            status = PlanStatus.CONTACT if touches else PlanStatus.NOT_PROVED
             stop = Stop(
                 status, place, first.joint, f"the certificate does not hold: {'; '.join(proof.broken)}", UNPROVED
             )
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
-            self.span, self.law.speed,
+            self.span, self.law.speed, self.scene, self.margin,
         )  # fmt: skip
 
     def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
@@ -381,7 +361,10 @@ class Asked:
 
     def _failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
         """A plan without a motion; the joint path goes as far as it could be followed."""
-        return Plan(self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None)
+        return Plan(
+            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None, scene=self.scene,
+            margin=self.margin,
+        )  # fmt: skip
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
@@ -402,6 +385,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     assert followed.joint_path is not None
     joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
+        check_statics(joints, asked.limits, keeps)
         raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
         factor = stretch(asked.robot, raw, asked.limits, keeps, asked.path)
         exceeded = factor > 1.0

@@ -10,10 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.shapes.contact import check_scene
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput, NoSolution
+from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certificate import check_tolerance
+from planners.certificate.statics import check_statics
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, over
 from planners.plan import Asked, Plan
@@ -42,13 +45,11 @@ def replan(
     plan: Plan,
     state: float | tuple[ArrayLike, ArrayLike, ArrayLike],
     *,
-    stop: bool = False,
-    timing: str | os.PathLike[str] | TimeLaw = "optimal",
-    limits: MotionLimits | None = None,
-    strict: bool = False,
-    tolerance: tuple[float, float] = (1e-5, 1e-5),
-    rate: float = 1000.0,
-) -> Plan:
+    stop: bool = False, timing: str | os.PathLike[str] | TimeLaw = "optimal",
+    limits: MotionLimits | None = None, strict: bool = False,
+    tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
+    scene: Scene | None = None, margin: float | None = None,
+) -> Plan:  # fmt: skip
     """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
 
     The rest of the plan's own motion is a candidate too: where it keeps the limits, the result is that or the law's motion,
@@ -73,6 +74,8 @@ def replan(
         Distance [m] and angle [rad], as in `plan`.
     rate : float
         The controller's rate [1/s], as in `plan`.
+    scene, margin : Scene and float, optional
+        What must not be touched now, and what all distances must exceed [m]; by default the plan's.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def replan(
         stopped already, or a law that starts only at rest.
     """
     running = _running(plan)
-    asked = _asked(plan, timing, limits, check_tolerance(tolerance), rate)
+    asked = _asked(plan, timing, limits, (check_tolerance(tolerance), rate, scene, margin))
     for argument, flag in (("stop", stop), ("strict", strict)):
         if not isinstance(flag, bool):
             raise InvalidInput(argument, repr(flag)[:60], "True or False")
@@ -102,17 +105,20 @@ def _asked(
     plan: Plan,
     timing: str | os.PathLike[str] | TimeLaw,
     limits: MotionLimits | None,
-    tolerance: tuple[float, float],
-    rate: float,
+    judged: tuple[tuple[float, float], float, Scene | None, float | None],
 ) -> Asked:
     """Build the law where it was given by name, and check that it can keep these limits."""
+    tolerance, rate, scene, margin = judged
+    scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
+    if scene is not None:
+        check_scene(plan.robot, scene, margin)
     law = law_for(timing)
     limits = plan.limits if limits is None else limits
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     law.need(limits, plan.robot)
     limits.check_path(plan.path)
-    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate)
+    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin)
 
 
 class _Start(NamedTuple):
@@ -203,6 +209,11 @@ def _passed(solved: Plan) -> float:
 def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
     """Why there is no motion: the state itself passes a limit, or where the running motion does."""
     limits, robot = asked.limits, plan.robot
+    try:
+        check_statics(plan.joint_path, asked.limits, asked.law.promises(asked.limits), start.at.s)
+    except NoSolution as error:
+        if not stop:
+            return error
     goal = "comes to rest" if stop else "ends at rest"
     none = f"no motion from this state {goal} on the path within the limits"
     assert start.at.joints is not None

@@ -203,6 +203,11 @@ class Trajectory(Curve):
         piece_extrema(c, np.diff(self.knots), value, when)
         return value, when
 
+    @property
+    def piece_ranges(self) -> Array:
+        """Exact least and greatest values (4, m, n, 2) of the derivatives of order 0 to 3 on every piece."""
+        return self._pieces[0]
+
     def piece_worst(self, order: int) -> Array:
         """Largest absolute value of a derivative on every piece, exact.
 

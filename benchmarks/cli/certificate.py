@@ -36,6 +36,29 @@ SMOOTH = {
 """What `Certificate.continuous` says, in words."""
 
 
+def clearance_line(found: Any) -> str:
+    """Say how near the arm comes to the scene and to itself.
+
+    Parameters
+    ----------
+    found : Clearance
+        What the certificate has.
+
+    Returns
+    -------
+    str
+        One line for each kind of pairs.
+    """
+    lines = []
+    for words, kind in (("to the scene", found.scene), ("between links", found.own)):
+        if kind is not None:
+            proved = f"at least {1e3 * kind.value:.4g} mm for every instant" if np.isfinite(kind.value) else "no bound"
+            first, second = kind.pair
+            where = f"{1e3 * kind.found:.4g} mm between {first} and {second} at {kind.time:.3f} s"
+            lines.append(f"clearance {words}: {proved} (proved for these shapes), found {where}")
+    return "\n".join([*lines, f"{len(found.left_out)} pairs are left out: certificate.clearance.left_out names them"])
+
+
 def print_certificate(planned: Any) -> None:
     """Print what a plan keeps, for people.
 
@@ -71,6 +94,8 @@ def print_certificate(planned: Any) -> None:
         f"at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}",
         highlight=False,
     )
+    if proof.clearance is not None:
+        out_console.print(clearance_line(proof.clearance), highlight=False)
     if planned.slowed > 1.0:
         slowed = f"slowed by {planned.slowed:.9g} until it kept what the law promises"
         out_console.print(slowed, highlight=False)

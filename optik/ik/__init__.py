@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.content import content
+from optik.errors import InvalidInput
+from optik.ik._free import solve_free
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
 from optik.plugins.files import is_path
 from optik.registry import build_method, load_method, names, own_names
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from optik.ik.ipopt import IPOPT
     from optik.ik.lm import LM
     from optik.ik.sqp import SQP
+    from optik.scene import Scene
 
 __all__ = [
     "DLS",
@@ -109,8 +112,9 @@ def _kept_from_file(robot: Robot, method: type[IKSolver], solver: Any, options: 
 
 
 def solve_ik(
-    robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str | os.PathLike[str] = "lm", **options: Any
-) -> IKResult:
+    robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str | os.PathLike[str] = "lm",
+    *, scene: Scene | None = None, margin: float = 0.0, **options: Any,
+) -> IKResult:  # fmt: skip
     """Find a configuration whose tool pose is the target; the solver is kept per robot and options.
 
     Parameters
@@ -123,6 +127,9 @@ def solve_ik(
         Start, inside the limits [rad, m].
     solver : str or path
         A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]. Up to
+        100 other starts are tried; where every solution found touches, the status is IN_CONTACT.
     **options
         ``trace=True``, ``closest=True``, and the options of the method.
 
@@ -134,11 +141,15 @@ def solve_ik(
     Raises
     ------
     InvalidInput
-        An invalid argument.
+        An invalid argument; a scene with an arm without shapes, or with ``closest``.
     UnknownName
         No such method; the nearest names are offered.
     """
     trace, closest = options.pop("trace", False), options.pop("closest", False)
+    if scene is not None:
+        if closest:
+            raise InvalidInput("closest", "True, with a scene", "one of the two: the nearest pose may touch")
+        return solve_free(solver_for(robot, solver, options), target, q0, scene, margin, trace)
     return solver_for(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
 
 

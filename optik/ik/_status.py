@@ -16,6 +16,7 @@ class IKStatus(StrEnum):
     OUTSIDE_LIMITS = "outside_limits"
     UNREACHABLE = "unreachable"
     REJECTED = "rejected"
+    IN_CONTACT = "in_contact"
 
     @property
     def advice(self) -> str:
@@ -31,11 +32,14 @@ _ADVICE: Mapping[IKStatus, str] = {
     IKStatus.OUTSIDE_LIMITS: "restarts (max_restarts) or wider limits: the pose was met only with a joint outside its limits",
     IKStatus.UNREACHABLE: "a target within reach (the message says how far that is), or another tool",
     IKStatus.REJECTED: "another method: this one claimed a success that forward kinematics does not confirm",
+    IKStatus.IN_CONTACT: "another target, or the object elsewhere: every solution that was found touches",
 }
 """What to try, by status."""
 
 STATUS_OF_CODE = tuple(IKStatus)
 """Status of every code: kernels and batches count statuses in the order in which `IKStatus` names them."""
 
-SOLVED, MAX_ITERATIONS, STALLED, TIME_LIMIT, OUTSIDE_LIMITS, UNREACHABLE, REJECTED = range(len(STATUS_OF_CODE))
+SOLVED, MAX_ITERATIONS, STALLED, TIME_LIMIT, OUTSIDE_LIMITS, UNREACHABLE, REJECTED, IN_CONTACT = range(
+    len(STATUS_OF_CODE)
+)
 """Codes of the statuses, as kernels return them: compiled code knows no enumeration of texts."""

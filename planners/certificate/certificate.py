@@ -8,19 +8,23 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
+from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.continuity import continuity_failures, continuous_order
 from planners.certificate.coverage import Coverage, check_span, coverage
-from planners.certificate.examined import Examined
+from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
+from planners.certificate.examined import Examined, examined
 from planners.certificate.failure import Failure
 from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
-from planners.limits import ALL_LIMITS, Extreme, MotionLimits, ToolExtreme, kind_of
+from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -50,6 +54,10 @@ class Certificate:
         model of the arm's masses; NaN where they are not limited.
     extra : mapping of str to Extreme or ToolExtreme
         The same of further kinds of limits, by name (``MotionLimits(extra=...)``).
+    energy : Energy or None
+        Mechanical energy and largest power found, where the torque is limited.
+    friction_steps : tuple of FrictionStep
+        Steps of the torque by Coulomb friction, which ``torque_rate`` does not count, where torque or its rate is limited.
     sampled_jerk : (n,) array
         Largest difference of accelerations at the controller's rate, over its period [rad/s³]: what a controller sees.
     rate : float
@@ -74,6 +82,9 @@ class Certificate:
         where the position itself jumps.
     rest : (2,) tuple of bool
         Whether the velocity is zero at the start and at the end.
+    clearance : Clearance or None
+        Proved least distance between arm and scene and between links, for these shapes; None where no scene was given, and
+        nothing is said of contact.
     """
 
     joint_names: tuple[str, ...]
@@ -99,6 +110,9 @@ class Certificate:
     torque: Extreme
     torque_rate: Extreme
     extra: Mapping[str, Extreme | ToolExtreme] = dataclasses.field(default_factory=dict)
+    energy: Energy | None = None
+    friction_steps: tuple[FrictionStep, ...] = ()
+    clearance: Clearance | None = None
 
     def judged(self, field: str) -> Extreme | ToolExtreme:
         """Return the worst value of a limit, its ratio and its time.
@@ -158,6 +172,7 @@ class Certificate:
             *self.coverage.failures(self.tolerance, self.duration),
             *moving,
             *self.path_error.failures(self.tolerance),
+            *(() if self.clearance is None else self.clearance.failures()),
         )
 
     def _violations(self) -> list[Failure]:
@@ -180,7 +195,8 @@ class Certificate:
         """Whether all that the law promises is kept exactly, at every instant, and the motion runs through its path.
 
         That is: the limits in ``keeps`` and the position limits, no jump of position or velocity, the tool within the
-        tolerance where there is one, all of the path run through forwards, and rest at its end.
+        tolerance where there is one, all of the path run through forwards, rest at its end, and where a scene was given, every
+        distance proved to be above the margin.
         """
         return not self.failures
 
@@ -190,38 +206,40 @@ class Certificate:
             "law": self.law, "keeps": list(self.keeps), "holds": self.holds, "broken": list(self.broken),
             "duration": self.duration, "rate": self.rate, "continuous": self.continuous, "rest": list(self.rest),
             "singular_value": self.singular_value, "t_singular_value": self.t_singular_value,
-            "path_error": self.path_error._asdict(), "coverage": self.coverage._asdict(), "joint_names": list(self.joint_names),
+            "path_error": self.path_error.to_dict(), "coverage": self.coverage._asdict(), "joint_names": list(self.joint_names),
             "tolerance": None if self.tolerance is None else list(self.tolerance),
         }  # fmt: skip
         out |= {name: self.judged(name).to_dict() for name in (*ALL_LIMITS, *self.extra)}
+        out["energy"] = None if self.energy is None else self.energy._asdict()
+        out["friction_steps"] = [step._asdict() for step in self.friction_steps]
         out |= {"sampled_jerk": plain(self.sampled_jerk), "position_margin": plain(self.position_margin)}
+        out["clearance"] = None if self.clearance is None else self.clearance.to_dict()
         return out | {"binding": self.binding.to_dict()}
 
 
 def certify(
     robot: Robot,
-    path: Path,
+    path: Path | None,
     trajectory: Trajectory,
-    limits: MotionLimits,
+    limits: MotionLimits | None = None,
     *,
-    law: str = "",
-    keeps: tuple[str, ...] | None = None,
-    rate: float = 1000.0,
-    tolerance: tuple[float, float] | None = None,
-    span: tuple[float, float] | None = None,
-) -> Certificate:
+    law: str = "", keeps: tuple[str, ...] | None = None, rate: float = 1000.0,
+    tolerance: tuple[float, float] | None = None, span: tuple[float, float] | None = None,
+    scene: Scene | None = None, margin: float = 0.0,
+) -> Certificate:  # fmt: skip
     """Prove what a trajectory keeps at every instant.
 
     Parameters
     ----------
     robot : Robot
         The arm.
-    path : Path
-        The path that the tool should follow.
+    path : Path or None
+        The path that the tool should follow; None for a motion of joints, of which no path is judged: `Certificate.path_error`
+        is NaN, and the places in ``binding`` and ``coverage`` are times.
     trajectory : Trajectory
         The motion.
-    limits : MotionLimits
-        Its limits.
+    limits : MotionLimits, optional
+        Its limits; the robot's own by default.
     law : str
         Name of the law that made it.
     keeps : tuple of str, optional
@@ -232,6 +250,9 @@ def certify(
         Largest distance [m] and angle [rad] to the path with which the certificate holds.
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]. An
+        empty scene for the links alone; by default nothing is examined.
 
     Returns
     -------
@@ -242,34 +263,41 @@ def certify(
     ------
     InvalidInput
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``keeps``, a span that is none, another number of limits than the path has segments.
+        is not above 0, an unknown name in ``keeps``, a span that is none, another number of limits than the path has segments,
+        a scene with an arm without shapes, a margin below 0.
     """
-    _check_kinds(robot, path, trajectory, limits)
-    span = check_span(span, path)
+    limits = _check_kinds(robot, path, trajectory, limits)
+    if path is None and (tolerance is not None or span is not None):
+        raise InvalidInput("path", "None, with a tolerance or a span", "the Path that they belong to")
+    span = (0.0, trajectory.end) if path is None else check_span(span, path)
     keeps = limits.names if keeps is None else keeps
     if unknown := [field for field in keeps if field not in limits.names]:
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
+    margin = margin if scene is None else check_scene(robot, scene, margin)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
-    return _proved(Examined(robot, trajectory, path, enough), limits, _Promise(law, keeps, rate, tolerance), span)
+    promise = _Promise(law, keeps, rate, tolerance, scene, margin)
+    return _proved(examined(robot, trajectory, path, enough), limits, promise, span)
 
 
 class _Promise(NamedTuple):
-    """Law, names of the limits that are promised, rate of the controller [1/s], and tolerance [m, rad]."""
+    """What a motion is judged by besides its limits, as `certify` describes it."""
 
     law: str
     keeps: tuple[str, ...]
     rate: float
     tolerance: tuple[float, float] | None
+    scene: Scene | None
+    margin: float
 
 
 def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
     """The certificate of checked arguments: all judgements."""
-    law, keeps, rate, tolerance = promise
+    law, keeps, rate, tolerance, scene, margin = promise
     robot, trajectory, bounds = motion.robot, motion.trajectory, limits.bounds(motion.robot.n)
     judged: dict[str, Any] = {kind.name: kind.judge(motion, bounds[kind.name]) for kind in limits.kinds}
-    off, passage = motion.along
+    off, places, covered = _along(motion, span)
     singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
@@ -283,29 +311,54 @@ def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tup
         tolerance=tolerance,
         singular_value=singular_value,
         t_singular_value=t_singular_value,
-        binding=active_constraints(motion, limits, passage.s[passage.knot]),
-        coverage=coverage(motion.path, passage, span),
+        binding=active_constraints(motion, limits, places),
+        coverage=covered,
         continuous=continuous_order(motion.jumps),
         rest=motion.rest,
+        clearance=None if scene is None else clearance(robot, trajectory, scene, margin),
         **{name: judged.pop(name) for name in ALL_LIMITS},
         extra=judged,
+        **_effort(motion, limits),
     )
 
 
-def _check_kinds(robot: Robot, path: Path, trajectory: Trajectory, limits: MotionLimits) -> None:
-    """Raise InvalidInput for arguments of another kind, or another number of joints."""
+def _effort(motion: Examined, limits: MotionLimits) -> dict[str, Any]:
+    """Energy and steps of friction, where torque or its rate is limited."""
+    if all(limits.value(name) is None for name in LOADED):
+        return {}
+    torques = motion.torques
+    steps = friction_steps(motion.robot, motion.trajectory, torques, motion.rest)
+    return {"energy": energy(torques), "friction_steps": steps}
+
+
+def _along(motion: Examined, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
+    """Distance to the path, places (m + 1,) at the knots, and the part of the path that is covered."""
+    if not motion.has_path:
+        end, nothing = motion.trajectory.end, (0.0, 0.0)
+        covered = Coverage(0.0, end, span, end, end, (nothing, nothing, nothing))
+        return PathError(*(float("nan"),) * 6), motion.trajectory.knots, covered
+    off, passage = motion.along
+    return off, passage.s[passage.knot], coverage(motion.path, passage, span)
+
+
+def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
+    """Return the limits; raise InvalidInput for arguments of another kind, or another number of joints."""
+    limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     kinds = {
         "robot": (robot, Robot),
-        "path": (path, Path),
+        "path": (path, Path | None),
         "trajectory": (trajectory, Trajectory),
         "limits": (limits, MotionLimits),
     }
     for argument, (value, kind) in kinds.items():
         if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+            raise InvalidInput(argument, repr(value)[:60], f"a {getattr(kind, '__name__', 'Path or None')}")
     if trajectory.n != robot.n:
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
-    limits.check_path(path)
+    assert limits is not None
+    if path is not None:
+        limits.check_path(path)
+    return limits
 
 
 def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:

@@ -43,6 +43,10 @@ class PathError(NamedTuple):
     t_distance: float
     t_angle: float
 
+    def to_dict(self) -> dict[str, float | None]:
+        """Plain data for files; undefined numbers, of a motion without a path, as None."""
+        return {name: x if np.isfinite(x) else None for name, x in self._asdict().items()}
+
     def failures(self, tolerance: tuple[float, float] | None) -> list[Failure]:
         """How the tool leaves its path by more than the tolerance.
 

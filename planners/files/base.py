@@ -14,6 +14,7 @@ from scipy.interpolate import PPoly
 from optik.arm.plain import numbers, record, word, words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
 from planners.motion import Motion
@@ -24,7 +25,7 @@ CONTENT = "optik-motion/1"
 """Value of the key ``format`` in every motion file; a change of the keys needs another number."""
 HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
-OPTIONAL = ("span", "speed")
+OPTIONAL = ("span", "speed", "scene", "margin")
 """Keys that a file has only where the motion has them, so that files without them stay as they were."""
 HIGHEST_DEGREE = 5
 """Trajectories are piecewise polynomials of at most this degree."""
@@ -189,6 +190,8 @@ def to_parts(motion: Motion) -> Parts:
         header["span"] = list(motion.span)
     if motion.speed is not None:
         header["speed"] = motion.speed
+    if motion.scene is not None:
+        header |= {"scene": motion.scene.to_dict(), "margin": motion.margin}
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
 
@@ -227,6 +230,8 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
         None if header.get("span") is None else _pair(header["span"], "span"),
         None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),
+        None if header.get("scene") is None else Scene.from_dict(header["scene"]),
+        float(numbers(header.get("margin", 0.0), (), "margin")),
     )
 
 

@@ -16,9 +16,11 @@ from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
 from optik.ik._problem import check_start
+from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
 from planners.following import march
+from planners.following.around import Around, around
 from planners.following.branches import branches
 from planners.following.course import Course, Nodes, unguided
 from planners.following.joint_path import IKRecord, JointPath, apart
@@ -67,10 +69,9 @@ def follow(
     path: Path,
     q_start: ArrayLike | None = None,
     *,
-    branch: str | None = None,
-    samples: int = 151,
-    tolerance: Tolerance = DEFAULT_TOLERANCE,
-) -> Followed:
+    branch: str | None = None, samples: int = 151, tolerance: Tolerance = DEFAULT_TOLERANCE,
+    scene: Scene | None = None, margin: float = 0.0,
+) -> Followed:  # fmt: skip
     """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
 
     Each step is predicted from exact derivatives and corrected by Newton's method to rounding. It is accepted if the joints
@@ -93,6 +94,9 @@ def follow(
         Equally spaced in s, ends included; 151 for the paper's line.
     tolerance : Tolerance
         Bound on the tool's deviation from the path between samples [m, rad].
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]:
+        ``"best"`` chooses among what is free.
 
     Returns
     -------
@@ -103,33 +107,81 @@ def follow(
     ------
     InvalidInput
         A path of length 0, a start off the path, outside the limits or not finite, fewer than 2 samples, another branch,
-        no Tolerance, or a solver for part of the pose.
+        no Tolerance, a solver for part of the pose, a scene with an arm without shapes, a margin below 0.
     """
     for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
     grid = np.linspace(0.0, path.end, samples)
-    given = path.configurations(solver.robot, grid)
+    return _clear(solver, path, grid, (q, branch), tolerance, around(solver.robot, scene, margin))
+
+
+def _clear(
+    solver: IKSolver,
+    path: Path,
+    grid: Array,
+    asked: tuple[Array | None, str],
+    tolerance: Tolerance,
+    near: Around | None,
+) -> Followed:
+    """Follow a path, free of contact where there is a scene."""
+    robot, (q, branch) = solver.robot, asked
+    given = path.configurations(robot, grid)
+    first = given[0] if given is not None else (q if branch == "start" else None)
+    touching = near.start(first) if near is not None and first is not None else None
+    if touching is not None:
+        return Followed(None, touching)
     if given is not None:
-        return _given(solver.robot, path, grid, given, q)
-    return _tracked(solver, path, grid, q, branch, tolerance)
+        followed = _given(robot, path, grid, given, q)
+    else:
+        followed = _tracked(solver, path, grid, asked, tolerance, near)
+    stop = near.stop(followed.joint_path) if near is not None and followed and followed.joint_path is not None else None
+    if near is None or stop is None:
+        return followed
+    if given is not None:
+        return followed._replace(stop=replace(stop, advice="another goal, or a way around it in joint space"))
+    return followed._replace(stop=replace(stop, advice=_around_it(solver, path, asked, grid.size, tolerance, near)))
 
 
-def _tracked(solver: IKSolver, path: Path, grid: Array, q: Array | None, branch: str, tolerance: Tolerance) -> Followed:
+def _around_it(
+    solver: IKSolver, path: Path, asked: tuple[Array | None, str], samples: int, tolerance: Tolerance, near: Around
+) -> str:
+    """What would work where a joint path touches: a branch that is free, where there is one; it is tried."""
+    q, branch = asked
+    if branch == "best":
+        what = "branch" if solver.robot.n <= 6 else "null-space motion that was tried"
+        return f"no {what} follows the whole path free of contact; another path, or the object elsewhere"
+    other = follow(
+        solver, path, q, branch="best", samples=samples, tolerance=tolerance, scene=near.scene, margin=near.margin
+    )
+    if not other or other.joint_path is None:
+        return "no other branch that was tried follows the whole path free of contact; another path"
+    start = np.array2string(other.joint_path.q[0], precision=4, separator=", ", max_line_width=200)
+    return f'branch="best": from the start configuration {start} the whole path is free'
+
+
+def _tracked(
+    solver: IKSolver,
+    path: Path,
+    grid: Array,
+    asked: tuple[Array | None, str],
+    tolerance: Tolerance,
+    near: Around | None,
+) -> Followed:
     """Follow a Cartesian path, by the number of joints and the choice of branch."""
-    robot = solver.robot
+    robot, (q, branch) = solver.robot, asked
     few = lower_rank(robot)
     if few is not None:
         return Followed(None, few)
     if robot.n > 6:
-        return _redundant(solver, path, grid, q, branch, tolerance)
+        return _redundant(solver, path, grid, asked, tolerance, near)
     course = Course(path, unguided(robot.n))
     nodes = course.nodes(course.spread(grid, tolerance))
     if branch == "start":
         assert q is not None
         return _finished(solver, course, grid, track(robot, course, nodes, q, tolerance), branch, q)
-    return _best(solver, course, grid, nodes, tolerance, q)
+    return _best(solver, course, nodes, (grid, tolerance), q, near)
 
 
 def _checked(
@@ -200,11 +252,16 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
 
 
 def _best(
-    solver: IKSolver, course: Course, grid: Array, nodes: Nodes, tolerance: Tolerance, near: Array | None
+    solver: IKSolver,
+    course: Course,
+    nodes: Nodes,
+    sampled: tuple[Array, Tolerance],
+    q: Array | None,
+    near: Around | None,
 ) -> Followed:
-    """The best branch that reaches the path's end; where none does, the one that goes farthest."""
-    robot, path = solver.robot, course.path
-    ranked = branches(robot, path, near)
+    """The best branch that reaches the path's end, free of contact; where none does, the one that goes farthest."""
+    robot, path, (grid, tolerance) = solver.robot, course.path, sampled
+    ranked = branches(robot, path, q)
     best: Track | None = None
     for candidate in ranked:
         if candidate.ended is not None and best is not None:
@@ -212,10 +269,11 @@ def _best(
         way = track(robot, course, nodes, candidate.q, tolerance)
         if best is None or way.s[-1] > best.s[-1]:
             best = way
-        if way.ended is None:
+        if way.ended is None and (near is None or near.keeps(way)):
+            best = way
             break
     if best is None:
-        return Followed(None, _no_start(solver, path, near))
+        return Followed(None, _no_start(solver, path, q))
     return _finished(solver, course, grid, best, "best", best.q[0])
 
 
@@ -239,11 +297,16 @@ def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
 
 
 def _redundant(
-    solver: IKSolver, path: Path, grid: Array, q: Array | None, branch: str, tolerance: Tolerance
+    solver: IKSolver,
+    path: Path,
+    grid: Array,
+    asked: tuple[Array | None, str],
+    tolerance: Tolerance,
+    near: Around | None,
 ) -> Followed:
-    """Choose the free motion, then track it; the first choice that reaches the end, or the one that goes farthest."""
-    robot, best = solver.robot, None
-    for motion in free_motions(robot, path, q, branch):
+    """Choose the null-space motion, then track it; the first that reaches the end free of contact, or goes farthest."""
+    robot, best, (q, branch) = solver.robot, None, asked
+    for motion in free_motions(robot, path, q, branch, None if near is None else near.free):
         for _ in range(REFINED):
             course = Course(path, motion.guide())
             way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
@@ -251,7 +314,8 @@ def _redundant(
                 best = way, course
             if way.ended is None or not motion.refined(way.ended.s, way.ended.code == march.LIMIT):
                 break
-        if way.ended is None:
+        if way.ended is None and (near is None or near.keeps(way)):
+            best = way, course
             break
     if best is None:
         return Followed(None, _no_start(solver, path, q))

@@ -74,6 +74,11 @@ class JointPath(Curve):
         return float(self.knots[-1])
 
     @property
+    def polynomial(self) -> Any:
+        """The piecewise polynomial of q between the nodes, a `scipy.interpolate.PPoly` in s."""
+        return self._orders[0]
+
+    @property
     def coefficients(self) -> Array:
         """Coefficients (6, m − 1, n) of q between the nodes, highest power first, in s from each piece's first node on."""
         view: Array = self._orders[0].c.view()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -39,7 +39,9 @@ REFINED = 4
 """Most attempts to follow one free motion; before each new one, stations are inserted where it could not be followed."""
 
 
-def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iterator[FreeMotion]:
+def free_motions(
+    robot: Robot, path: Path, q: Array | None, branch: str, free: Callable[[Array], Flags] | None = None
+) -> Iterator[FreeMotion]:
     """Choose free motions to try, the best first.
 
     Configurations q_k are chosen at stations along the path: for ``"start"`` by minimum-norm joint motion from the given one;
@@ -59,6 +61,8 @@ def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iter
         The start for ``"start"``, one to start near for ``"best"`` [rad, m].
     branch : {"start", "best"}
         Whether to start at q, or near it.
+    free : callable, optional
+        Which of configurations (k, n) [rad, m] are free of contact: ``"best"`` chooses among these.
 
     Yields
     ------
@@ -71,7 +75,7 @@ def free_motions(robot: Robot, path: Path, q: Array | None, branch: str) -> Iter
         chosen = [q[None].copy()]
         _reach(robot, path.pose(s[:1]), chosen[0])
     else:
-        chosen = _programmed(robot, np.ascontiguousarray(path.pose(s)), q)
+        chosen = _programmed(robot, np.ascontiguousarray(path.pose(s)), q, free)
     for way in chosen:
         yield FreeMotion(robot, path, s, way, held=branch == "start")
 
@@ -171,7 +175,7 @@ def _reach(robot: Robot, poses: Array, q: Array) -> Flags:
     return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < STATION_REACHED)
 
 
-def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
+def _programmed(robot: Robot, poses: Array, near: Array | None, free: Callable[[Array], Flags] | None) -> list[Array]:
     """The cheapest sequences (k, n) over the stations, by dynamic programming; shorter where none reaches the last station."""
     solver, rng = _solver(robot), np.random.default_rng(0)
     starts = robot.limits.draw(rng, STATION_DRAWS * len(poses))
@@ -186,6 +190,8 @@ def _programmed(robot: Robot, poses: Array, near: Array | None) -> list[Array]:
             on = layers[-1].copy()
             on = on[_reach(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
             q = np.concatenate([on[: 3 * STATION_DRAWS], q])
+        if free is not None:
+            q = q[free(q)]
         if not len(q):
             break
         own = _standing(robot, q) / len(poses)

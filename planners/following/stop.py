@@ -44,6 +44,7 @@ class FollowStatus(StrEnum):
     BRANCH_JUMP = "branch_jump"
     SINGULAR = "singular"
     UNREACHABLE = "unreachable"
+    CONTACT = "contact"
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
     return dict(zip(("sec", "nanosec"), divmod(nanoseconds, SECOND), strict=True))
 
 
-def controlled(message: Any, names: list[str]) -> Trajectory:
+def controlled(message: Any, names: list[str], interpolation: str | None = None) -> Trajectory:
     """Return the motion that ROS 2's joint_trajectory_controller makes of a message.
 
     Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both
@@ -81,6 +81,8 @@ def controlled(message: Any, names: list[str]) -> Trajectory:
         The message as plain data, which others may have written.
     names : list of str
         Names of the joints, in the order of the result.
+    interpolation : str, optional
+        ``"linear"``, ``"cubic"`` or ``"quintic"``, in place of what that controller chooses.
 
     Returns
     -------
@@ -103,6 +105,10 @@ def controlled(message: Any, names: list[str]) -> Trajectory:
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
         raise InvalidInput("points", "accelerations without velocities", "velocities too: no controller goes by these")
+    count = len(fields) if interpolation is None else points_of(interpolation)
+    if count > len(fields):
+        raise InvalidInput("interpolation", repr(interpolation), f"one through {', '.join(fields)}")
+    fields = fields[:count]
     return interpolated(times / SECOND, *(_rows(points, field, len(names))[:, order] for field in fields))
 
 

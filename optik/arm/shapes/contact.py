@@ -1,0 +1,297 @@
+"""Which shapes are examined against each other, and the least distance of an arm at configurations, compiled."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import kinematics
+from optik.arm.shapes.model import Capsules
+from optik.check import check_number
+from optik.compiled import compiled, inlined
+from optik.distance import Nearest, segment_box, segment_plane, segment_segment
+from optik.errors import InvalidInput
+from optik.kinematics import Chain, Triple
+from optik.types import Array, Indices
+
+if TYPE_CHECKING:
+    from optik.arm.robot import Robot
+    from optik.scene import Scene
+
+BOX, ROUND, PLANE, OWN = 0, 1, 2, 3
+"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, or a capsule of the arm."""
+
+Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
+"""A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
+capsule_radius (c,), plane_point, plane_normal (p, 3) [m, 1]."""
+Bodies = tuple[Capsules, Objects, Indices]
+"""The capsules of an arm, the scene, and the examined pairs (k, 3): capsule, number of the second body among those of its
+kind, and that kind. Of two capsules of the arm the first is on the later link."""
+
+ALLOWED, STILL = "allowed by the scene", "neither moves"
+"""Reasons why a capsule and an object are not examined."""
+
+
+class Pairs(NamedTuple):
+    """Pairs of shapes that are examined, as `Bodies` has them, their names, and the pairs left out with the reasons."""
+
+    bodies: Indices
+    names: tuple[tuple[str, str], ...]
+    left_out: tuple[tuple[str, str, str], ...]
+
+
+@lru_cache(maxsize=16)
+def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
+    """Return the pairs of shapes whose distance a motion can change, except those that are left out by name.
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    scene : Scene
+        What stands around it.
+
+    Returns
+    -------
+    Pairs
+        The pairs, and those left out.
+
+    Raises
+    ------
+    InvalidInput
+        An arm without shapes.
+    UnknownName
+        A link in ``scene.allow`` that the arm does not have.
+    """
+    examined = scene.examined(robot)
+    assert robot.shapes is not None
+    shapes, link = robot.shapes, robot.shapes.capsules[0]
+    own = [(i, j, OWN) if link[i] > link[j] else (j, i, OWN) for i, j in shapes.pairs.tolist()]
+    kinds = [(i, BOX) for i in range(len(scene.boxes))]
+    kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
+    kinds += [(i, PLANE) for i in range(len(scene.planes))]
+    met = np.argwhere(examined & (link > 0)[:, None]).tolist()
+    names = [(shapes.names[k], scene.names[j]) for k, j in met]
+    names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
+    left = {(shapes.names[k], "scene"): STILL for k in np.flatnonzero(link == 0) if scene.names}
+    left |= {(shapes.names[k], scene.names[j]): ALLOWED for k, j in np.argwhere(~examined).tolist() if link[k]}
+    left_out = (*((*pair, why) for pair, why in left.items()), *shapes.left_out)
+    bodies = np.array([(k, *kinds[j]) for k, j in met] + own, np.int64).reshape(-1, 3)
+    return Pairs(bodies, tuple(names), left_out)
+
+
+def check_scene(robot: Robot, scene: Scene, margin: float) -> float:
+    """Check that an arm and a scene can be examined.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    scene : Scene
+        What stands around it.
+    margin : float
+        What distances must exceed [m].
+
+    Returns
+    -------
+    float
+        The margin [m].
+
+    Raises
+    ------
+    InvalidInput
+        An arm without shapes, no scene, a margin below 0.
+    UnknownName
+        A link in ``scene.allow`` that the arm does not have.
+    """
+    from optik.scene import Scene
+
+    if not isinstance(scene, Scene):
+        raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
+    examined_pairs(robot, scene)
+    return check_number(margin, "margin", "metres, 0 or more", least=0.0)
+
+
+class Contact(NamedTuple):
+    """The nearest pair of shapes at a configuration: its distance [m], below 0 where they overlap, and its names."""
+
+    distance: float
+    pair: tuple[str, str]
+
+
+def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
+    """Least distances of an arm to a scene and between its links, at configurations.
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    scene : Scene
+        What stands around it.
+    q : (k, n) array
+        Configurations [rad, m].
+
+    Returns
+    -------
+    distance : (k,) array
+        Of the nearest pair [m]; infinite where there is no pair.
+    pair : (k,) array of int
+        Its index in the names of `examined_pairs`, −1 where there is none.
+
+    Raises
+    ------
+    InvalidInput
+        An arm without shapes, or configurations of another length.
+    UnknownName
+        A link in ``scene.allow`` that the arm does not have.
+    """
+    pairs = examined_pairs(robot, scene)
+    assert robot.shapes is not None
+    at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
+    distance, which = np.empty(len(at)), np.empty(len(at), np.int64)
+    distances_batch(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, distance, which)
+    return distance, which
+
+
+def contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
+    """Find the nearest pair of shapes at one configuration.
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    scene : Scene
+        What stands around it.
+    q : (n,) array
+        Configuration [rad, m].
+
+    Returns
+    -------
+    Contact
+        Distance and names; infinite without pairs.
+
+    Raises
+    ------
+    InvalidInput
+        An arm without shapes, or a configuration of another length.
+    UnknownName
+        A link in ``scene.allow`` that the arm does not have.
+    """
+    distance, which = nearest_pairs(robot, scene, q)
+    k = int(which[0])
+    return Contact(float(distance[0]), examined_pairs(robot, scene).names[k] if k >= 0 else ("", ""))
+
+
+# ---------------------------------------------------------------- kernels
+
+
+@inlined
+def row_of(x: Array, i: int) -> Triple:
+    """Return a row of three numbers.
+
+    Parameters
+    ----------
+    x : (k, 3) array
+        The rows [m].
+    i : int
+        Which.
+
+    Returns
+    -------
+    tuple of float
+        The row, of the shape (3,) [m].
+    """
+    return x[i, 0], x[i, 1], x[i, 2]
+
+
+@inlined
+def placed(frame: Array, link: int, p: Triple) -> Triple:
+    """Place of a point of a link in the base frame.
+
+    Parameters
+    ----------
+    frame : (n, 4, 4) array
+        Joint frames [1, m].
+    link : int
+        0 for the base, i for joint frame i.
+    p : tuple of float
+        The point in the link's frame [m].
+
+    Returns
+    -------
+    tuple of float
+        The point, of the shape (3,) [m].
+    """
+    if link == 0:
+        return p
+    T, j = frame, link - 1
+    return (
+        T[j, 0, 0] * p[0] + T[j, 0, 1] * p[1] + T[j, 0, 2] * p[2] + T[j, 0, 3],
+        T[j, 1, 0] * p[0] + T[j, 1, 1] * p[1] + T[j, 1, 2] * p[2] + T[j, 1, 3],
+        T[j, 2, 0] * p[0] + T[j, 2, 1] * p[1] + T[j, 2, 2] * p[2] + T[j, 2, 3],
+    )
+
+
+@inlined
+def nearest_of(pair: tuple[int, int, int], scene: Objects, places: Array) -> Nearest:
+    """Distance of the axis of a capsule to the second body of a pair, whose radius is left out.
+
+    Parameters
+    ----------
+    pair : tuple of int
+        Capsule, number of the second body, and its kind.
+    scene : Objects
+        The scene.
+    places : (m, 2, 3) array
+        Ends of the arm's axes in the base frame [m].
+
+    Returns
+    -------
+    Nearest
+        Distance [m], place [1] and difference [m].
+    """
+    k, i, kind = pair
+    a, b = row_of(places[k], 0), row_of(places[k], 1)
+    if kind == BOX:
+        return segment_box(a, b, scene[0][i], scene[1][i])
+    if kind == PLANE:
+        return segment_plane(a, b, scene[5][i], scene[6][i])
+    if kind == OWN:
+        return segment_segment(a, b, row_of(places[i], 0), row_of(places[i], 1))
+    return segment_segment(a, b, row_of(scene[2], i), row_of(scene[3], i))
+
+
+@compiled
+def distances_batch(chain: Chain, bodies: Bodies, q: Array, distance: Array, which: Indices) -> None:
+    """Least distances at configurations.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its capsules, the scene and the pairs.
+    q : (k, n) array
+        Configurations [rad, m].
+    distance : (k,) array
+        Filled with the least distances [m].
+    which : (k,) array of int
+        Filled with the pairs.
+    """
+    (link, a, b, radius), scene, pairs = bodies
+    frame, places = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 2, 3))
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        for m in range(link.shape[0]):
+            places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = placed(frame, link[m], row_of(a, m))
+            places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = placed(frame, link[m], row_of(b, m))
+        distance[k], which[k] = np.inf, -1
+        for p in range(pairs.shape[0]):
+            m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+            thick = radius[m] + (radius[i] if kind == OWN else (scene[4][i] if kind == ROUND else 0.0))
+            found = nearest_of((m, i, kind), scene, places)[0] - thick
+            if found < distance[k]:
+                distance[k], which[k] = found, p

@@ -1,0 +1,324 @@
+"""Compiled search for the least distance between shapes over a motion: intervals of time are halved until it is proved."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from optik import kinematics
+from optik.arm.shapes.contact import BOX, OWN, PLANE, ROUND, Bodies, Objects, nearest_of, placed, row_of
+from optik.compiled import compiled, inlined
+from optik.distance import DISTANCE_ROUNDING, Nearest
+from optik.kinematics import Chain, Triple
+from optik.types import Array, Flags, Indices
+from planners.certificate.bounds import instants
+
+Polynomials = tuple[Array, Array, Array, Flags]
+"""A motion as kernels take it: coefficients (6, m, n), knots (m + 1,) [s], the pieces' extrema of orders 0 to 3
+(4, m, n, 2), and at which knots (m + 1,) the velocities are continuous."""
+Moved = tuple[Array, Array, Array, Array]
+"""What is known of the ends of capsules around the middle of an interval: points (m, 2, 3) [m]; and relative to each link
+(n + 1): velocity (m, 2, n + 1, 3) [m/s], and bounds on the displacement and on the acceleration (m, 2, n + 1) [m, m/s²]."""
+Wanted = tuple[float, float, float, float, int]
+"""Margin [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half interval [s];
+most intervals."""
+
+
+@inlined
+def _middle(a: Triple, b: Triple) -> Triple:
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+@inlined
+def _length(a: Triple, b: Triple) -> float:
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    return sqrt(x * x + y * y + z * z)
+
+
+@inlined
+def _end(chain: Chain, frame: Array, link: int, point: Array, joint: Array, e: int, moved: Moved, k: int) -> None:
+    """One end e of capsule k: its place, and its motion relative to each link before its own.
+
+    joint (4, n): velocities at the middle, and bounds over the interval on displacement, velocity and acceleration.
+    """
+    _fixed, prismatic, _tool = chain
+    places, velocity, away, bent = moved
+    x, y, z = placed(frame, link, (point[0], point[1], point[2]))
+    places[k, e, 0], places[k, e, 1], places[k, e, 2] = x, y, z
+    v0, v1, v2, gone, speed, pull = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(link, -1, -1):
+        velocity[k, e, i, 0], velocity[k, e, i, 1], velocity[k, e, i, 2] = v0, v1, v2
+        away[k, e, i], bent[k, e, i] = gone, pull
+        if i == 0:
+            break
+        j = i - 1  # the joint between link i − 1 and link i
+        z0, z1, z2 = frame[j, 0, 2], frame[j, 1, 2], frame[j, 2, 2]
+        rate, far, fast, hard = joint[0, j], joint[1, j], joint[2, j], joint[3, j]
+        if prismatic[j]:
+            v0, v1, v2 = v0 + rate * z0, v1 + rate * z1, v2 + rate * z2
+            gone, speed, pull = gone + far, speed + fast, pull + hard
+        else:
+            d0, d1, d2 = x - frame[j, 0, 3], y - frame[j, 1, 3], z - frame[j, 2, 3]
+            c0, c1, c2 = z1 * d2 - z2 * d1, z2 * d0 - z0 * d2, z0 * d1 - z1 * d0
+            here = sqrt(c0 * c0 + c1 * c1 + c2 * c2)
+            most = here + gone
+            v0, v1, v2 = v0 + rate * c0, v1 + rate * c1, v2 + rate * c2
+            pull += (hard + fast * fast) * most + 2.0 * fast * speed
+            gone, speed = gone + far * here, speed + fast * most
+
+
+@inlined
+def _place(
+    k: int, chain: Chain, frame: Array, axes: tuple[Indices, Array, Array], joint: Array, moved: Moved, spheres: Array
+) -> None:
+    """Both ends of capsule k, and the sphere around its axis, unless they are known for this interval."""
+    if spheres[k, 3] >= 0.0:
+        return
+    _end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
+    _end(chain, frame, axes[0][k], axes[2][k], joint, 1, moved, k)
+    a, b = row_of(moved[0][k], 0), row_of(moved[0][k], 1)
+    spheres[k, 0], spheres[k, 1], spheres[k, 2] = _middle(a, b)
+    spheres[k, 3] = 0.5 * _length(a, b)
+
+
+@compiled
+def _joints(motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array) -> tuple[float, bool]:
+    """The middle of an interval over pieces first to last: derivatives D (1, 6, n) there, and `joint` as `_end` reads it.
+
+    Returns
+    -------
+    half : float
+        Half its length [s].
+    smooth : bool
+        Whether the velocities are continuous in it.
+    """
+    c, knots, extrema, continuous = motion
+    t = 0.5 * (span[0] + span[1])
+    h = 0.5 * (span[1] - span[0])
+    piece, smooth = first, True
+    for k in range(first + 1, last + 1):
+        smooth = smooth and continuous[k]
+        if knots[k] <= t:
+            piece = k
+    instants(c, np.full(1, piece), np.full(1, t - knots[piece]), D)
+    for j in range(c.shape[2]):
+        joint[0, j] = D[0, 1, j]
+        for i in range(3):
+            at, most = D[0, 0, j] if i == 0 else 0.0, 0.0
+            for k in range(first, last + 1):
+                most = max(most, at - extrema[i, k, j, 0], extrema[i, k, j, 1] - at)
+            joint[1 + i, j] = most
+        if first == last:  # Taylor sums are better for short intervals
+            for i in range(3):
+                total, factor = 0.0 if i == 0 else abs(D[0, i, j]), h
+                for m in range(1, 6 - i):
+                    total += abs(D[0, i + m, j]) * factor
+                    factor *= h / (m + 1)
+                joint[1 + i, j] = min(joint[1 + i, j], total)
+    return h, smooth
+
+
+@inlined
+def _around(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
+    """Lower bound on the distance of an axis to the second body of a pair, by spheres around axes."""
+    if kind == BOX:
+        T, edges = scene[0], scene[1]
+        x, y, z = middle[0] - T[i, 0, 3], middle[1] - T[i, 1, 3], middle[2] - T[i, 2, 3]
+        u = max(abs(T[i, 0, 0] * x + T[i, 1, 0] * y + T[i, 2, 0] * z) - edges[i, 0], 0.0)
+        v = max(abs(T[i, 0, 1] * x + T[i, 1, 1] * y + T[i, 2, 1] * z) - edges[i, 1], 0.0)
+        w = max(abs(T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - edges[i, 2], 0.0)
+        return sqrt(u * u + v * v + w * w) - half
+    if kind == PLANE:
+        point, normal = scene[5], scene[6]
+        x, y, z = middle[0] - point[i, 0], middle[1] - point[i, 1], middle[2] - point[i, 2]
+        return float(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2] - half)
+    if kind == OWN:
+        return float(_length(middle, row_of(spheres, i)) - half - spheres[i, 3])
+    c, d = row_of(scene[2], i), row_of(scene[3], i)
+    return _length(middle, _middle(c, d)) - half - 0.5 * _length(c, d)
+
+
+@inlined
+def _directed(near: Nearest, moved: Moved, k: int, base: int, h: float) -> float:
+    """Lower bound on the distance of axis k over an interval, by the plane through the nearest point; see `clearance`."""
+    places, velocity, _away, bent = moved
+    distance, share, w = near
+    n0, n1, n2 = w[0] / distance, w[1] / distance, w[2] / distance
+    a, b = places[k, 0], places[k, 1]
+    along = n0 * (b[0] - a[0]) + n1 * (b[1] - a[1]) + n2 * (b[2] - a[2])
+    least = np.inf
+    for e in range(2):
+        v = velocity[k, e, base]
+        ahead = (1.0 - share if e == 1 else -share) * along
+        speed = abs(n0 * v[0] + n1 * v[1] + n2 * v[2])
+        least = min(least, ahead - h * (speed + 0.5 * h * bent[k, e, base]))
+    return distance + least
+
+
+@inlined
+def _target(found: float, wanted: Wanted) -> float:
+    """The lower bound that is close enough to the least distance found; never below the margin while that is not reached."""
+    margin, share, absolute = wanted[0], wanted[1], wanted[2]
+    if found == np.inf:
+        return found
+    return max(found - max(share * abs(found), absolute), 0.5 * (found + margin))
+
+
+@inlined
+def _judge(
+    pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: Moved, shift: float,
+    interval: tuple[float, float, bool], least: Array,
+) -> float:  # fmt: skip
+    """Lower bound on the distance of a pair (capsule, body, kind, base link) over an interval, without its rounding.
+
+    interval: its middle, half length, and whether it is smooth. least (4,), the least distance found of this kind, when, the
+    lowest bound and the pair, gets the distance at the middle.
+
+    Returns
+    -------
+    float
+        The bound [m].
+    """
+    k, i, kind, base = pair
+    near = nearest_of((k, i, kind), scene, moved[0])
+    if near[0] - thick < least[0]:
+        least[0], least[1] = near[0] - thick, interval[0]
+    bound = near[0] - shift
+    if interval[2] and near[0] > 0.0:
+        bound = max(bound, _directed(near, moved, k, base, interval[1]))
+    return bound - thick
+
+
+@compiled
+def _split(knots: Array, first: int, last: int, span: Array) -> tuple[float, int, int]:
+    """Where to divide an interval: the knot nearest to its middle, or that; last piece before, and first one behind it."""
+    t = 0.5 * (span[0] + span[1])
+    if first == last:
+        return t, first, first
+    best = first + 1
+    for k in range(first + 2, last + 1):
+        if abs(knots[k] - t) < abs(knots[best] - t):
+            best = k
+    return knots[best], best - 1, best
+
+
+@compiled
+def _level(
+    chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted,
+    nodes: tuple[Array, Indices], open_: tuple[Indices, Array], rest: tuple[Indices, Array], least: Array,
+) -> Indices:  # fmt: skip
+    """Judge the open pairs of all intervals of one level.
+
+    nodes: spans (k, 2), and (k, 4): first and last piece, start and number of the open pairs. open_: pairs and their bounds so
+    far. rest: filled with those that stay open.
+
+    Returns
+    -------
+    (k, 2) array of int
+        Start and number of the pairs of each interval that stay open.
+    """
+    (link, ends_a, ends_b, radius), scene, pairs = bodies
+    count, n = link.shape[0], chain[1].shape[0]
+    away = np.empty((count, 2, n + 1))
+    moved = (np.empty((count, 2, 3)), np.empty((count, 2, n + 1, 3)), away, np.empty_like(away))
+    frame, D, joint, spheres = np.empty((n, 4, 4)), np.empty((1, 6, n)), np.empty((4, n)), np.empty((count, 4))
+    left, used, axes = np.zeros((nodes[0].shape[0], 2), np.int64), 0, (link, ends_a, ends_b)
+    for node in range(nodes[0].shape[0]):
+        first, last, start, number = nodes[1][node]
+        h, smooth, placed = 0.0, True, False
+        left[node, 0] = used
+        for entry in range(start, start + number):
+            which, bound = open_[0][entry], open_[1][entry]
+            k, i, kind = pairs[which, 0], pairs[which, 1], pairs[which, 2]
+            own = 1 if kind == OWN else 0
+            if bound < _target(least[own, 0], wanted):
+                if not placed:
+                    h, smooth = _joints(motion, first, last, nodes[0][node], D, joint)
+                    kinematics.frames(chain, D[0, 0], frame)
+                    spheres[:, 3], placed = -1.0, True
+                _place(k, chain, frame, axes, joint, moved, spheres)
+                base, thick = 0, radius[k]
+                if kind == OWN:
+                    _place(i, chain, frame, axes, joint, moved, spheres)
+                    base, thick = link[i], thick + radius[i]
+                elif kind == ROUND:
+                    thick += scene[4][i]
+                shift = max(away[k, 0, base], away[k, 1, base])
+                rough = (
+                    _around(row_of(spheres, k), spheres[k, 3], kind, i, scene, spheres)
+                    - shift
+                    - thick
+                    - DISTANCE_ROUNDING
+                )
+                if rough < _target(least[own, 0], wanted):
+                    before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
+                    judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])
+                    rough = max(rough, judged - DISTANCE_ROUNDING)
+                    if least[own, 0] < before:
+                        least[own, 3] = which
+                bound = max(bound, rough)
+            if bound >= _target(least[own, 0], wanted):
+                least[own, 2] = min(least[own, 2], bound)
+                continue
+            rest[0][used], rest[1][used] = which, bound
+            used += 1
+        left[node, 1] = used - left[node, 0]
+    return left
+
+
+@compiled
+def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted, least: Array) -> int:
+    """Find and prove the least distances over a motion, of pairs with the scene and of pairs of the arm's own capsules.
+
+    All intervals of one length are judged before their halves, so that the least distance found is soon near the least there
+    is. The search ends with the first level at which a pair comes to the margin, or when no pair is open.
+
+    Parameters
+    ----------
+    chain : Chain
+        The arm.
+    bodies : Bodies
+        Its capsules, the scene and the pairs.
+    motion : Polynomials
+        The motion.
+    wanted : Wanted
+        How close the bounds shall be.
+    least : (2, 4) array
+        For the scene and for the arm itself: the least distance found [m], when [s], the proved bound [m] and the pair;
+        overwritten. Infinite, 0, infinite and −1 where there is no pair.
+
+    Returns
+    -------
+    int
+        Number of intervals.
+    """
+    knots, pairs = motion[1], bodies[2]
+    end = knots.shape[0] - 2
+    least[:, 0], least[:, 1], least[:, 2], least[:, 3] = np.inf, 0.0, np.inf, -1.0
+    spans = np.array([[0.0, 0.0], [knots[end + 1], knots[end + 1]], [0.0, knots[end + 1]]])
+    parts = np.array([[0, 0, 0, 0], [end, end, 0, 0], [0, end, 0, 0]], np.int64)
+    parts[:, 3] = pairs.shape[0]
+    ids, bounds, total = np.arange(pairs.shape[0]), np.full(pairs.shape[0], -np.inf), 0
+    while spans.shape[0]:
+        total += spans.shape[0]
+        rest = (np.empty(parts[:, 3].sum(), np.int64), np.empty(parts[:, 3].sum()))
+        left = _level(chain, bodies, motion, wanted, (spans, parts), (ids, bounds), rest, least)
+        ends = min(least[0, 0], least[1, 0]) <= wanted[0] or total >= wanted[4]
+        halves, those, count = np.empty((2 * spans.shape[0], 2)), np.empty((2 * spans.shape[0], 4), np.int64), 0
+        for k in range(spans.shape[0]):
+            start, number = left[k]
+            if ends or 0.5 * (spans[k, 1] - spans[k, 0]) <= wanted[3]:
+                for entry in range(start, start + number):
+                    own = least[1 if pairs[rest[0][entry], 2] == OWN else 0]
+                    own[2] = min(own[2], rest[1][entry])
+            elif number:
+                t, before, behind = _split(knots, parts[k, 0], parts[k, 1], spans[k])
+                halves[count, 0], halves[count, 1] = spans[k, 0], t
+                halves[count + 1, 0], halves[count + 1, 1] = t, spans[k, 1]
+                those[count, 0], those[count, 1] = parts[k, 0], before
+                those[count + 1, 0], those[count + 1, 1] = behind, parts[k, 1]
+                those[count : count + 2, 2], those[count : count + 2, 3] = start, number
+                count += 2
+        spans, parts, ids, bounds = halves[:count], those[:count], rest[0], rest[1]
+    return total

@@ -1,0 +1,198 @@
+"""Clearance: the least distance between an arm and a scene, and between the arm's links, proved for every instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene, examined_pairs
+from optik.scene import Scene
+from optik.types import Flags
+from planners.certificate._clearance import search
+from planners.certificate.failure import Failure
+from planners.trajectory import Trajectory
+
+CLOSE = (0.05, 1e-4)
+"""A bound is close enough within this share of the least distance found, or this distance [m], whichever is larger."""
+NARROWEST = 1e-9
+"""Share of the duration of half an interval that is not divided any more: rounding in t is near."""
+MOST_INTERVALS = 200_000
+"""Most intervals of a motion: a hundred times what a long motion past a shelf takes. What is left then is not proved."""
+POSITION_STEP, VELOCITY_STEP = 1e-11, 1e-10
+"""Steps at a knot [rad or m, and per s] below which a motion counts as smooth: they move no point by `DISTANCE_ROUNDING`."""
+
+
+class Closest(NamedTuple):
+    """The least distance of one kind of pairs over a motion.
+
+    Attributes
+    ----------
+    value : float
+        Proved: at no instant are two shapes nearer [m]. −infinity where they touch, since the search ends there.
+    found : float
+        The least distance at the instants examined [m]: the true least distance is between `value` and this one.
+    time : float
+        When [s].
+    pair : (2,) tuple of str
+        The shape of the arm, and the object or the other shape.
+    """
+
+    value: float
+    found: float
+    time: float
+    pair: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """The least distances over a motion, for these shapes and this scene.
+
+    Attributes
+    ----------
+    scene, own : Closest or None
+        Between the arm and the scene, and between the arm's own links; None where there is no pair to examine.
+    margin : float
+        What they must exceed [m].
+    left_out : tuple of (str, str, str)
+        Pairs that were not examined, and why.
+    """
+
+    scene: Closest | None
+    own: Closest | None
+    margin: float
+    left_out: tuple[tuple[str, str, str], ...]
+
+    @property
+    def _least(self) -> Closest:
+        """The kind with the least distance found."""
+        kinds = [kind for kind in (self.scene, self.own) if kind is not None]
+        return min(kinds, key=lambda kind: kind.found, default=Closest(np.inf, np.inf, 0.0, ("", "")))
+
+    @property
+    def value(self) -> float:
+        """Proved: at no instant is any examined pair nearer [m]; −infinity where one touches, infinite without pairs."""
+        return min((kind.value for kind in (self.scene, self.own) if kind is not None), default=np.inf)
+
+    @property
+    def found(self) -> float:
+        """The least distance found [m]."""
+        return self._least.found
+
+    @property
+    def time(self) -> float:
+        """When it was found [s]."""
+        return self._least.time
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """Which shapes it was found between."""
+        return self._least.pair
+
+    @property
+    def touches(self) -> bool:
+        """Whether a distance at or below the margin was found."""
+        return self.found <= self.margin
+
+    @property
+    def proved(self) -> bool:
+        """Whether every distance is above the margin at every instant."""
+        return self.value > self.margin
+
+    def failures(self) -> tuple[Failure, ...]:
+        """Contact, or that there is none is not proved; empty where the motion is free."""
+        if self.proved:
+            return ()
+        first, second = self.pair
+        where = f"{first} and {second} at t = {self.time:.6g} s"
+        beyond = "" if self.margin == 0.0 else f", and the margin is {1e3 * self.margin:.6g} mm"
+        if not self.touches:
+            words = f"the clearance is not proved: found {1e3 * self.found:.6g} mm between {where}{beyond}"
+        elif self.found > 0.0:
+            words = f"{1e3 * self.found:.6g} mm between {where}{beyond}"
+        else:
+            words = f"contact of {where}"
+        return (Failure(words, self.time),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files; infinite numbers as None."""
+        kinds = {"scene": self.scene, "own": self.own}
+        out: dict[str, Any] = {name: None if kind is None else _plain(kind) for name, kind in kinds.items()}
+        whole = Closest(self.value, self.found, self.time, self.pair)
+        return _plain(whole) | out | {"margin": self.margin, "left_out": [list(pair) for pair in self.left_out]}
+
+
+def _plain(kind: Closest) -> dict[str, Any]:
+    finite = {name: x if np.isfinite(x) else None for name, x in zip(kind._fields[:3], kind[:3], strict=True)}
+    return finite | {"pair": list(kind.pair)}
+
+
+def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float = 0.0) -> Clearance:
+    """Prove the least distance between an arm and a scene, and between its links, over a motion.
+
+    On an interval with the middle m and half length h, let D be the distance of two convex bodies at m, one of them the axis of
+    a capsule of the arm: the segment between two points e, which moves relative to the other body. Two bounds hold within the
+    interval, of which the better one counts:
+
+    * D − max |e(t) − e(m)|. A joint that turns by at most R moves e by at most R times its distance from the axis; from the
+      inner joint to the outer one, each turns while those behind it stand as at m, so the distances at m add up.
+    * Let n be the unit vector at m from the nearest point of the other body to x on the axis. The other body stays behind the
+      plane at its nearest point, so the distance is at least D + min over e of n·(e(t) − x), and
+      n·(e(t) − x) ≥ n·(e(m) − x) − |n·ė(m)| h − max|ë| h²/2. For a point of a link behind revolute joints with bounds V on
+      their velocities and A on their accelerations, from the outermost joint inwards,
+      |ė| grows by V r and |ë| by A r + V² r + 2 V |ė|, with r the distance to the axis at m plus what the outer joints can
+      move e within the interval. This follows from e = p + R(q) e', e' in the frame behind the joint, differentiated twice. A
+      sliding joint adds V and A. The bound needs continuous velocities.
+
+    For two capsules of the arm only the joints between their links count, seen from the inner link. R, V and A are the exact
+    extrema of the polynomials, or within one polynomial their Taylor sums from m where those are less. An interval whose bound
+    is not close to the least distance found so far is halved, at a knot first. Distances are exact but for rounding, which is
+    subtracted (`optik.distance`). The method follows the dichotomy by which HPP validates paths (Mirabel et al. 2016; before
+    it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    trajectory : Trajectory
+        Its motion.
+    scene : Scene
+        What stands around it; an empty one for the arm's own links only.
+    margin : float
+        What all distances must exceed [m]; 0 or more.
+
+    Returns
+    -------
+    Clearance
+        `Clearance.proved` where every distance exceeds the margin at every instant.
+
+    Raises
+    ------
+    InvalidInput
+        An arm without shapes, no scene, a margin below 0.
+    UnknownName
+        A link in ``scene.allow`` that the arm does not have.
+    """
+    margin = check_scene(robot, scene, margin)
+    assert robot.shapes is not None
+    pairs = examined_pairs(robot, scene)
+    motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _continuous(trajectory))
+    wanted = (margin, *CLOSE, NARROWEST * trajectory.duration, MOST_INTERVALS)
+    least = np.empty((2, 4))
+    search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
+    touched = least[:, 0].min() <= margin
+    kinds = []
+    for found, t, value, pair in least.tolist():
+        proved = -np.inf if touched else min(value, found)
+        kinds.append(Closest(proved, found, t, pairs.names[int(pair)]) if pair >= 0 else None)
+    return Clearance(kinds[0], kinds[1], margin, pairs.left_out)
+
+
+def _continuous(trajectory: Trajectory) -> Flags:
+    """At which knots (m + 1,) positions and velocities are continuous to rounding."""
+    smooth = np.ones(trajectory.knots.size, np.bool_)
+    for order, step in enumerate((POSITION_STEP, VELOCITY_STEP)):
+        smooth[1:-1] &= (np.abs(trajectory.jumps(order)) <= step).all(axis=1)
+    return smooth

@@ -1,0 +1,142 @@
+"""What stands around an arm that follows a path: which configurations and joint paths are free of contact, and where not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene, contact, examined_pairs, nearest_pairs
+from optik.scene import Scene
+from optik.types import Array, Flags
+from planners.certificate.clearance import Clearance, clearance
+from planners.following.joint_path import JointPath
+from planners.following.stop import FollowStatus, Stop
+from planners.following.track import Track
+from planners.hermite import through
+from planners.trajectory import Trajectory
+
+PLACES = 401
+"""Places of a path at which the first contact is looked for, once one is known: each 0.25 % of the path."""
+
+
+@dataclass(frozen=True)
+class Around:
+    """A scene around an arm, and the margin [m] that all distances must exceed; checked by `around`."""
+
+    robot: Robot
+    scene: Scene
+    margin: float
+
+    def free(self, q: Array) -> Flags:
+        """Which configurations are farther than the margin from the scene and from themselves.
+
+        Parameters
+        ----------
+        q : (k, n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        (k,) array of bool
+            True where one is free.
+        """
+        return np.asarray(nearest_pairs(self.robot, self.scene, q)[0] > self.margin)
+
+    def keeps(self, way: Track) -> bool:
+        """Whether the quintics through a tracked branch are proved to be free.
+
+        Parameters
+        ----------
+        way : Track
+            The branch.
+
+        Returns
+        -------
+        bool
+            Also False where it is not proved.
+        """
+        if len(way.s) < 2 or not self.free(way.q).all():
+            return False
+        return self._along(through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
+
+    def start(self, q: Array) -> Stop | None:
+        """Why a motion cannot start at a configuration.
+
+        Parameters
+        ----------
+        q : (n,) array
+            The configuration [rad, m].
+
+        Returns
+        -------
+        Stop or None
+            None where it is free.
+        """
+        near = contact(self.robot, self.scene, q)
+        if near.distance > self.margin:
+            return None
+        reason = f"the start configuration touches: {self._words(near.distance, near.pair)}"
+        advice = "a start away from it; or scene.allow with this pair, where they may touch"
+        return Stop(FollowStatus.CONTACT, 0.0, None, reason, advice)
+
+    def stop(self, joints: JointPath) -> Stop | None:
+        """Where and why a joint path touches.
+
+        Parameters
+        ----------
+        joints : JointPath
+            The whole joint path.
+
+        Returns
+        -------
+        Stop or None
+            The first contact of a search along the path; None where the path is free, or no contact was found.
+        """
+        found = self._along(joints.polynomial)
+        if not found.touches:
+            return None
+        s = np.append(np.linspace(0.0, joints.end, PLACES), found.time)
+        distance, which = nearest_pairs(self.robot, self.scene, joints(s))
+        k = int(np.argmax(distance <= self.margin)) if (distance[:-1] <= self.margin).any() else PLACES
+        pair = examined_pairs(self.robot, self.scene).names[int(which[k])]
+        reason = f"{self._words(float(distance[k]), pair)} at s = {s[k]:.6g}"
+        return Stop(FollowStatus.CONTACT, float(s[k]), None, reason, "")
+
+    def _along(self, polynomial: object) -> Clearance:
+        """The clearance of a joint path: a motion with s as its time."""
+        return clearance(self.robot, Trajectory(polynomial), self.scene, self.margin)
+
+    def _words(self, distance: float, pair: tuple[str, str]) -> str:
+        first, second = pair
+        if distance <= 0.0:
+            return f"{first} and {second} are in contact"
+        return f"{first} and {second} are {1e3 * distance:.4g} mm apart, and the margin is {1e3 * self.margin:.4g} mm"
+
+
+def around(robot: Robot, scene: Scene | None, margin: float) -> Around | None:
+    """Return what stands around an arm; None without a scene.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    scene : Scene, optional
+        What stands around it.
+    margin : float
+        What all distances must exceed [m].
+
+    Returns
+    -------
+    Around or None
+        Checked.
+
+    Raises
+    ------
+    InvalidInput
+        An arm without shapes, no scene, a margin below 0.
+    UnknownName
+        A link in ``scene.allow`` that the arm does not have.
+    """
+    return None if scene is None else Around(robot, scene, check_scene(robot, scene, margin))

@@ -1,0 +1,306 @@
+"""The proof of contact against coal: between its instants, at spheres that are grazed once, and where it is cut short."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+import planners
+from optik import Scene
+from optik.arm.shapes.contact import contact, examined_pairs, nearest_pairs
+from optik.errors import InvalidInput
+from optik.ik import IKStatus
+from optik.types import Array
+from planners import Clearance, MotionLimits, PlanStatus, Trajectory
+from planners.certificate import clearance as module
+from planners.certificate._clearance import search
+from planners.certificate.clearance import clearance
+from tests.planners.contacts import COAL_ERROR, REST, Oracle, drawn, drawn_motion, instants, panda, pose, table
+
+coal = pytest.importorskip("coal")
+
+LIMITS = MotionLimits(3.0, 10.0, 100.0)
+REACHED = REST + np.array([0.4, 0.2, 0.0, 0.3, 0.0, 0.0, 0.0])
+
+
+def closeness(found: float) -> float:
+    """How far below the least distance found its bound may be."""
+    return max(0.05 * found, 1e-4) + 2e-9
+
+
+def check(scene: Scene, motion: Trajectory, rate: float, around: int, oracle: Oracle | None = None) -> Clearance:
+    """Judge a motion, and the judgement by coal at a rate and at instants within ±5 ms of the least distances found."""
+    proof, oracle = clearance(panda(), motion, scene), oracle or Oracle(panda(), scene)
+    assert proof.scene is not None and proof.own is not None
+    assert proof.touches or proof.proved, proof
+    within = [max(kind.found, 0.0) + 1e-4 for kind in (proof.scene, proof.own)]
+    if proof.touches:
+        at = oracle.near(motion(np.array([proof.time])), *within)
+        assert min(at.scene[0], at.own[0]) <= COAL_ERROR
+        assert proof.found <= 0.0 and not np.isfinite(proof.value) and proof.failures()
+        return proof
+    t = [instants(motion, rate)]
+    t += [kind.time + np.linspace(-5e-3, 5e-3, around) for kind in (proof.scene, proof.own)]
+    near = oracle.near(motion(np.clip(np.concatenate(t), 0.0, motion.end)), *within)
+    for kind, distance in ((proof.scene, near.scene), (proof.own, near.own)):
+        assert distance.min() >= kind.value - COAL_ERROR, kind
+        assert distance.min() <= kind.found + COAL_ERROR, "the least distance found is one"
+        assert 0.0 < kind.value <= kind.found <= kind.value + closeness(kind.found)
+    return proof
+
+
+def with_sphere(rng: np.random.Generator, motion: Trajectory) -> Scene:
+    """A sphere of 1 mm at the surface of a capsule at one instant, which it overlaps by 0.1 mm."""
+    shapes, t = panda().shapes, rng.uniform(0.0, motion.end)
+    assert shapes is not None
+    link, a, b, radius = shapes.capsules
+    k = int(rng.integers(1, len(radius)))
+    T = panda().frames(motion(t))[link[k] - 1]
+    across = np.cross(b[k] - a[k] if (a[k] != b[k]).any() else rng.normal(size=3), rng.normal(size=3))
+    place = a[k] + rng.random() * (b[k] - a[k]) + (radius[k] + 0.9e-3) * across / np.linalg.norm(across)
+    return Scene(spheres=[(T[:3, :3] @ place + T[:3, 3], 1e-3)])
+
+
+def test_proofs_hold_against_coal_between_their_instants() -> None:
+    rng, oracle, free = np.random.default_rng(5), Oracle(panda(), table()), 0
+    for i in range(24):
+        scene = table() if i % 2 else drawn(rng)
+        free += check(scene, drawn_motion(rng, i), 60.0, 21, oracle if i % 2 else None).proved
+    assert free >= 8
+
+
+def test_a_sphere_that_is_grazed_at_one_instant_is_found() -> None:
+    rng = np.random.default_rng(6)
+    for i in range(60):
+        motion = drawn_motion(rng, i)
+        proof = clearance(panda(), motion, with_sphere(rng, motion))
+        assert proof.touches and not proof.proved
+
+
+@pytest.mark.soak
+def test_five_thousand_proofs_hold_against_coal() -> None:
+    rng, oracle = np.random.default_rng(7), Oracle(panda(), table())
+    count = {"free": 0, "contact": 0, "grazed": 0}
+    for i in range(4000):
+        scene = table() if i % 2 else drawn(rng)
+        proof = check(scene, drawn_motion(rng, i), 500.0, 201, oracle if i % 2 else None)
+        count["free" if proof.proved else "contact"] += 1
+    for i in range(1000):
+        motion = drawn_motion(rng, i)
+        count["grazed"] += check(with_sphere(rng, motion), motion, 1.0, 1).touches
+    print(count)
+    assert count["grazed"] == 1000
+    assert count["free"] >= 1000
+
+
+def bounds_of_one_interval(motion: Trajectory, scene: Scene) -> Array:
+    """Bounds (2,) of the whole motion as one interval: the search may not divide it."""
+    robot, least = panda(), np.empty((2, 4))
+    assert robot.shapes is not None
+    bodies = (robot.shapes.capsules, scene.arrays, examined_pairs(robot, scene).bodies)
+    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
+    search(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), least)
+    return least[:, 2]
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: int) -> None:
+    rng, scene, tight = np.random.default_rng(8), table(), []
+    for _ in range(3):
+        whole = drawn_motion(rng, kind)
+        motion = whole.slowed(1.0) if kind else quarter(whole)
+        bound = bounds_of_one_interval(motion, scene)
+        t = np.linspace(0.0, motion.end, 16_667)
+        distance, _ = nearest_pairs(panda(), scene, motion(t))
+        assert distance.min() >= bound.min() - 1e-9
+        tight.append(distance.min() - bound.min())
+    assert kind or min(tight) < 0.02, "the bounds are of use"
+
+
+def quarter(motion: Trajectory) -> Trajectory:
+    """The motion for a fortieth of its time, from a third of it on."""
+    c, h, t = motion.coefficients[:, 0], motion.end / 40.0, motion.end / 3.0
+    shifted = np.array([np.poly1d(c[:, j])(np.poly1d([1.0, t])).coeffs for j in range(7)]).T
+    from scipy.interpolate import PPoly
+
+    return Trajectory(PPoly(shifted[:, None], [0.0, h]))
+
+
+# ---------------------------------------------------------------- what is examined
+
+
+def test_an_empty_scene_is_for_the_links_alone() -> None:
+    folded = REST.copy()
+    folded[3] = -3.05
+    found = clearance(panda(), line(REST, folded), Scene())
+    assert found.scene is None and found.own is not None
+    assert found.value == found.own.value
+
+
+def line(first: Array, last: Array) -> Trajectory:
+    from planners.hermite import through
+
+    rest = np.zeros((2, 7))
+    return Trajectory(through(np.array([0.0, 1.0]), np.array([first, last]), rest, rest))
+
+
+def test_pairs_that_are_left_out_are_named() -> None:
+    scene = Scene(boxes=[(pose(panda().fk(REST)[:3, 3]), (0.1, 0.1, 0.1))], allow=[("joint7", "box1")])
+    open_ = Scene(boxes=scene.boxes)
+    assert clearance(panda(), line(REST, REACHED), open_).touches
+    allowed = clearance(panda(), line(REST, REST + 1e-3), scene)
+    assert ("joint7", "box1", "allowed by the scene") in allowed.left_out
+    assert "joint7" not in allowed.scene.pair  # type: ignore[union-attr]
+    assert ("base", "scene", "neither moves") in allowed.left_out
+    assert any(why == "neighbours" for *_, why in allowed.left_out)
+
+
+def test_the_margin_must_be_exceeded() -> None:
+    free = clearance(panda(), line(REST, REACHED), table())
+    assert free.proved and not clearance(panda(), line(REST, REACHED), table(), free.found + 1e-3).proved
+    near = clearance(panda(), line(REST, REACHED), table(), 0.99 * free.value)
+    assert near.proved and near.value > near.margin
+    words = clearance(panda(), line(REST, REACHED), table(), free.found + 1e-3).failures()[0].words
+    assert "margin" in words and "joint" in words
+
+
+# ---------------------------------------------------------------- certificates, plans, files
+
+
+@cache
+def solved() -> planners.Plan:
+    return planners.plan(panda(), REACHED, REST, scene=table(), margin=0.002)
+
+
+def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
+    made = solved()
+    assert made and made.certificate.clearance is not None
+    json.dumps(made.to_dict(), allow_nan=False)
+    made.save(tmp_path / "motion.json")
+    read = planners.load_motion(tmp_path / "motion.json")
+    assert (read.scene, read.margin) == (made.scene, 0.002)
+    assert read.certify().clearance == made.certificate.clearance
+    later = planners.replan(made, 0.3)
+    assert later and later.certificate.clearance is not None and later.certificate.clearance.margin == 0.002
+    blocked = Scene(boxes=[(pose(panda().fk(REACHED)[:3, 3]), (0.05, 0.05, 0.05))])
+    assert planners.replan(made, 0.3, scene=blocked).status is not PlanStatus.SOLVED
+    assert planners.plan(panda(), REACHED, REST).certificate.clearance is None
+
+
+def test_a_plan_that_touches_names_the_place_and_the_pair() -> None:
+    through = REST + np.array([0.4, 0.9, 0.0, 0.3, 0.0, 0.0, 0.0])
+    refused = planners.plan(panda(), through, REST, scene=table())
+    assert refused.status is PlanStatus.CONTACT and refused.stop is not None
+    q = refused.prefix(refused.stop.s)  # type: ignore[misc]
+    assert contact(panda(), table(), q).distance <= 0.0
+    assert contact(panda(), table(), refused.prefix(0.9 * refused.stop.s)).distance > 0.0  # type: ignore[misc]
+    assert "joint7 and box" in refused.stop.reason
+    start = planners.plan(panda(), REST, through, scene=table())
+    assert start.status is PlanStatus.CONTACT and start.stop is not None
+    assert "start" in start.stop.reason and start.stop.s == 0.0
+
+
+def test_the_best_branch_is_one_that_is_free() -> None:
+    arm = elbow_arm()
+    q = np.array([0.3, -0.9, 1.2, 0.4, 0.8, 0.1])
+    target = arm.fk(q)
+    goal = target.copy()
+    goal[:3, 3] += [0.02, 0.05, 0.0]
+    path = planners.Line(target, goal)
+    elbow = arm.frames(q)[2, :3, 3]
+    scene = Scene(spheres=[(elbow, 0.03)])
+    kept = planners.plan(arm, path, q, scene=scene, limits=LIMITS)
+    assert kept.status is PlanStatus.CONTACT and kept.stop is not None
+    other = planners.plan(arm, path, scene=scene, limits=LIMITS)
+    assert other and other.certificate.clearance is not None and other.certificate.clearance.proved
+    free = nearest_pairs(arm, scene, other.trajectory(np.linspace(0.0, other.trajectory.end, 200)))[0]
+    assert free.min() >= other.certificate.clearance.value - 1e-9
+
+
+def test_a_plan_that_touches_later_says_which_start_is_free() -> None:
+    arm, q = elbow_arm(), np.array([0.3, -0.9, 1.2, 0.4, 0.8, 0.1])
+    goal = arm.fk(q)
+    goal[:3, 3] += [0.02, 0.2, 0.0]
+    path = planners.Line(arm.fk(q), goal)
+    followed = planners.follow(optik.ik.make_solver(arm), path, q)
+    assert followed.joint_path is not None
+    end = followed.joint_path(followed.joint_path.end)
+    stopped = planners.plan(arm, path, q, scene=Scene(spheres=[(arm.frames(end)[2, :3, 3], 0.005)]), limits=LIMITS)
+    assert stopped.status is PlanStatus.CONTACT and stopped.stop is not None
+    assert stopped.stop.s > 0.1 * path.end
+    assert 'branch="best": from the start configuration' in stopped.stop.advice
+
+
+def elbow_arm() -> optik.Robot:
+    """The UR5e with thin capsules along its upper arm and forearm."""
+    arm = optik.load("ur5e")
+    a = arm.fixed[2, :3, 3]
+    b = arm.fixed[3, :3, 3]
+    return arm.with_shapes(optik.Shapes([(2, (0, 0, 0), tuple(a), 0.03), (3, (0, 0, 0), tuple(b), 0.03)]))
+
+
+def test_free_inverse_kinematics_is_asked_for() -> None:
+    arm, q = elbow_arm(), np.array([0.3, -0.9, 1.2, 0.4, 0.8, 0.1])
+    target, scene = arm.fk(q), Scene(spheres=[(arm.frames(q)[2, :3, 3], 0.03)])
+    plain = optik.solve_ik(arm, target, q)
+    assert plain and contact(arm, scene, plain.q).distance <= 0.0
+    free = optik.solve_ik(arm, target, q, scene=scene)
+    assert free and contact(arm, scene, free.q).distance > 0.0
+    assert np.abs(arm.fk(free.q) - target).max() < 1e-5
+    wall = Scene(boxes=[(np.eye(4), (50.0, 50.0, 50.0))])
+    none = optik.solve_ik(arm, target, q, scene=wall)
+    assert none.status is IKStatus.IN_CONTACT and "box1" in none.message
+    with pytest.raises(InvalidInput, match="shapes"):
+        optik.solve_ik(optik.load("paper6r"), np.eye(4), np.zeros(6), scene=scene)
+
+
+@pytest.mark.parametrize("bad", ["scene", "margin", "robot"])
+def test_bad_input_is_one_line(bad: str) -> None:
+    robot, scene, margin = panda(), table(), 0.0
+    bare = optik.load("panda").with_shapes(None)
+    given = {"scene": (robot, "shelf", margin), "margin": (robot, scene, -1.0), "robot": (bare, scene, margin)}
+    arm, around, least = given[bad]
+    with pytest.raises(InvalidInput) as error:
+        planners.plan(arm, REACHED, REST, scene=around, margin=least)  # type: ignore[arg-type]
+    assert "\n" not in str(error.value)
+
+
+# ---------------------------------------------------------------- motions of others
+
+
+def test_setpoints_of_others_are_certified_without_a_path(tmp_path: Any) -> None:
+    made, robot = solved(), panda()
+    motion = made.trajectory
+    t = np.linspace(0.0, motion.end, 301)
+    names = list(reversed(robot.joint_names))
+    order = [robot.joint_names.index(name) for name in names]
+    rows = [motion(t, k)[:, order] for k in range(3)]
+    table_ = "time," + ",".join(names + [f"dq_{n}" for n in names]) + "\n"
+    table_ += "\n".join(",".join(map(repr, map(float, r))) for r in np.column_stack([t, rows[0], rows[1]]))
+    (tmp_path / "m.csv").write_text(table_)
+    data = {"joint_names": names, "times": t.tolist(), "positions": rows[0].tolist(), "velocities": rows[1].tolist()}
+    (tmp_path / "m.json").write_text(json.dumps(data))
+    planners.to_ros(made, tmp_path / "plain.json")
+    message = json.loads((tmp_path / "plain.json").read_text())
+    (tmp_path / "moveit.json").write_text(json.dumps({"joint_trajectory": message, "multi_dof_joint_trajectory": {}}))
+    for file in ("m.csv", "m.json", "moveit.json"):
+        read = planners.load_trajectory(tmp_path / file, robot)
+        np.testing.assert_allclose(read(t), motion(t), rtol=0, atol=1e-6)
+        proof = planners.certify(robot, None, read, scene=table())
+        assert proof.clearance is not None and proof.clearance.proved
+        json.dumps(proof.to_dict(), allow_nan=False)
+    assert planners.load_trajectory(tmp_path / "m.csv", robot, interpolation="linear").coefficients.shape[0] == 2
+    for wrong in ({"times": [1.0, *t[1:].tolist()]}, {"joint_names": names[1:]}, {"positions": rows[0][1:].tolist()}):
+        (tmp_path / "bad.json").write_text(json.dumps(data | wrong))
+        with pytest.raises(InvalidInput):
+            planners.load_trajectory(tmp_path / "bad.json", robot)
+    with pytest.raises(InvalidInput, match="interpolation"):
+        planners.load_trajectory(tmp_path / "m.csv", robot, interpolation="quintic")
+    (tmp_path / "more.csv").write_text(table_.replace("time,", "finger,", 1))
+    with pytest.raises(InvalidInput, match="times"):
+        planners.load_trajectory(tmp_path / "more.csv", robot)
