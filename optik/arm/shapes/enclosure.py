@@ -15,7 +15,7 @@ import numpy as np
 from optik.arm.shapes.excess import Capsule, distance_to_segment, farthest, measured, points_on, right_angles
 from optik.types import Array, Flags
 
-ROUNDING = 1e-9
+ENCLOSURE_ROUNDING = 1e-9
 """Added to every radius [m]: a million times what rounding moves a point of an arm by, and too little to be seen."""
 
 WELL_ENCLOSED = 0.03
@@ -24,7 +24,7 @@ WELL_ENCLOSED = 0.03
 MOST_OF_ONE = 3
 """Most capsules that enclose one mesh: the time of a proof grows with the number of capsules."""
 
-LEAST_GAIN = 0.9
+WORTH_A_CUT = 0.9
 """A part is cut if the product of excess and size falls below this part of what it was: a proof takes longer with more."""
 
 FEW_TRIANGLES = 500
@@ -87,7 +87,7 @@ def _divided(
     if not capsules:
         return None
     before = found[i].excess * _size([found[i]])
-    if _worst(capsules, others, tree) * _size(capsules) > LEAST_GAIN * before:
+    if _worst(capsules, others, tree) * _size(capsules) > WORTH_A_CUT * before:
         return None
     return [*parts[:i], *pieces, *parts[i + 1 :]], measured([*found[:i], *capsules, *found[i + 1 :]], tree)
 
@@ -154,7 +154,7 @@ def fitted(triangles: Array) -> Capsule:
         if result.fun < _volume(*_about(corners, *best)):
             best = placed(result.x)
     a, b, _ = _about(corners, *best)
-    radius = float(distance_to_segment(points, a, b).max()) * (1.0 + ROUNDING) + ROUNDING
+    radius = float(distance_to_segment(points, a, b).max()) * (1.0 + ENCLOSURE_ROUNDING) + ENCLOSURE_ROUNDING
     return Capsule(a, b, radius)
 
 
@@ -177,7 +177,12 @@ def around_cylinder(radius: float, length: float) -> Capsule:
     best = int(np.argmin(r * r * (2.0 * half + 4.0 / 3.0 * r)))
     end = np.array([0.0, 0.0, half[best]])
     excess = max(r[best] - radius, half[best] + r[best] - 0.5 * length)
-    return Capsule(-end, end, float(r[best]) * (1.0 + ROUNDING) + ROUNDING, float(excess) + 2.0 * ROUNDING)
+    return Capsule(
+        -end,
+        end,
+        float(r[best]) * (1.0 + ENCLOSURE_ROUNDING) + ENCLOSURE_ROUNDING,
+        float(excess) + 2.0 * ENCLOSURE_ROUNDING,
+    )
 
 
 def _hull(points: Array) -> Array:
@@ -242,7 +247,7 @@ def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[
                 continue
             capsules = [_roughly(piece) for piece in pieces]
             worst = _worst(capsules, others, tree, coarse=True) * _size(capsules)
-            if worst < (1.0 if len(pieces) == 2 else LEAST_GAIN) * least:  # a third capsule has to pay
+            if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule has to pay
                 best, least = (u, offsets), worst
     return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
 

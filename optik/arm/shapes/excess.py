@@ -22,7 +22,7 @@ MOST_POINTS = 200_000
 EXCESS_STEP = 5e-4
 """The bound is at most this much larger than the distance of some point of the capsule from the mesh's points [m] …"""
 
-MOST_CELLS = 100_000
+MOST_OPEN_CELLS = 100_000
 """… unless that would take more cells: where a capsule fits its mesh everywhere, all of them stay open."""
 
 
@@ -182,7 +182,7 @@ def farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool
         if coarse:
             return float(distance.max(initial=0.0))
         open_ = distance + extent > max(float(distance.max(initial=0.0)), bound) + EXCESS_STEP
-        if np.count_nonzero(open_) > MOST_CELLS:
+        if np.count_nonzero(open_) > MOST_OPEN_CELLS:
             open_[:] = False
         bound = max(bound, float((distance + extent)[~open_].max(initial=0.0)))
         ds, dphi = 0.5 * ds, 0.5 * dphi
