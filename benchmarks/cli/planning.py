@@ -61,6 +61,11 @@ class Wish:
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
+    scene: Annotated[
+        Path | None,
+        typer.Option(help="What must not be touched, nor the links each other: a .toml, .json or .urdf (optik.Scene)."),
+    ] = None
+    margin: Annotated[float, typer.Option(help="What all distances to it must exceed [m].")] = 0.0
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
         False
     )
@@ -138,6 +143,7 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
         branch=wish.branch, duration=wish.duration, strict=wish.strict,
+        scene=None if wish.scene is None else optik.Scene.load(wish.scene), margin=wish.margin,
     )  # fmt: skip
     if plan and wish.out is not None:
         if wish.out.suffix.lower() in ROS and wish.format is None:

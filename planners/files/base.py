@@ -14,8 +14,8 @@ from scipy.interpolate import PPoly
 from optik.arm.plain import numbers, record, word, words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.scene import Scene
 from optik.types import Array
-from planners.files._scene import scene_from_plain, scene_to_plain
 from planners.limits import MotionLimits
 from planners.motion import Motion
 from planners.paths import path_of
@@ -191,7 +191,7 @@ def to_parts(motion: Motion) -> Parts:
     if motion.speed is not None:
         header["speed"] = motion.speed
     if motion.scene is not None:
-        header |= {"scene": scene_to_plain(motion.scene), "margin": motion.margin}
+        header |= {"scene": motion.scene.to_dict(), "margin": motion.margin}
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
 
@@ -230,7 +230,7 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
         None if header.get("span") is None else _pair(header["span"], "span"),
         None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),
-        None if header.get("scene") is None else scene_from_plain(header["scene"]),
+        None if header.get("scene") is None else Scene.from_dict(header["scene"]),
         float(numbers(header.get("margin", 0.0), (), "margin")),
     )
 

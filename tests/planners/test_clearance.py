@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 import optik
 import planners
@@ -98,9 +99,9 @@ def test_five_thousand_proofs_hold_against_coal() -> None:
     assert count["free"] >= 1000
 
 
-def bounds_of_one_interval(motion: Trajectory, scene: Scene) -> Array:
+def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot | None = None) -> Array:
     """Bounds (2,) of the whole motion as one interval: the search may not divide it."""
-    robot, least = panda(), np.empty((2, 4))
+    robot, least = robot or panda(), np.empty((2, 4))
     assert robot.shapes is not None
     bodies = (robot.shapes.capsules, scene.arrays, examined_pairs(robot, scene).bodies)
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
@@ -122,12 +123,56 @@ def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: i
     assert kind or min(tight) < 0.02, "the bounds are of use"
 
 
+def planar(*kinds: str) -> optik.Robot:
+    """Joints R about z, L metres apart along x, or P along x; a small sphere at the tip, and one on the first link."""
+    fixed = np.repeat(np.eye(4)[None], len(kinds), axis=0)
+    fixed[1:, 0, 3] = LINK
+    for i, kind in enumerate(kinds):
+        if kind == "P":  # its z along the x of the link before
+            fixed[i, :3, :3], fixed[i, 0, 3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], 0.0
+    tip = (0.0, 0.0, 0.0) if kinds[-1] == "P" else (LINK, 0.0, 0.0)
+    spheres = [(len(kinds), tip, 0.01), (1, (0.2, 0.0, 0.0), 0.01)]
+    shapes = optik.Shapes(spheres, names=("tip", "first"))
+    limits = optik.JointLimits(np.full(len(kinds), -9.0), np.full(len(kinds), 9.0))
+    sliding = np.array([kind == "P" for kind in kinds])
+    return optik.Robot("planar", fixed, sliding, np.eye(4), limits).with_shapes(shapes)
+
+
+LINK, HALF = 0.5, 0.01
+SHARP: dict[str, tuple[tuple[str, ...], list[list[float]], tuple[float, float, float]]] = {
+    "two joints turn on": (("R", "R"), [[0.0, 2.0, 0.0], [0.0, 2.0, 0.0]], (1.0, 0.0, 0.0)),
+    "one accelerates": (("R",), [[0.0, 0.0, -30.0]], (0.0, 1.0, 0.0)),
+    "one slides while one turns": (("R", "P"), [[0.0, 3.0, 0.0], [0.0, 2.0, 0.0]], (0.0, -1.0, 0.0)),
+    "one slides": (("P",), [[0.2, 0.0, -30.0]], (1.0, 0.0, 0.0)),
+    "three turn away from a link": (
+        ("R", "R", "R"),
+        [[0.0, 3.0, 0.0], [2.0, 2.0, 0.0], [0.5, 3.0, 0.0]],
+        (0.0, 0.0, 1.0),
+    ),
+}
+"""Joints; place, velocity and acceleration of each at the middle; and the normal of a plane behind the tip."""
+
+
+@pytest.mark.parametrize("case", SHARP)
+def test_a_bound_is_below_the_distance_and_as_sharp_as_the_acceleration(case: str) -> None:
+    kinds, states, normal = SHARP[case]
+    robot, (q, v, a) = planar(*kinds), np.array(states).T
+    c = np.array([0.5 * a, v - a * HALF, q - v * HALF + 0.5 * a * HALF**2])[:, None]
+    motion = Trajectory(PPoly(c, [0.0, 2.0 * HALF]))
+    scene = Scene(planes=[(tuple(-0.2 * x for x in normal), normal)], allow=[("first", "plane1")])
+    t = np.linspace(0.0, motion.end, 2001)
+    kind = 1 if len(kinds) == 3 else 0
+    distance = nearest_pairs(robot, Scene() if kind else scene, motion(t))[0]
+    bound = bounds_of_one_interval(motion, scene, robot)[kind]
+    drop = distance[1000] - distance.min()
+    assert drop > 1e-4
+    assert distance.min() - 0.25 * drop <= bound <= distance.min()
+
+
 def quarter(motion: Trajectory) -> Trajectory:
     """The motion for a fortieth of its time, from a third of it on."""
     c, h, t = motion.coefficients[:, 0], motion.end / 40.0, motion.end / 3.0
     shifted = np.array([np.poly1d(c[:, j])(np.poly1d([1.0, t])).coeffs for j in range(7)]).T
-    from scipy.interpolate import PPoly
-
     return Trajectory(PPoly(shifted[:, None], [0.0, h]))
 
 
