@@ -13,13 +13,13 @@ from scipy.interpolate import PPoly
 import optik
 import planners
 from optik import Scene
-from optik.arm.shapes.contact import contact, examined_pairs, nearest_pairs
+from optik.arm.shapes.contact import OWN, contact, examined_pairs, nearest_pairs
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
 from optik.types import Array
 from planners import Clearance, MotionLimits, PlanStatus, Trajectory
 from planners.certificate import clearance as module
-from planners.certificate._clearance import search
+from planners.certificate._clearance import _level
 from planners.certificate.clearance import clearance
 from tests.planners.contacts import COAL_ERROR, REST, Oracle, drawn, drawn_motion, instants, panda, pose, table
 
@@ -100,12 +100,21 @@ def test_five_thousand_proofs_hold_against_coal() -> None:
 
 
 def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot | None = None) -> Array:
-    """Bounds (2,) of the whole motion as one interval: the search may not divide it."""
-    robot, least = robot or panda(), np.empty((2, 4))
+    """Bounds (2,) of the whole motion as one interval, which is not divided and whose ends are not looked at."""
+    robot, least, pieces = robot or panda(), np.full((2, 4), np.inf), motion.knots.size - 1
     assert robot.shapes is not None
-    bodies = (robot.shapes.capsules, scene.arrays, examined_pairs(robot, scene).bodies)
+    pairs = examined_pairs(robot, scene).bodies
+    count = len(pairs)
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
-    search(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), least)
+    nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
+    rest = np.empty(count, np.int64), np.empty(count)
+    bodies, wanted = (robot.shapes.capsules, scene.arrays, pairs), (0.0, 0.0, 0.0, 1.0, 1)
+    left = _level(
+        robot.chain, bodies, polynomials, wanted, nodes, (np.arange(count), np.full(count, -np.inf)), rest, least
+    )
+    for k in range(left[0, 1]):
+        kind = int(pairs[rest[0][k], 2] == OWN)
+        least[kind, 2] = min(least[kind, 2], rest[1][k])
     return least[:, 2]
 
 
