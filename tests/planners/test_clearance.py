@@ -215,12 +215,15 @@ def test_pairs_that_are_left_out_are_named() -> None:
 
 
 def test_the_margin_must_be_exceeded() -> None:
-    free = clearance(panda(), line(REST, REACHED), table())
-    assert free.proved and not clearance(panda(), line(REST, REACHED), table(), free.found + 1e-3).proved
-    near = clearance(panda(), line(REST, REACHED), table(), 0.99 * free.value)
-    assert near.proved and near.value > near.margin
-    words = clearance(panda(), line(REST, REACHED), table(), free.found + 1e-3).failures()[0].words
-    assert "margin" in words and "joint" in words
+    motion = line(REST, REACHED)
+    free = clearance(panda(), motion, table()).scene
+    assert free is not None
+    wide = clearance(panda(), motion, table(), free.found + 1e-3)
+    assert wide.touches and not wide.proved
+    assert "margin" in wide.failures()[0].words and "box" in wide.failures()[0].words
+    near = clearance(panda(), motion, table(), 0.99 * free.value)
+    assert near.proved and near.scene is not None and near.scene.value > near.margin
+    assert near.own is not None and 0.0 < near.own.value < near.margin, "links need not keep the margin"
 
 
 # ---------------------------------------------------------------- certificates, plans, files
@@ -276,6 +279,18 @@ def test_the_best_branch_is_one_that_is_free() -> None:
     assert free.min() >= other.certificate.clearance.value - 1e-9
 
 
+def test_the_null_space_motion_is_one_that_is_free() -> None:
+    robot, goal = panda(), panda().fk(REST)
+    goal[:3, 3] += [0.05, 0.1, -0.05]
+    path = planners.Line(robot.fk(REST), goal)
+    plain = planners.plan(robot, path)
+    scene = Scene(spheres=[(robot.frames(plain.trajectory(0.5 * plain.trajectory.end))[3, :3, 3], 0.03)])
+    assert clearance(robot, plain.trajectory, scene).touches
+    assert planners.plan(robot, path, plain.trajectory(0.0), scene=scene).status is PlanStatus.CONTACT
+    free = planners.plan(robot, path, scene=scene)
+    assert free and free.certificate.clearance is not None and free.certificate.clearance.proved
+
+
 def test_a_plan_that_touches_later_says_which_start_is_free() -> None:
     arm, q = elbow_arm(), np.array([0.3, -0.9, 1.2, 0.4, 0.8, 0.1])
     goal = arm.fk(q)
@@ -310,7 +325,7 @@ def test_free_inverse_kinematics_is_asked_for() -> None:
     none = optik.solve_ik(arm, target, q, scene=wall)
     assert none.status is IKStatus.IN_CONTACT and "box1" in none.message
     with pytest.raises(InvalidInput, match="shapes"):
-        optik.solve_ik(optik.load("paper6r"), np.eye(4), np.zeros(6), scene=scene)
+        optik.solve_ik(arm.with_shapes(None), target, q, scene=scene)
 
 
 @pytest.mark.parametrize("bad", ["scene", "margin", "robot"])
