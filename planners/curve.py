@@ -15,8 +15,8 @@ from optik.types import Array
 
 CHAIN = ((1.0,), (1.0, 1.0), (1.0, 3.0, 1.0))
 """Faà di Bruno's formula: factors of f', f'', f''' in the first, second and third derivative of f(s(t))."""
-BINOMIAL = np.array([[comb(k, i) for i in range(6)] for k in range(6)], dtype=np.float64)
-"""Binomial coefficients C(k, i), for Leibniz's rule and Bell polynomials up to the fifth derivative."""
+BINOMIAL = np.array([[comb(k, i) for i in range(7)] for k in range(7)], dtype=np.float64)
+"""Binomial coefficients C(k, i), for Leibniz's rule and Bell polynomials up to the sixth derivative."""
 TIME_BISECTIONS = 60
 """Halvings of an interval of time: more than the 53 binary digits of a float."""
 

@@ -6,13 +6,19 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from planners.certificate.examined import Examined
+from planners.certificate.examined import examined
 from planners.limits import MotionLimits, check_names
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 FIRST_MARGIN = 1e-12
 """By how much more than necessary a motion is slowed that still exceeds a limit after it was scaled; then ten times as much."""
+
+SPARE = 1e-6
+"""Share of the duration that a scaled motion may be too slow: what gravity is part of does not go with a power of the speed."""
+
+HASTENED = 4
+"""Times at most that such a motion is hastened again: each brings it nearer by a few digits."""
 
 
 def stretch(
@@ -49,9 +55,37 @@ def stretch(
     """
     if keeps is not None:
         check_names(keeps, "keeps")
-    motion, bounds = Examined(robot, trajectory, path), limits.bounds(robot.n)
+    motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
+
+
+def keeps_all(
+    robot: Robot, trajectory: Trajectory, limits: MotionLimits, names: tuple[str, ...], path: Path | None = None
+) -> bool:
+    """Say whether a motion keeps its limits, by the judgements of the certificate.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        The motion.
+    limits : MotionLimits
+        The limits that it should keep.
+    names : tuple of str
+        Which of them.
+    path : Path, optional
+        What the tool follows; limits with one bound for each of its segments need it.
+
+    Returns
+    -------
+    bool
+        True where every ratio is at most 1.
+    """
+    motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
+    chosen = [kind for kind in limits.kinds if kind.name in names and np.isfinite(bounds[kind.name]).any()]
+    return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
 
 
 def fitted(
@@ -98,5 +132,14 @@ def fitted(
         trajectory = trajectory.slowed(factor * (1.0 + margin))
         factor = stretch(robot, trajectory, limits, keeps, path)
         if factor <= 1.0:
-            return trajectory
+            break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
+    for _ in range(HASTENED):
+        if not 0.0 < factor < 1.0 - SPARE:
+            break
+        closer = trajectory.slowed(factor)
+        factor = stretch(robot, closer, limits, keeps, path)
+        if factor > 1.0:
+            break
+        trajectory = closer
+    return trajectory

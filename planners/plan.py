@@ -17,6 +17,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.statics import check_statics
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
@@ -384,6 +385,7 @@ def _timed(asked: Asked, followed: Followed, duration: float | None, strict: boo
     assert followed.joint_path is not None
     joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
     try:
+        check_statics(joints, asked.limits, keeps)
         raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
         factor = stretch(asked.robot, raw, asked.limits, keeps, asked.path)
         exceeded = factor > 1.0

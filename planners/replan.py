@@ -16,6 +16,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certificate import check_tolerance
+from planners.certificate.statics import check_statics
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, over
 from planners.plan import Asked, Plan
@@ -208,6 +209,11 @@ def _passed(solved: Plan) -> float:
 def _reason(asked: Asked, plan: Plan, start: _Start, stop: bool) -> NoSolution:
     """Why there is no motion: the state itself passes a limit, or where the running motion does."""
     limits, robot = asked.limits, plan.robot
+    try:
+        check_statics(plan.joint_path, asked.limits, asked.law.promises(asked.limits), start.at.s)
+    except NoSolution as error:
+        if not stop:
+            return error
     goal = "comes to rest" if stop else "ends at rest"
     none = f"no motion from this state {goal} on the path within the limits"
     assert start.at.joints is not None

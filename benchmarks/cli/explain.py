@@ -12,10 +12,10 @@ from benchmarks.kinds._block import Entry
 from benchmarks.kinds._problems import ProblemBlock, check_set
 from benchmarks.kinds.base import Block, Kind
 from benchmarks.kinds.laws.motions import path_in_file
-from benchmarks.kinds.laws.settings import Example, LawBlock, LineSet
+from benchmarks.kinds.laws.sets import LineSet
+from benchmarks.kinds.laws.settings import Example, LawBlock
 from benchmarks.settings import NAMED_KEYS, Target, naming
 from benchmarks.suite import ALIASES, Suite
-from optik.arm.library import load
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import is_path
 from optik.plugins.options import NO_DEFAULT, Described, defaults, described, nearest
@@ -39,17 +39,20 @@ ENTRY_KEYS = {
     "options": "Its options.",
     "max_problems": "Number of problems that a slow one is given; all by default.",
     "whole": "Whether each problem is one call with all that the method does by itself, where others make one attempt.",
+    "without": "Limits that a law is not told of; its motions are judged by them.",
     "max_lines": "Number of motions of each set that a slow one is given; all by default.",
 }
 """Keys of an entry of ``methods``, ``laws``, ``peers`` or ``reference``."""
 
 MOTION_LIMIT_KEYS = {
     "label": Described("str", "What reports call these limits.", ""),
-    "velocity": Described("", "Limit of the joints' velocities, one number or one for each joint [rad/s, m/s].", "rad/s, m/s"),
+    "velocity": Described("", "Limit of the joints' velocities: a number, one a joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
     "acceleration": Described("", "Limit of the joints' accelerations [rad/s², m/s²].", "rad/s², m/s²"),
     "jerk": Described("", "Limit of the joints' jerks [rad/s³, m/s³].", "rad/s³, m/s³"),
     "tool_speed": Described("", "Limit of the speed of the tool's point [m/s].", "m/s"),
     "rotation_speed": Described("", "Limit of the angular speed of the tool [rad/s].", "rad/s"),
+    "torque": Described("", "Limit of the joints' torques, of an arm whose masses are known [N·m, N].", "N·m, N"),
+    "torque_rate": Described("", "Limit of the rates of the torques [N·m/s, N/s].", "N·m/s, N/s"),
 }  # fmt: skip
 """Keys of an entry of ``limits``."""
 
@@ -140,7 +143,7 @@ def _block(kind: Kind, block: Block, table: dict[str, Any], at: str, unread: Seq
     for line in block.lines if isinstance(block, LawBlock) else ():
         if line.path and not _code(line.robot):
             with naming(f"block {block.id!r}"):
-                path_in_file(load(line.robot), Path(line.path))
+                path_in_file(line.load(), Path(line.path))
 
 
 def _taken(kind: Kind, table: dict[str, Any], key: str) -> bool:

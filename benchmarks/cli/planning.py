@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 import optik
+from benchmarks.cli.carried import carrying, torque_limit
 from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, configuration, out_console, print_json, words_of
 from optik.errors import InvalidInput
@@ -57,6 +58,16 @@ class Wish:
     rotation_speed: Annotated[
         str | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s]; likewise.")
     ] = None
+    torque: Annotated[
+        str | None,
+        typer.Option(
+            help="Limit on torques [N·m, sliding N]: robot (its own, where it has any), none, or numbers: 87,87,12."
+        ),
+    ] = None
+    torque_rate: Annotated[str | None, typer.Option(help="Likewise [N·m/s, sliding N/s].")] = None
+    payload: Annotated[
+        str | None, typer.Option(help="Mass in the tool [kg], or from the lightest to the heaviest: 0:3.")
+    ] = None
     branch: Annotated[
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
@@ -98,7 +109,7 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 
         def run(**given: Any) -> None:
             wish = Wish(**{key: given.pop(key) for key in wished})
-            arm = arm_of(wish.robot, wish.tip, wish.base)
+            arm = carrying(arm_of(wish.robot, wish.tip, wish.base), wish.payload)
             q = start_of(arm, wish.start_deg)
             planned(arm, build(arm, q, **given), q, wish)
 
@@ -240,12 +251,14 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
     own = planners.MotionLimits.of(arm)
     joints = ("velocity", "acceleration", "jerk")
     found = {f: getattr(own, f) if getattr(wish, f) is None else getattr(wish, f) for f in joints}
+    torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
+    by_torque = law.counts_torque and torques["torque"] is not None  # then the acceleration may be free
     for field in joints:
-        if field in law.keeps and found[field] is None:
+        if field in law.keeps and found[field] is None and not (field == "acceleration" and by_torque):
             nothing = f"nothing, and {arm.name} has no limit of its own"
             raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
     speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
-    return planners.MotionLimits(**found, **speeds)
+    return planners.MotionLimits(**found, **speeds, **torques)
 
 
 def _speeds(text: str | None, option: str) -> Any:

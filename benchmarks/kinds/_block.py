@@ -74,6 +74,8 @@ class Entry:
         ``ours``, ``law``, ``peer`` (an outside method) or ``reference``.
     whole : bool
         Whether each problem is one call with all that the method does by itself, where others make one attempt.
+    without : tuple of str
+        Limits that a law is not told of.
     """
 
     label: str
@@ -82,11 +84,13 @@ class Entry:
     most: int | None = None
     role: str = "ours"
     whole: bool = False
+    without: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
         """Its options in words."""
-        return ", ".join(f"{key} = {value}" for key, value in self.options.items())
+        told = [f"not told the limits on {' and '.join(self.without).replace('_', ' ')}"] if self.without else []
+        return ", ".join([f"{key} = {value}" for key, value in self.options.items()] + told)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.kinds.base import Entry
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_table, optional_count
+from benchmarks.settings import (
+    all_of,
+    check_different,
+    check_keys,
+    check_known,
+    check_list,
+    check_table,
+    optional_count,
+)
+from optik.errors import InvalidInput
 from optik.registry import short_name
+from planners.limits import ALL_LIMITS
 
 
 def read_method(data: Any, where: str) -> Entry:
@@ -49,7 +59,7 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
     Parameters
     ----------
     data : object
-        A table with ``law``, and perhaps ``label`` and ``options``.
+        A table with ``law``, and perhaps ``label``, ``options`` and ``without``.
     where : str
         Which block and key, for errors.
     role : str
@@ -67,13 +77,17 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
     UnknownName
         No such law.
     """
-    check_keys(data, {"label", "law", "options"}, where, need={"law"})
+    check_keys(data, {"label", "law", "options", "without"}, where, need={"law"})
     name = check_known(data["law"], "planners.timing", "time law")
+    without = tuple(check_list(data["without"], f"{where}: without")) if "without" in data else ()
+    if unknown := [limit for limit in without if limit not in ALL_LIMITS]:
+        raise InvalidInput(f"{where}: without", repr(unknown[0])[:60], f"limits out of {', '.join(ALL_LIMITS)}")
     return Entry(
         str(data.get("label", short_name(name))),
         name,
         dict(check_table(data.get("options", {}), f"{where}: options")),
         role=role,
+        without=without,
     )
 
 

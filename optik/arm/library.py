@@ -6,6 +6,7 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     source = "data sheet, revision 3"    # optional: where the numbers come from; by default the file's name
     joint_names = ["elbow", "slide"]     # optional: by default joint1, joint2, …
     gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame
+    gravity_magnitude = 9.80665          # optional: acceleration of free fall, m/s²; 0 without weight
     base = { xyz_mm = [0.0, 0.0, 500.0], rpy_deg = [0.0, 0.0, 90.0] }   # optional: before the first row's transform
     tool = { xyz_mm = [0.0, 0.0, 120.0] }                               # optional: after the last row's transform
 
@@ -18,6 +19,22 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     velocity = 2.0                       # rad/s or m/s, where the rows have no speeds
     acceleration = [10.0, 10.0]          # rad/s² or m/s²
     jerk = 100.0                         # rad/s³ or m/s³
+    torque = [97.6, 520.0]               # N·m or N
+    torque_rate = 1000.0                 # N·m/s or N/s
+
+    [inertia]                            # optional: without it, torques are unknown
+    source = "identified by us, 2024"    # optional: by default the file's source
+
+    [[inertia.links]]                    # one for each joint: the link that it moves; what is left out is 0
+    mass_kg = 17.4
+    com_mm = [-363.8, 6.0, 227.5]
+    inertia = [0.13, 0.524, 0.539, 0.0, 0.0, 0.0]
+    motor = 2.325
+    viscous = 9.5
+    coulomb = 13.6
+
+    [[inertia.links]]
+    mass_kg = 5.0
 
     [shapes]                             # optional: capsules that enclose the links; without it, contacts are unknown
     source = "measured by us"            # optional: by default the file's source
@@ -30,6 +47,11 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
 A row names its position limits by one of range_deg, range_rad and range_mm, and its velocity by speed_deg [°/s] or
 speed_mm [mm/s], in all rows or in none. Millimetres belong to prismatic joints, degrees and radians to revolute ones;
 [-inf, inf] stands for a joint without position limits.
+
+Centres of mass and inertias are stated in the table's frames, as published tables state them: the frame of row i moves with
+joint i and stands, in a standard table, a_i and α_i behind the joint, in a modified one at it. `inertia` is about the centre
+of mass, in kg·m², in the order xx, yy, zz, xy, xz, yz. `motor` is the inertia of motor and gears reflected to the joint (of
+the motor times the square of the gear ratio) in kg·m² or kg, `viscous` is in N·m·s/rad or N·s/m, `coulomb` in N·m or N.
 
 A capsule is stated in the table's frame of its link, the base's in the robot's base frame, as a segment and a radius that
 together contain the link; the excess says how far it stands out beyond the link at most. The frame of row i moves with joint
@@ -50,7 +72,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.limits import JointLimits
+from optik.arm.inertia import STANDARD_GRAVITY, Inertia
+from optik.arm.limits import DYNAMIC_LIMITS, JointLimits
 from optik.arm.plain import record, word
 from optik.arm.robot import Robot
 from optik.arm.shapes.toml import shapes_from_toml
@@ -84,7 +107,9 @@ CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
 REQUIRED_KEYS = ("convention", "joints")
 """Keys that every file has."""
 
-OPTIONAL_KEYS = ("source", "joint_names", "gravity", "base", "tool", "dynamic_limits", "shapes")
+OPTIONAL_KEYS = (
+    "source", "joint_names", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia", "shapes",
+)  # fmt: skip
 """Keys that a file may have."""
 
 RANGES = {"range_deg": RADIANS_PER_DEGREE, "range_rad": 1.0, "range_mm": 1e-3}
@@ -95,6 +120,10 @@ SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
 
 JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
 """Keys of a row; which of them are required depends on the row."""
+
+
+LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
+"""Keys of a row of masses."""
 
 
 def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> Robot:
@@ -251,7 +280,9 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
         tool=_placed(data.get("tool", {}), "tool"),
         joint_names=names,
         gravity=_numbers(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
+        gravity_magnitude=data.get("gravity_magnitude", STANDARD_GRAVITY),
         source=source,
+        inertia=_inertia(data["inertia"], len(joints), source) if "inertia" in data else None,
         shapes=shapes_from_toml(data["shapes"], source, names or default) if "shapes" in data else None,
     )
 
@@ -271,9 +302,30 @@ def _row(joint: Mapping[str, Any], where: str) -> DHRow:
     )
 
 
+def _inertia(table: Any, n: int, source: Any) -> Inertia:
+    """Masses of the links, in the table's frames."""
+    links = record(table, ("links",), "inertia", optional=("source",))["links"]
+    if not isinstance(links, list) or len(links) != n:
+        got = f"{len(links)} rows" if isinstance(links, list) else repr(links)[:60]
+        raise InvalidInput("inertia.links", got, f"{n} rows, one for each joint")
+    numbers: dict[str, list[float]] = {key: [] for key in ("mass_kg", "motor", "viscous", "coulomb")}
+    com, tensor = np.zeros((n, 3)), np.zeros((n, 3, 3))
+    for i, link in enumerate(links):
+        where = f"inertia.links[{i}]"
+        record(link, (), where, optional=LINK_KEYS)
+        for key, found in numbers.items():
+            found.append(check_number(link.get(key, 0.0), f"{where}.{key}", "a finite number ≥ 0", least=0.0))
+        com[i] = _numbers(link.get("com_mm", [0.0] * 3), f"{where}.com_mm", 3) / 1000.0
+        xx, yy, zz, xy, xz, yz = _numbers(link.get("inertia", [0.0] * 6), f"{where}.inertia", 6)
+        tensor[i] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    mass, motor, viscous, coulomb = (np.array(found) for found in numbers.values())
+    where_from = word(table.get("source", source), "inertia.source")
+    return Inertia(mass, com, tensor, motor, viscous, coulomb, where_from)
+
+
 def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     """Position limits and speeds of the rows, and the other limits of the table ``dynamic_limits``."""
-    record(dynamic, (), "dynamic_limits", optional=("velocity", "acceleration", "jerk"))
+    record(dynamic, (), "dynamic_limits", optional=DYNAMIC_LIMITS)
     n = len(joints)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     limits: dict[str, Any] = {key: _positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}

@@ -17,13 +17,14 @@ from planners.certificate.active import Binding, active_constraints
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.continuity import continuity_failures, continuous_order
 from planners.certificate.coverage import Coverage, check_span, coverage
-from planners.certificate.examined import Examined
+from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
+from planners.certificate.examined import Examined, examined
 from planners.certificate.failure import Failure
 from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
-from planners.limits import ALL_LIMITS, Extreme, MotionLimits, ToolExtreme, kind_of
+from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -53,6 +54,10 @@ class Certificate:
         model of the arm's masses; NaN where they are not limited.
     extra : mapping of str to Extreme or ToolExtreme
         The same of further kinds of limits, by name (``MotionLimits(extra=...)``).
+    energy : Energy or None
+        Mechanical energy and largest power found, where the torque is limited.
+    friction_steps : tuple of FrictionStep
+        Steps of the torque by Coulomb friction, which ``torque_rate`` does not count, where torque or its rate is limited.
     sampled_jerk : (n,) array
         Largest difference of accelerations at the controller's rate, over its period [rad/s³]: what a controller sees.
     rate : float
@@ -105,6 +110,8 @@ class Certificate:
     torque: Extreme
     torque_rate: Extreme
     extra: Mapping[str, Extreme | ToolExtreme] = dataclasses.field(default_factory=dict)
+    energy: Energy | None = None
+    friction_steps: tuple[FrictionStep, ...] = ()
     clearance: Clearance | None = None
 
     def judged(self, field: str) -> Extreme | ToolExtreme:
@@ -203,6 +210,8 @@ class Certificate:
             "tolerance": None if self.tolerance is None else list(self.tolerance),
         }  # fmt: skip
         out |= {name: self.judged(name).to_dict() for name in (*ALL_LIMITS, *self.extra)}
+        out["energy"] = None if self.energy is None else self.energy._asdict()
+        out["friction_steps"] = [step._asdict() for step in self.friction_steps]
         out |= {"sampled_jerk": plain(self.sampled_jerk), "position_margin": plain(self.position_margin)}
         out["clearance"] = None if self.clearance is None else self.clearance.to_dict()
         return out | {"binding": self.binding.to_dict()}
@@ -269,7 +278,7 @@ def certify(
     margin = margin if scene is None else check_scene(robot, scene, margin)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
     promise = _Promise(law, keeps, rate, tolerance, scene, margin)
-    return _proved(Examined(robot, trajectory, path, enough), limits, promise, span)
+    return _proved(examined(robot, trajectory, path, enough), limits, promise, span)
 
 
 class _Promise(NamedTuple):
@@ -309,7 +318,17 @@ def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tup
         clearance=None if scene is None else clearance(robot, trajectory, scene, margin),
         **{name: judged.pop(name) for name in ALL_LIMITS},
         extra=judged,
+        **_effort(motion, limits),
     )
+
+
+def _effort(motion: Examined, limits: MotionLimits) -> dict[str, Any]:
+    """Energy and steps of friction, where torque or its rate is limited."""
+    if all(limits.value(name) is None for name in LOADED):
+        return {}
+    torques = motion.torques
+    steps = friction_steps(motion.robot, motion.trajectory, torques, motion.rest)
+    return {"energy": energy(torques), "friction_steps": steps}
 
 
 def _along(motion: Examined, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:

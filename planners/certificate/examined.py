@@ -11,6 +11,7 @@ from planners.certificate import continuity
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
+from planners.certificate.torque import TorqueBounds
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -67,6 +68,12 @@ class Examined:
         return tool_speed(self.robot, self.trajectory, self.bounds)
 
     @cached_property
+    def torques(self) -> TorqueBounds:
+        """Its torques, and proved bounds on them; raises `InvalidInput` where the arm's masses are unknown."""
+        first, last = self.bounds.ends
+        return TorqueBounds(self.robot, self.bounds.knots, first.joints, last.joints)
+
+    @cached_property
     def jumps(self) -> Flags:
         """Where (4, m + 1, n) a joint's derivative of order 0 to 3 jumps."""
         return continuity.jumps(self.trajectory)
@@ -75,3 +82,41 @@ class Examined:
     def rest(self) -> tuple[bool, bool]:
         """Whether the motion starts and ends at rest."""
         return continuity.rest(self.trajectory)
+
+
+NO_FINER = (ERROR_FLOOR, ERROR_FLOOR)
+"""Distance [m] and angle [rad] of a path error that need not be finer by default: those of rounding."""
+OF_THE_MOTION = ("bounds", "tool_speed", "torques", "jumps", "rest")
+"""What is known of a motion whatever path it follows."""
+_LAST: list[Examined] = []
+"""The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
+
+
+def examined(
+    robot: Robot, trajectory: Trajectory, path: Path | None = None, enough: tuple[float, float] = NO_FINER
+) -> Examined:
+    """Return a motion under examination, with all that is known of it where it is the one that was examined last.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    trajectory : Trajectory
+        Its motion.
+    path : Path, optional
+        What its tool should follow.
+    enough : (2,) tuple of float
+        Distance [m] and angle [rad] below which no bound on the path error need be finer.
+
+    Returns
+    -------
+    Examined
+        The motion.
+    """
+    motion = Examined(robot, trajectory, path, enough)
+    for last in _LAST[:]:
+        if last.trajectory is trajectory and last.robot == robot:
+            known = vars(last)
+            vars(motion).update({name: known[name] for name in OF_THE_MOTION if name in known})
+    _LAST[:] = [motion]
+    return motion

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from optik.arm.inertia import Load
 from optik.types import Array
 from planners.certificate.examined import Examined
+from planners.certificate.torque_slowing import slowing
 from planners.limits._extreme import Extreme
 from planners.limits._points import PathPoints
+from planners.limits._sides import sides
 from planners.limits.base import Limit
 
 
@@ -22,6 +25,8 @@ class LoadedLimit(Limit):
     """
 
     homogeneous: ClassVar[bool] = False
+    rate: ClassVar[bool]
+    """Whether the limit is on the rates of the torques, and not on the torques."""
     columns: ClassVar[int]
     """Columns of the rows: the full set of monomials of the limit's order."""
 
@@ -51,7 +56,7 @@ class LoadedLimit(Limit):
         return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
     @abstractmethod
-    def _rows_of(self, at: PathPoints, bound: Array, load: Any) -> Array:
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
         """The rows (k, n, columns) of one load."""
 
     def judge(self, motion: Examined, bound: Array) -> Extreme:
@@ -76,11 +81,17 @@ class LoadedLimit(Limit):
         """
         if not np.isfinite(bound).any():
             return Extreme(*np.full((3, motion.robot.n), np.nan))
-        return self._judged(motion, bound)
-
-    @abstractmethod
-    def _judged(self, motion: Examined, bound: Array) -> Extreme:
-        """The proved bound against a limit that is given."""
+        lower, upper = sides(bound)
+        found = motion.torques.proved(np.stack([lower, upper]), rate=self.rate)
+        limited = np.isfinite(upper)
+        value = found.ratio * np.where(limited, np.where(found.upper, upper, -lower), 1.0)
+        extreme = Extreme(value, np.where(limited, found.ratio, np.nan), found.time)
+        jumping = motion.jumps[: self.order].any(axis=(0, 2))
+        if not jumping.any():
+            return extreme
+        infinite = np.full(upper.size, np.inf)
+        when = np.full(upper.size, motion.trajectory.knots[jumping.argmax()])
+        return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
         """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`.
@@ -104,8 +115,28 @@ class LoadedLimit(Limit):
         """
         if not np.isfinite(bound).any():
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
-        return self._pieces(motion, bound)
+        return motion.torques.piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
-    @abstractmethod
-    def _pieces(self, motion: Examined, bound: Array) -> Array:
-        """The ratios on the pieces of a limit that is given."""
+    def slowing(self, motion: Examined, bound: Array) -> float:
+        """From the parts of the torques that go with powers of the speed; see `Limit.slowing`.
+
+        Parameters
+        ----------
+        motion : Examined
+            The motion.
+        bound : (m,) or (2, m) array
+            What `Limit.array` returned [as its units].
+
+        Returns
+        -------
+        float
+            Factor of the duration [1]; infinite where gravity and friction alone pass the limit.
+
+        Raises
+        ------
+        InvalidInput
+            The masses of the arm are unknown.
+        """
+        if not np.isfinite(bound).any():
+            return 0.0
+        return slowing(motion.torques, np.stack(sides(bound)), rate=self.rate)

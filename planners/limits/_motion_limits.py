@@ -103,11 +103,11 @@ class MotionLimits:
             Its velocities, accelerations and jerks, where it has them; torques and their rates where it has masses too.
         """
         own = robot.limits
-        loaded = getattr(robot, "inertia", None) is not None
+        loaded = robot.inertia is not None
         return MotionLimits(
             own.velocity, own.acceleration, own.jerk,
-            torque=getattr(own, "torque", None) if loaded else None,
-            torque_rate=getattr(own, "torque_rate", None) if loaded else None,
+            torque=own.torque if loaded else None,
+            torque_rate=own.torque_rate if loaded else None,
         )  # fmt: skip
 
     @property

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from optik.arm.inertia import Load
 from optik.types import Array
-from planners.certificate.examined import Examined
-from planners.limits._extreme import Extreme
 from planners.limits._loaded import LoadedLimit
 from planners.limits._points import PathPoints
 from planners.limits._sides import sides
@@ -28,9 +27,10 @@ class Torque(LoadedLimit):
     units: ClassVar[tuple[str, str]] = ("N·m", "N")
     order: ClassVar[int] = 2
     sided: ClassVar[bool] = True
+    rate: ClassVar[bool] = False
     columns: ClassVar[int] = 4
 
-    def _rows_of(self, at: PathPoints, bound: Array, load: Any) -> Array:
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
         lower, upper = sides(bound)
         free = ~np.isfinite(upper - lower)
         lower, upper = np.where(free, -1.0, lower), np.where(free, 1.0, upper)
@@ -40,13 +40,6 @@ class Torque(LoadedLimit):
         half = 0.5 * (upper - lower) - load.coulomb * still
         with np.errstate(divide="ignore", invalid="ignore"):  # friction alone may pass the limit: then nothing keeps it
             return np.where(free[:, None], 0.0, rows / np.maximum(half, 0.0)[:, :, None])
-
-    def _judged(self, motion: Examined, bound: Array) -> Extreme:
-        value = np.abs(_sampled(motion)).max(axis=0)
-        return Extreme(value, value / sides(bound)[1], np.zeros(value.size))
-
-    def _pieces(self, motion: Examined, bound: Array) -> Array:
-        return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
 
 
 def _senses(at: PathPoints) -> tuple[Array, Array]:
@@ -69,19 +62,6 @@ def _senses(at: PathPoints) -> tuple[Array, Array]:
     still[:-1] |= turning
     still |= ((at.s <= 0.0) | (at.s >= at.joint_path.end))[:, None]
     return np.where(still, 0.0, sign), still.astype(np.float64)
-
-
-def _sampled(motion: Examined) -> Array:
-    from optik.dynamics import torques_batch
-
-    t = np.linspace(0.0, motion.trajectory.end, 4001)
-    states = np.ascontiguousarray(np.stack([motion.trajectory(t, i) for i in range(4)], axis=1))
-    found = []
-    for load in motion.robot.loads:
-        out = np.empty((t.size, 2, motion.robot.n))
-        torques_batch(motion.robot.chain, load.bodies, load.viscous, states, out)
-        found.append(np.abs(out[:, 0]) + load.coulomb)
-    return np.asarray(np.maximum(found[0], found[-1]))
 
 
 METHOD = Torque

@@ -12,7 +12,7 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.curve import composed
-from planners.fit import fitted
+from planners.fit import fitted, keeps_all
 from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
@@ -43,8 +43,10 @@ SLOWER = 1.5
 """Largest factor by which an initial guess is slowed as a whole: one bad place should not slow a long path."""
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
 """Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
-SLOWDOWN_LEFT = 2e-4
-"""Share of the duration that is left to the uniform slow-down."""
+PROOF_EXCESS = 2e-5
+"""Share of the limits on torque and its rate that is left to the proof: its bounds exceed the largest values by half of it."""
+SLOWDOWN_LEFT, SLOWDOWN_LOADED = 2e-4, 5e-4
+"""Shares of the duration that are left to the uniform slow-down, the second where torques are limited."""
 OFF_JOINT_PATH = 1e-7
 """How far a joint may be from q(s) between the places [rad or m]; intervals in which it is farther off are halved."""
 COARSE, WORSE, INTERVAL_HALVINGS = 1.05, 1.2, 2
@@ -108,10 +110,18 @@ class Optimal(TimeLaw):
             The iteration found no motion.
         """
         self.need(limits, joint_path.robot)
-        for problem, weight in _problems(joint_path, limits, self.intervals):
-            trajectory = _solved(joint_path, problem, limits, SLOWDOWN_LEFT, weight)
-            if trajectory is not None:
-                return fitted(joint_path.robot, trajectory, limits, self.promises(limits), joint_path.path)
+        robot, promised = joint_path.robot, self.promises(limits)
+        inside = limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
+        for problem, weight in _problems(joint_path, inside, self.intervals):
+            loaded = problem.rows.loaded
+            found = _solved(joint_path, problem, inside, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
+            if found is None:
+                continue
+            if loaded:  # slowed by what was found, one proof is enough as a rule
+                slowed = found.motion.slowed(max(found.slower, 1.0))
+                if keeps_all(robot, slowed, limits, promised, joint_path.path):
+                    return slowed
+            return fitted(robot, found.motion, limits, promised, joint_path.path)
         limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
@@ -153,9 +163,9 @@ class Optimal(TimeLaw):
         ends = stopping_places(joint_path, limits, state, known) if stop else [joint_path.end]
         for end in ends:
             problem = programme(joint_path, limits, self.intervals, state, end)
-            trajectory = None if problem is None else _solved(joint_path, problem, limits, 0.0)
-            if trajectory is not None:
-                return trajectory if known is None or trajectory.duration <= known.duration else known
+            found = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+            if found is not None:
+                return found.motion if known is None or found.motion.duration <= known.duration else known
         if known is not None:
             return known
         raise NoSolution(
@@ -178,7 +188,7 @@ def _most_violated(joint_path: JointPath, given: Programme) -> tuple[str, str, f
     K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _values(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
-    accelerations = m - given.rows.static.shape[1]
+    accelerations = given.rows.node.shape[1] - given.rows.static.shape[1]
     if i < m:
         limit, place = ("acceleration" if i < accelerations else "torque"), given.s[k]
     else:
@@ -197,19 +207,27 @@ def _values(problem: Problem, z: Array) -> Array:
     return c
 
 
+class _Found(NamedTuple):
+    """A motion, and by how much it is to be slowed as a whole."""
+
+    motion: Trajectory
+    slower: float
+
+
 def _solved(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
-) -> Trajectory | None:
+) -> _Found | None:
     """The motion whose exact extrema exceed the limits by a share `close` at most, or by more if it is slowed afterwards."""
     z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
-    weight, halvings, again, trajectory = weight * FIRST_BARRIER, 0, 0, None
+    weight, halvings, again = weight * FIRST_BARRIER, 0, 0
+    found: _Found | None = None
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
         problem = given.problem
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
         if (
             iteration.solve(
-                problem, z, weight, GAP / (2.0 * rows), MOST_ITERATIONS if trajectory is None else WARM_ITERATIONS
+                problem, z, weight, GAP / (2.0 * rows), MOST_ITERATIONS if found is None else WARM_ITERATIONS
             )
             < 0
         ):
@@ -227,15 +245,17 @@ def _solved(
         if coarse.any() and K < FINEST_INTERVALS:
             given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
             z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.98)
-            weight, trajectory = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
+            weight, found = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
-        trajectory, again = motion, again + 1
-        if not _tighten(joint_path, given, trajectory, excess, limits, close):
-            return trajectory
+        tool = _tool_ratios(joint_path, given.s, motion, limits) * (1.0 if close else BETWEEN_SAMPLES)
+        found, again = _Found(motion, excess.slower(tool)), again + 1
+        if found.slower <= 1.0 + max(close, LIMIT_ROUNDING):
+            return found
+        _tighten(problem, excess, tool, 0.0 if close else 1e-6)
         if given.moving is None:
             z = _inside(problem, z, 0.995)
         weight = WARM_BARRIER if given.moving is None else 4.0 * WARM_BARRIER  # which is not moved inside the limits
-    return trajectory if close else None
+    return found if close else None
 
 
 def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
@@ -286,27 +306,16 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
     return Trajectory(through(t, q, *composed((q1, q2), (v, a))))
 
 
-def _tighten(
-    joint_path: JointPath, given: Programme, trajectory: Trajectory, excess: _Excess, limits: MotionLimits,
-    close: float,
-) -> bool:  # fmt: skip
-    """Tighten limits of intervals whose exact extrema pass them; whether any had to be."""
-    problem = given.problem
-    tool = _tool_ratios(joint_path, given.s, trajectory, limits) * (1.0 if close else BETWEEN_SAMPLES)
-    slower = max(
-        excess.speed.max(), excess.node.max(initial=0.0) ** (1.0 / 2.0), excess.edge.max() ** (1.0 / 3.0), tool.max()
-    )
-    if slower <= 1.0 + max(close, LIMIT_ROUNDING):
-        return False
-    spare = 0.0 if close else 1e-6  # where nothing is slowed afterwards
+def _tighten(problem: Problem, excess: _Excess, tool: Array, spare: float) -> None:
+    """Tighten the limits of intervals inside of which they are exceeded, by a share `spare` more."""
     speed, node, edge = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in excess)
-    problem.node[:-1, :, :3] *= node[:, :, None]  # not the static part, which no tightening changes
-    problem.node[1:, :, :3] *= node[:, :, None]
+    m = node.shape[1]
+    problem.node[:-1, :m, :3] *= node[:, :, None]  # not the static part, which no tightening changes
+    problem.node[1:, :m, :3] *= node[:, :, None]
     problem.edge[...] *= edge[:, None, :, None]
     slow = np.maximum(speed.max(axis=1), np.where(tool > 1.0, 1.0 + 1.2 * (tool - 1.0), 1.0))
     problem.top[:-1] /= slow
     problem.top[1:] /= slow
-    return True
 
 
 class _Excess(NamedTuple):
@@ -325,6 +334,11 @@ class _Excess(NamedTuple):
         """Largest factor of every interval (K,)."""
         return np.asarray(np.concatenate([self.speed, self.node, self.edge], axis=1).max(axis=1))
 
+    def slower(self, tool: Array) -> float:
+        """By how much the motion is to be slowed as a whole, with the ratios (K,) of the tool's speeds."""
+        node, edge = self.node.max(initial=0.0) ** (1.0 / 2.0), self.edge.max() ** (1.0 / 3.0)
+        return float(max(self.speed.max(), node, edge, tool.max()))
+
 
 def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits, z: Array) -> _Excess:
     """By what factors a motion exceeds the limits in the intervals."""
@@ -332,7 +346,8 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     speed, acceleration, jerk = (
         _pieces_over(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
     )
-    torque, rate = torque_excess(joint_path, limits, given.rows, motion, _values(given.problem, z))
+    m, c = given.problem.node.shape[1], _values(given.problem, z)
+    torque, rate = torque_excess(joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))

@@ -1,4 +1,4 @@
-"""TOPP-RA: the time-optimal motion along the path under velocity and acceleration limits; jerk is not limited."""
+"""TOPP-RA: the time-optimal motion along the path under velocity, acceleration and torque limits; jerk is not limited."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import toppra
 from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
+from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 from toppra.interpolator import AbstractGeometricPath
 
 from optik.check import check_count
@@ -30,14 +31,22 @@ BRIEFEST_PIECE = 2e-5
 """Least mean time [s] between grid points: in shorter pieces rounding in q dominates the accelerations."""
 GRIDS = (1.0, 2.37, 0.53, 5.11)
 """Numbers of intervals, over the requested one, that are tried in turn where TOPP-RA finds no motion."""
+VISCOUS_ROUNDS, SAME_SPEEDS, SLOWER_TANGENT = 10, 1e-3, 0.7
+"""Most solutions around the speeds of the one before, for viscous friction; the change of ṡ, as a share of the greatest, at
+which the last one stands; and the factor of the speeds where there is no solution around them."""
+SLOWEST_TANGENT = 0.02
+"""Share of the greatest ṡ below which √x is not linearised: its slope grows without bound."""
+UNBOUNDED = 1e12
+"""Bound on the acceleration of a free joint [rad/s², m/s²]: an infinite one makes NaN of TOPP-RA's arithmetic."""
 
 
 class Toppra(TimeLaw):
     """Reachability analysis on a grid over s (Pham and Pham, IEEE T-RO 2018), constant s̈ between grid points.
 
-    Limits on velocities, of the joints and of the tool, are bounds on ṡ² at the grid points. Between grid points limits
-    may be exceeded a little: the grid is refined where that happens, and the certificate reports what remains. The
-    acceleration jumps at every grid point.
+    Limits on velocities, of the joints and of the tool, are bounds on ṡ² at the grid points. Torques are linear in s̈ and
+    ṡ², but for viscous friction, which goes with ṡ: it is linearised around the speeds of the solution before, and the
+    problem solved again until they stay. Between grid points limits may be exceeded a little: the grid is refined where that
+    happens, and a plan slows the motion by what remains. The acceleration jumps at every grid point.
 
     Parameters
     ----------
@@ -51,7 +60,8 @@ class Toppra(TimeLaw):
     """
 
     name: ClassVar[str] = "toppra"
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", *TOOL_SPEEDS)
+    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", *TOOL_SPEEDS, "torque")
+    counts_torque: ClassVar[bool] = True
 
     def __init__(self, *, grid: int = 200) -> None:
         check_count(grid, "grid", 10)
@@ -76,7 +86,7 @@ class Toppra(TimeLaw):
         Raises
         ------
         InvalidInput
-            Velocity or acceleration limits are missing.
+            Limits on velocity are missing, or on acceleration where torque is free, or the arm's masses where it is not.
         NoSolution
             No limit bounds a joint that moves, or TOPP-RA finds no motion on any of its grids.
         """
@@ -86,7 +96,7 @@ class Toppra(TimeLaw):
         sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
         for self.retries, size in enumerate(sizes):
             s = _grid(joint_path, size)
-            speed = _speeds(joint_path, bounded, s)
+            speed = _settled(joint_path, bounded, s)
             if speed is not None:
                 return refit(joint_path, constant_acceleration(*_finer(joint_path, bounded, s, speed)))
         raise NoSolution(
@@ -104,15 +114,35 @@ def _grid(joint_path: JointPath, intervals: int) -> Array:
     return np.concatenate([[0.0], s, [end]])
 
 
-def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
-    """ṡ at the grid points, or None where TOPP-RA finds no motion."""
+def _settled(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
+    """ṡ at the grid points, solved again around themselves where friction goes with them; None where there is no motion."""
+    speed = _speeds(joint_path, limits, s, None)
+    if limits.torque is None or not any(load.viscous.any() for load in joint_path.robot.loads):
+        return speed
+    around = speed
+    for _ in range(VISCOUS_ROUNDS):
+        after = None if around is None else _speeds(joint_path, limits, s, around)
+        if around is None:
+            break
+        if after is None:  # around far too high speeds friction alone passes a limit
+            around = SLOWER_TANGENT * around
+            continue
+        change, speed, around = float(np.abs(after - around).max()), after, after
+        if change <= SAME_SPEEDS * after.max():
+            break
+    return speed
+
+
+def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None) -> Array | None:
+    """ṡ at the grid points, or None where TOPP-RA finds no motion; viscous friction is that around given ṡ, or none."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
-    # free joints get a bound that cannot bind: an infinite one makes NaN of its arithmetic
-    acceleration = sides(limits.bounds(joint_path.robot.n)["acceleration"])
+    acceleration = np.stack(sides(limits.bounds(joint_path.robot.n)["acceleration"]), axis=1)
     constraints = [
         _Speed(speed_bound(joint_path, limits, s)),
-        toppra.constraint.JointAccelerationConstraint(np.clip(np.stack(acceleration, axis=1), -1e12, 1e12)),
+        toppra.constraint.JointAccelerationConstraint(np.clip(acceleration, -UNBOUNDED, UNBOUNDED)),
     ]
+    if limits.torque is not None:
+        constraints.append(_Torque(limits.rows("torque", PathPoints(joint_path, s)), around))
     try:
         with np.errstate(all="ignore"):
             algorithm = toppra.algorithm.TOPPRA(constraints, _Geometry(joint_path), gridpoints=s)
@@ -133,7 +163,7 @@ def _finer(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) 
             break
         wrong |= np.roll(wrong, 1) | np.roll(wrong, -1)  # its neighbours decide what happens at its ends
         finer = np.sort(np.concatenate([s, (0.5 * (s[:-1] + s[1:]))[wrong & (np.diff(s) > 2.0 * GRID_APART * s[-1])]]))
-        found = _speeds(joint_path, limits, finer)
+        found = _speeds(joint_path, limits, finer, np.interp(finer, s, speed))
         if found is None:
             break
         s, speed = finer, found
@@ -147,8 +177,9 @@ def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array)
     square = (speed[:-1, None] ** 2 + np.diff(speed**2)[:, None] * u).ravel()
     acceleration = np.repeat(0.5 * np.diff(speed**2) / np.diff(s), u.size)
     rates = np.sqrt(square), acceleration
-    asked = limits.ratios("acceleration", PathPoints(joint_path, at), rates)
-    ratio = np.maximum(asked.max(axis=1), rates[0] / speed_bound(joint_path, limits, at))
+    points = PathPoints(joint_path, at)
+    asked = [limits.ratios(name, points, rates).max(axis=1) for name in ("acceleration", "torque")]
+    ratio = np.maximum(np.maximum(*asked), rates[0] / speed_bound(joint_path, limits, at))
     return np.asarray(ratio.reshape(-1, u.size).max(axis=1))
 
 
@@ -181,6 +212,29 @@ class _Speed(toppra.constraint.LinearConstraint):  # type: ignore[misc]
 
     def compute_constraint_params(self, path: Any, gridpoints: Array, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         return None, None, None, None, None, None, self._bound
+
+
+class _Torque(toppra.constraint.LinearConstraint):  # type: ignore[misc]
+    """|a s̈ + b ṡ² + f ṡ + c| ≤ 1 at the grid points, and with the s̈ before each of them.
+
+    With x = ṡ², f ṡ is f √x, whose tangent at the given speeds takes its place. At rest it is exactly 0.
+    """
+
+    def __init__(self, rows: Array, around: Array | None) -> None:
+        super().__init__()
+        self.identical = True
+        a, b, f, c = (rows[..., i] for i in range(4))
+        if around is not None:
+            v = np.maximum(around, SLOWEST_TANGENT * around.max())[:, None]
+            f = np.where((around > 0.0)[:, None], f, 0.0)
+            b, c = b + 0.5 * f / v, c + 0.5 * f * v
+        self._rows = a, b, c
+
+    def compute_constraint_params(self, path: Any, gridpoints: Array, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        count = self._rows[0].shape[1]
+        both = np.vstack([np.eye(count), -np.eye(count)])
+        rows = (*self._rows, both, np.ones(2 * count))
+        return canlinear_colloc_to_interpolate(*rows, None, None, gridpoints, identical=True)  # type: ignore[no-any-return]
 
 
 class _Geometry(AbstractGeometricPath):  # type: ignore[misc]

@@ -3,7 +3,7 @@
 import pickle
 import subprocess
 import sys
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
 import pytest
@@ -172,8 +172,7 @@ def test_the_fingerprint_is_the_same_in_another_process(tmp_path):
 
 
 def changed(robot, **changes):
-    names = ("name", "fixed", "prismatic", "tool", "limits", "joint_names", "gravity", "source")
-    return Robot(**{n: getattr(robot, n) for n in names} | changes)
+    return Robot(**{f.name: getattr(robot, f.name) for f in fields(robot)} | changes)
 
 
 def nudged(array):
@@ -194,9 +193,9 @@ def test_any_change_of_content_is_another_robot():
         "gravity": (0, 0, -1),
     }
     others = [changed(robot, **{k: v}) for k, v in changes.items()]
-    for name in ("lower", "upper", "velocity", "acceleration", "jerk"):
+    for name in ("lower", "upper", "velocity", "acceleration", "jerk", "torque"):
         others.append(changed(robot, limits=replace(limits, **{name: nudged(getattr(limits, name))})))
-    for name in ("velocity", "acceleration", "jerk"):
+    for name in ("velocity", "acceleration", "jerk", "torque"):
         others.append(changed(robot, limits=replace(limits, **{name: None})))
     assert changed(robot) == robot
     assert len({robot, *others}) == len(others) + 1

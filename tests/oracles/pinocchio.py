@@ -1,8 +1,10 @@
-"""Another library's kinematics of the same tables, which it reads as URDF."""
+"""Another library's kinematics of the same tables, which it reads as URDF, and its dynamics of the same bodies."""
 
 from __future__ import annotations
 
 from typing import Any
+
+import numpy as np
 
 from tests.oracles.arms import Arm
 
@@ -53,3 +55,37 @@ class Pinocchio:
         """Rows (v, ω) at the tool point along the base's axes."""
         axes = self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return self._pin.computeFrameJacobian(self._model, self._data, q, self._tool, axes).copy().reshape(6, -1)
+
+
+class PinocchioDynamics:
+    """Another library's dynamics of a robot, built body by body from the robot's data; friction is a formula."""
+
+    def __init__(self, robot: Any) -> None:
+        import pinocchio as pin
+
+        self._pin, self.robot = pin, robot
+        self.model = model = pin.Model()
+        last = 0
+        for i in range(robot.n):
+            kind = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
+            place = pin.SE3(robot.fixed[i])
+            last = model.addJoint(last, kind, place, f"j{i}")
+            arm = robot.inertia
+            model.appendBodyToJoint(last, pin.Inertia(arm.mass[i], arm.com[i], arm.tensor[i]), pin.SE3.Identity())
+        model.armature = robot.inertia.motor.copy()
+        model.gravity.linear = robot.gravity_magnitude * robot.gravity
+        if robot.payload is not None:
+            load = robot.payload
+            model.appendBodyToJoint(last, pin.Inertia(load.mass, load.com, load.inertia), pin.SE3(robot.tool))
+        self._data = model.createData()
+
+    def torques(self, q: Array, dq: Array, ddq: Array) -> Array:
+        rigid = self._pin.rnea(self.model, self._data, q, dq, ddq)
+        return rigid + self.robot.inertia.viscous * dq + self.robot.inertia.coulomb * np.sign(dq)
+
+    def gravity(self, q: Array) -> Array:
+        return self._pin.computeGeneralizedGravity(self.model, self._data, q).copy()
+
+    def mass_matrix(self, q: Array) -> Array:
+        M = np.triu(self._pin.crba(self.model, self._data, q))
+        return M + np.triu(M, 1).T

@@ -119,21 +119,41 @@ def test_the_proof_is_of_each_segment_on_its_own_stretch(speeds: tuple[float, ..
     assert factor == pytest.approx(proof.tool_speed.ratio, rel=1e-9)
 
 
-def test_where_a_motion_goes_back_over_a_break_the_lesser_limit_counts() -> None:
-    """A motion that turns twice around the end of the first corner, the fastest place between two knots."""
-    joints, place = along_bent(), float(bent().breaks[2])
-    t = np.linspace(0.0, 1.0, 41)
-    swing = 2e-3 * np.sin(12.0 * np.pi * t) * np.sin(np.pi * t) ** 3
-    s = place * (10 * t**3 - 15 * t**4 + 6 * t**5) * 1.6 + swing
-    s = np.minimum(s, joints.end)
-    v, a = np.gradient(s, t), np.gradient(np.gradient(s, t), t)
-    v[0] = v[-1] = 0.0
-    q, q1, q2 = (joints(s, i) for i in range(3))
-    motion = Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
-    proof = certify(paper6r(), bent(), motion, limits((0.1, 1.0, 1.0)), keeps=("tool_speed",))
-    ratio = dense(motion, (0.1, 1.0, 1.0))[1]
-    assert proof.coverage.missing[2] != (0.0, 0.0)  # it does go back
-    assert proof.tool_speed.ratio >= ratio.max() * (1.0 - 1e-4)
+def through_places(t: Array, s: Array, v: Array, a: Array) -> Trajectory:
+    """The motion through places of the path at knots t, with ṡ and s̈ there."""
+    q, q1, q2 = (along_bent()(s, i) for i in range(3))
+    return Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
+
+
+@pytest.mark.parametrize("speeds", [(0.1, 1.0, 1.0), (1.0, 0.1, 1.0), (1.0, 1.0, 0.1)])
+def test_a_limit_that_changes_between_two_knots_begins_at_its_place(speeds: tuple[float, ...]) -> None:
+    t = np.linspace(0.0, 1.0, 24)  # no knot is at a break
+    s = bent().end * (10 * t**3 - 15 * t**4 + 6 * t**5)
+    v = bent().end * (30 * t**2 - 60 * t**3 + 30 * t**4)
+    a = bent().end * (60 * t - 180 * t**2 + 120 * t**3)
+    assert np.abs(s[:, None] - bent().breaks[1:-1]).min() > 1e-4
+    motion = through_places(t, s, v, a)
+    proof = certify(paper6r(), bent(), motion, limits(speeds), keeps=("tool_speed",))
+    assert proof.coverage.missing[2] == (0.0, 0.0)
+    times = np.linspace(0.0, 1.0, 40_001)
+    points = paper6r().fk(motion(times))[:, :3, 3]
+    place = bent().end * (10 * times**3 - 15 * times**4 + 6 * times**5)
+    bound = bent().least_on_pieces(np.array(speeds))[np.searchsorted(bent().breaks[1:-1], place)]
+    ratio = np.linalg.norm(np.gradient(points, times, axis=0), axis=1) / bound
+    assert proof.tool_speed.ratio == pytest.approx(ratio.max(), rel=1e-3)
+    assert proof.tool_speed.time == pytest.approx(times[ratio.argmax()], abs=1e-3)
+
+
+def test_where_a_motion_goes_back_over_a_break_between_knots_the_lesser_limit_counts() -> None:
+    """Both ends of its one piece are behind the slow corner; between them it dips into that and returns."""
+    place = float(bent().breaks[2])
+    still = np.zeros(2)
+    motion = through_places(np.array([0.0, 1.0]), place + np.full(2, 1e-3), still, np.array([-0.064, -0.064]))
+    proof = certify(paper6r(), bent(), motion, limits((0.001, 1.0, 1.0)), keeps=("tool_speed",))
+    ratio = dense(motion, (0.001, 1.0, 1.0))[1]
+    assert max(proof.coverage.missing[2]) > 1e-4  # it does go back
+    assert ratio.max() > 1.0
+    assert ratio.max() * (1.0 - 1e-4) <= proof.tool_speed.ratio < 20.0 * ratio.max()
 
 
 def test_a_wrong_count_is_named_with_both_numbers() -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.kinds._problems import about_file, check_same
 from benchmarks.kinds.laws.lines import DrawnLine
 from benchmarks.kinds.laws.motions import draw_motion
-from benchmarks.kinds.laws.settings import LawBlock, LineSet
+from benchmarks.kinds.laws.sets import LineSet
+from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.records import RunFolder
 
 
@@ -94,7 +95,15 @@ class Motions:
             The run was begun with another one.
         """
         part, index = self._lines[number]
-        line = draw_motion(part.robot, part.kind, index, seed=self._seed, path=part.path)
+        line = draw_motion(
+            part.robot,
+            part.kind,
+            index,
+            seed=self._seed,
+            path=part.path,
+            payload=part.payload,
+            limits=self._block.limits,
+        )
         now, before = motion_hash(line), self._hashes.get(str(number))
         if before is None:
             self._hashes[str(number)] = now

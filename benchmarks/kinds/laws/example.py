@@ -8,15 +8,20 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.kinds._torques import torques_at
 from benchmarks.kinds.laws.lines import DrawnLine
+from benchmarks.kinds.laws.sets import told
 from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.records import Journal, RunFolder
+from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
+from planners.certificate.certificate import Certificate, certify
 from planners.following.follow import JointPath, follow
-from planners.limits import DERIVATIVES, MotionLimits, over, sides
+from planners.limits import DERIVATIVES, LOADED, MotionLimits, over, sides
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import speed_bound
+from planners.trajectory import Trajectory
 
 EXAMPLE_INSTANTS = 1201
 """Instants of each motion that are kept for plots."""
@@ -46,18 +51,21 @@ def write_example(
     journal : Journal
         Of the block: laws that have ended the process are left out.
     """
-    limits = next(part.limits for part in block.limits if part.label == block.example.limits)
+    limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
     solver = make_solver(line.robot, block.ik)
     motions, bindings = [], []
     for entry in (one for one in block.laws if one.label not in journal.crashed):
         with journal.at_work(entry.label):
-            law = make_law(entry.name, **entry.options)
+            law, within = make_law(entry.name, **entry.options), told(limits, entry)
             planned = plan(
-                line.robot, line.path, line.q_start, ik=solver, timing=law, limits=limits, samples=block.samples
+                line.robot, line.path, line.q_start, ik=solver, timing=law, limits=within, samples=block.samples
             )
         if planned:
             motions.append(motion_frame(planned, limits).with_columns(law=pl.lit(entry.label)))
-            bindings.append(binding_frame(planned).with_columns(law=pl.lit(entry.label)))
+            proof = planned.certificate
+            if within is not limits:
+                proof = certify(line.robot, line.path, planned.trajectory, limits)
+            bindings.append(binding_frame(proof).with_columns(law=pl.lit(entry.label)))
     joints = follow(solver, line.path, line.q_start, samples=block.samples).joint_path
     if motions and joints is not None:
         folder.write(name("motions"), pl.concat(motions))
@@ -80,7 +88,8 @@ def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
     Returns
     -------
     DataFrame
-        One row an instant: t [s], s [m], ṡ [m/s], and the worst value over limit of velocity, acceleration and jerk [1].
+        One row an instant: t [s], s [m], ṡ [m/s], and the worst value over limit of velocity, acceleration and jerk, and
+        where they are limited of torque and torque rate [1].
     """
     robot, path, motion = planned.robot, planned.path, planned.trajectory
     t = np.linspace(0.0, motion.end, EXAMPLE_INSTANTS)
@@ -93,23 +102,50 @@ def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
     ratios = {
         field: over(motion(t, order), bound[field]).max(axis=1) for order, field in enumerate(DERIVATIVES, start=1)
     }
-    return pl.DataFrame({"t": t, "s": s, "speed": speed, **ratios})
+    return pl.DataFrame({"t": t, "s": s, "speed": speed, **ratios, **torque_ratios(robot, motion, limits, t)})
 
 
-def binding_frame(planned: Plan) -> pl.DataFrame:
+def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Array) -> dict[str, Array]:
+    """How near the torques and their rates come to their limits, over time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    motion : Trajectory
+        Its motion.
+    limits : MotionLimits
+        The limits.
+    t : (k,) array
+        Instants [s].
+
+    Returns
+    -------
+    dict of (k,) arrays
+        For each of them that is limited, the worst value over limit of any joint and load [1].
+    """
+    bound = limits.bounds(robot.n)
+    given = [name for name in LOADED if np.isfinite(bound[name]).any()]
+    if not given:
+        return {}
+    values = dict(zip(("torque", "torque_rate"), torques_at(robot, motion, t), strict=True))
+    return {name: over(values[name], bound[name]).max(axis=(0, 2)) for name in given}
+
+
+def binding_frame(proof: Certificate) -> pl.DataFrame:
     """The active constraint of each piece of a motion.
 
     Parameters
     ----------
-    planned : Plan
-        A solved plan.
+    proof : Certificate
+        Of the motion.
 
     Returns
     -------
     DataFrame
         One row a piece: from where to where on the path [m], the worst value over limit [1], its limit and its joint.
     """
-    b = planned.certificate.binding
+    b = proof.binding
     return pl.DataFrame(
         {"from": b.s[:-1], "to": b.s[1:], "ratio": b.ratio, "limit": list(b.limit), "joint": list(b.joint)}
     )

@@ -13,7 +13,7 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from planners.certificate.certificate import Certificate
 from planners.fit import stretch
-from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -22,14 +22,18 @@ CHECK_INSTANTS = 4999
 
 COLUMNS = (
     "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
-    "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "sampled_jerk", "tool_speed",
+    "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "torque", "torque_joint", "torque_time",
+    "torque_rate", "torque_rate_joint", "torque_rate_time", "sampled_jerk", "tool_speed",
     "rotation_speed", "worst", "holds", "broken", "breaks", "follows", "slowed", "least_duration", "distance", "angle",
     "true_distance", "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
 )  # fmt: skip
-"""Columns of a row, beside those of its line. Ratios are worst values over limits, exact."""
+"""Columns of a row, beside those of its line. Ratios are worst values over limits: exact, of torques proved bounds."""
+
+JOINT_LIMITS = (*DERIVATIVES, *LOADED)
+"""Limits on every joint: a row has the worst ratio of each, its joint and its time."""
 
 FACT_TYPES = {
-    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in DERIVATIVES)),
+    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in JOINT_LIMITS)),
     pl.Boolean: ("holds", "follows"),
     pl.Int64: ("continuous",),
 }
@@ -89,9 +93,10 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
         "sampled_jerk": float(proof.sampled_jerk.max()),
         "least_duration": least_duration(robot, path, motion, proof, limits),
     }  # fmt: skip
-    for field in DERIVATIVES:
-        ratio, facts[f"{field}_joint"], facts[f"{field}_time"] = proof.worst(field)
-        facts[field] = round(ratio, RATIO_DECIMALS)
+    for field in JOINT_LIMITS:
+        ratio, joint, when = proof.worst(field)
+        if not np.isnan(ratio):
+            facts |= {field: round(ratio, RATIO_DECIMALS), f"{field}_joint": joint, f"{field}_time": when}
     facts["worst"] = round(float(np.nanmax([proof.worst(field)[0] for field in ALL_LIMITS])), RATIO_DECIMALS)
     # all of the path, forwards, from rest to rest, in range, no jumps: without promises, so the same for laws and peers
     facts["follows"] = replace(proof, keeps=(), tolerance=None).holds

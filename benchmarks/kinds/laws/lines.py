@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
 
+from benchmarks.kinds.laws.arms import Stands, arm_label, arm_with, stands_of
 from optik import se3
-from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -16,6 +18,9 @@ from optik.registry import short_name
 from optik.types import Array
 from planners.paths.base import Path
 from planners.paths.line import Line
+
+if TYPE_CHECKING:
+    from benchmarks.kinds.laws.sets import LimitSet
 
 LINE_KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}
 """Range of the smallest singular value along the whole line, for each kind of line."""
@@ -82,13 +87,22 @@ class DrawnLine:
     arm: str
 
 
-def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
-    """Draw one line, the same for the same robot, kind, index and seed.
+def draw_line(
+    robot: str,
+    kind: str,
+    index: int,
+    *,
+    seed: int = 0,
+    payload: float | tuple[float, float] | None = None,
+    limits: Sequence[LimitSet] = (),
+) -> DrawnLine:
+    """Draw one line, the same for the same robot, kind, index and seed, and what it carries where torque is limited.
 
     A start uniform inside the limits, a direction uniform on the sphere, a length, for odd indices a turn; drawn again
-    until the arm can follow the whole line with `LIMIT_MARGIN` to its limits and its smallest singular value is of the kind.
-    A line counts as followed where Newton's method on the pose converges at many small steps of least joint motion. That
-    needs no planner, so the set stays the same when planners change.
+    until the arm can follow the whole line with `LIMIT_MARGIN` to its limits and its smallest singular value is of the kind,
+    and can stand everywhere on it within the limits on torque. A line counts as followed where Newton's method on the pose
+    converges at many small steps of least joint motion. That needs no planner, so the set stays the same when planners
+    change.
 
     Parameters
     ----------
@@ -100,6 +114,10 @@ def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
         Which one, from 0.
     seed : int
         Of the whole set.
+    payload : float or pair of floats, optional
+        Mass in the tool, or lightest and heaviest [kg].
+    limits : sequence of LimitSet
+        All that the motion is timed within: those on torque decide where the arm can stand.
 
     Returns
     -------
@@ -117,21 +135,21 @@ def draw_line(robot: str, kind: str, index: int, *, seed: int = 0) -> DrawnLine:
         raise InvalidInput("kind", repr(kind), f"one of {', '.join(LINE_KINDS)}")
     check_count(index, "index", 0)
     check_count(seed, "seed", 0)
-    arm = load(robot)
+    arm = arm_with(robot, payload)
+    stands = stands_of(arm, limits)
     rng = np.random.default_rng((seed, crc32(short_name(robot).encode()), crc32(kind.encode()), index))
     for draws in range(0, MOST_DRAWS, CANDIDATES):
         starts, goals = _candidates(arm, rng, turns=index % 2 == 1)
         low, high = LINE_KINDS[kind]
         between = np.linspace(0.0, 1.0, TRACK_STEPS + 1)
         poses = np.stack([se3.interpolate(a, b, between) for a, b in zip(arm.fk(starts), goals, strict=True)])
-        singular_values = tracked(arm, starts, poses, low)
+        singular_values = tracked(arm, starts, poses, low, stands)
         good = np.flatnonzero((singular_values >= low) & (singular_values <= high))
         if good.size:
             i = int(good[0])
             path = Line(arm.fk(starts[i]), goals[i])
-            return DrawnLine(
-                arm, kind, index, starts[i], path, float(singular_values[i]), draws + i + 1, short_name(robot)
-            )
+            sigma = float(singular_values[i])
+            return DrawnLine(arm, kind, index, starts[i], path, sigma, draws + i + 1, arm_label(robot, payload))
     raise InvalidInput("kind", f"{kind} on {robot}: no line in {MOST_DRAWS:,} draws", "an arm that has such lines")
 
 
@@ -148,7 +166,7 @@ def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple
     return starts, goals
 
 
-def tracked(robot: Robot, q: Array, poses: Array, low: float) -> Array:
+def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | None = None) -> Array:
     """Smallest singular value along tracks of the tool; NaN where a track leaves the limits.
 
     Parameters
@@ -161,6 +179,8 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float) -> Array:
         Poses of the tool along each track [1, m].
     low : float
         Singular value below which a track is followed no further [1].
+    stands : callable, optional
+        From configurations to whether the motors can hold the arm there; a track on which they cannot leaves the limits.
 
     Returns
     -------
@@ -170,6 +190,8 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float) -> Array:
     q = q.copy()
     lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
     least = robot.singular_values(q)[:, -1]
+    if stands is not None:
+        least[~stands(q)] = np.nan
     for step in range(1, TRACK_STEPS + 1):
         alive = np.flatnonzero(least >= low)  # a track below `low` is followed no further, and keeps its value
         if not alive.size:
@@ -177,6 +199,8 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float) -> Array:
         moved = _newton(robot, q[alive], poses[alive, step])
         inside = ((moved >= lower) & (moved <= upper)).all(axis=1)
         inside &= np.abs(robot.errors(moved, poses[alive, step])).max(axis=1) <= TRACK_TOLERANCE
+        if stands is not None:
+            inside &= stands(moved)
         q[alive] = np.where(inside[:, None], moved, q[alive])
         least[alive] = np.where(inside, np.fmin(least[alive], robot.singular_values(q[alive])[:, -1]), np.nan)
     return least

@@ -10,7 +10,6 @@ import polars as pl
 
 from benchmarks.settings import Target
 from benchmarks.targets import Measure, measure_named
-from planners.limits import DERIVATIVES
 
 NANO = 1e-9
 """Deviations below a nanometre or nanoradian are round-off."""
@@ -30,8 +29,22 @@ def _deviations(ratio: Callable[[Any, Any], Any]) -> Callable[[pl.DataFrame], fl
     return lambda rows: float(max(ratio(rows[true].to_numpy(), rows[bound].to_numpy()).max() for true, bound in pairs))
 
 
-def _worst(rows: pl.DataFrame) -> float:
-    return float(max(rows[field].to_numpy().max() for field in DERIVATIVES))
+def _largest(name: str) -> Callable[[pl.DataFrame], float]:
+    """The largest value of a column in which limits that are free have none."""
+    return lambda rows: float("nan" if (most := rows[name].max()) is None else most)  # type: ignore[arg-type]
+
+
+def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float]:
+    """A statistic of the ratio of a column of one law to that of another, on the motions that both have."""
+
+    def compute(rows: pl.DataFrame, law: str, to: str) -> float:
+        mine, theirs = (rows.filter(pl.col("law") == label).select("line", "limits", column) for label in (law, to))
+        both = mine.join(theirs, on=["line", "limits"], suffix="_to").drop_nulls()
+        ratios = both[column].to_numpy() / both[f"{column}_to"].to_numpy()
+        ratios = ratios[np.isfinite(ratios)]
+        return float(statistic(ratios)) if ratios.size else float("nan")
+
+    return compute
 
 
 MEASURES = (
@@ -39,10 +52,13 @@ MEASURES = (
     Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions with every exact ratio at most 1"),
     Measure("nearly", "%", _column("nearly", np.mean, 100.0), "motions that exceed no limit by more than 0.1 %"),
     Measure("holds", "%", _column("holds", np.mean, 100.0), "motions whose certificate holds"),
-    Measure("worst_ratio", "", _worst, "worst value over limit, exact", show="exact"),
+    Measure("worst_ratio", "", _largest("worst"), "worst value over limit, exact", show="exact"),
     Measure("worst_velocity", "", _column("velocity", np.max), "worst velocity over limit, exact", show="exact"),
     Measure("worst_acceleration", "", _column("acceleration", np.max), "worst acceleration over limit, exact", show="exact"),
     Measure("worst_jerk", "", _column("jerk", np.max), "worst jerk over limit, exact", show="exact"),
+    Measure("worst_torque", "", _largest("torque"), "worst torque over limit, proved bound", show="exact"),
+    Measure("worst_torque_rate", "", _largest("torque_rate"), "worst torque rate over limit, proved bound", show="exact"),
+    Measure("over_torque", "%", _column("over_torque", np.mean, 100.0), "motions over a torque limit"),
     Measure("median_optimum", "", _column("over_optimum", np.median), "median of T / T*", show="exact"),
     Measure("worst_optimum", "", _column("over_optimum", np.max), "worst T / T*", show="exact"),
     Measure("median_kept", "", _column("kept_over_optimum", np.median), "median of T / T*, slowed to the limits", show="exact"),
@@ -50,6 +66,15 @@ MEASURES = (
     Measure("median_ms", "ms", _column("ms_law", np.median), "median time of the law"),
     Measure("p95_ms", "ms", _column("ms_law", lambda ms: np.quantile(ms, 0.95)), "95th percentile of the law's time"),
     Measure("plan_ms", "ms", _column("ms_plan", np.median), "median time of a whole plan"),
+    Measure("median_ms_ratio", "", _paired("ms_law", np.median), "median of the law's time, over that of", relative=True),
+    Measure(
+        "median_duration_ratio", "", _paired("slowed_duration", np.median),
+        "median of the duration, both slowed to the limits, over that of", show="exact", relative=True,
+    ),
+    Measure(
+        "worst_duration_ratio", "", _paired("slowed_duration", np.max),
+        "longest duration, both slowed to the limits, over that of", show="exact", relative=True,
+    ),
     Measure("deviation_um", "µm", _column("distance", np.max, 1e6), "worst certified distance from the line"),
     Measure(
         "truth_over_bound", "", _deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND)),
@@ -104,6 +129,9 @@ def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
     good = own.filter("solved")
     note = f"{len(own):,} motions" if len(good) == len(own) else f"{len(good):,} motions of {len(own):,} asked"
     measure = measure_named(MEASURES, target.measure, "measure")
+    if measure.relative:
+        chosen = in_group(rows.filter(pl.col("law").is_in([target.method, target.to]) & pl.col("solved")), target.group)
+        return float(measure.compute(chosen, target.method, target.to)), note
     if measure.name == "solved":
         return (measure.values(own)[0], note) if len(own) else (float("nan"), "no such lines")
     if measure.name == "plan_ms":

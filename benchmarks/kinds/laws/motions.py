@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
 
+from benchmarks.kinds.laws.arms import Stands, arm_label, arm_with, stands_of
 from benchmarks.kinds.laws.lines import (
     LIMIT_MARGIN,
     LINE_KINDS,
@@ -18,7 +22,6 @@ from benchmarks.kinds.laws.lines import (
 )
 from benchmarks.problems._tables import read_poses
 from optik import se3
-from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -32,6 +35,9 @@ from planners.paths.arc import Arc
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
 from planners.paths.polyline import Polyline
+
+if TYPE_CHECKING:
+    from benchmarks.kinds.laws.sets import LimitSet
 
 ARC_RADII, ARC_ANGLES = (0.03, 0.15), (0.5, 3.0)
 """Ranges of the radius [m] and of the angle [rad] of an arc."""
@@ -53,12 +59,22 @@ MOTION_KINDS = (*LINE_KINDS, "arc", "seam", "joints", "file")
 """All kinds of motions: straight lines of two kinds, other drawn ones, and those of a file."""
 
 
-def draw_motion(robot: str, kind: str, index: int, *, seed: int = 0, path: str = "") -> DrawnLine:
+def draw_motion(
+    robot: str,
+    kind: str,
+    index: int,
+    *,
+    seed: int = 0,
+    path: str = "",
+    payload: float | tuple[float, float] | None = None,
+    limits: Sequence[LimitSet] = (),
+) -> DrawnLine:
     """Draw one motion, the same for the same robot, kind, index and seed, or read it from a file.
 
     Arcs and seams are drawn as lines are (`draw_line`): again until an independent tracker follows the whole path with a
     margin to the joint limits and a smallest singular value of at least 0.05. Joint moves are straight in joint space between
-    two random configurations.
+    two random configurations. Where torque is limited, all are drawn again until the arm, with its payload, can stand
+    everywhere on the path.
 
     Parameters
     ----------
@@ -72,6 +88,10 @@ def draw_motion(robot: str, kind: str, index: int, *, seed: int = 0, path: str =
         Seed of the whole set.
     path : str
         The file, for the kind ``file``.
+    payload : float or pair of floats, optional
+        Mass in the tool, or lightest and heaviest [kg].
+    limits : sequence of LimitSet
+        All that the motion is timed within: those on torque decide where the arm can stand.
 
     Returns
     -------
@@ -86,40 +106,54 @@ def draw_motion(robot: str, kind: str, index: int, *, seed: int = 0, path: str =
         Another kind, an arm that cannot follow such paths, or a file that is none.
     """
     if kind in LINE_KINDS:
-        return draw_line(robot, kind, index, seed=seed)
+        return draw_line(robot, kind, index, seed=seed, payload=payload, limits=limits)
     if kind == "file":
-        return motion_in_file(robot, path)
+        return motion_in_file(robot, path, payload)
     if kind not in MOTION_KINDS:
         raise InvalidInput("kind", repr(kind), f"one of {', '.join(MOTION_KINDS)}")
     check_count(index, "index", 0)
     check_count(seed, "seed", 0)
-    arm = load(robot)
+    arm, name = arm_with(robot, payload), arm_label(robot, payload)
+    stands = stands_of(arm, limits)
     rng = np.random.default_rng((seed, crc32(short_name(robot).encode()), crc32(kind.encode()), index))
-    if kind == "joints":
+    q_start, drawn, sigma, draws = (_joints if kind == "joints" else _tracked)(arm, kind, index, rng, stands)
+    return DrawnLine(arm, kind, index, q_start, drawn, sigma, draws, name)
+
+
+def _joints(
+    arm: Robot, kind: str, index: int, rng: np.random.Generator, stands: Stands | None
+) -> tuple[Array, Path, float, int]:
+    """A straight move in joint space on which the arm can stand: start, path, smallest singular value, draws."""
+    for draws in range(1, MOST_DRAWS + 1):
         q = arm.limits.draw(rng, 2, margin=LIMIT_MARGIN)
-        move = JointLine(arm, q[0], q[1])
-        along = arm.singular_values(q[0] + np.linspace(0.0, 1.0, TRACK_STEPS + 1)[:, None] * (q[1] - q[0]))
-        return DrawnLine(arm, kind, index, q[0], move, float(along[:, -1].min()), 1, short_name(robot))
-    return _tracked(arm, robot, kind, index, rng)
+        along = q[0] + np.linspace(0.0, 1.0, TRACK_STEPS + 1)[:, None] * (q[1] - q[0])
+        if stands is None or stands(along).all():
+            return q[0], JointLine(arm, q[0], q[1]), float(arm.singular_values(along)[:, -1].min()), draws
+    raise _none(arm, kind)
 
 
-def _tracked(arm: Robot, robot: str, kind: str, index: int, rng: np.random.Generator) -> DrawnLine:
-    """An arc or a seam that an independent tracker follows whole."""
+def _tracked(
+    arm: Robot, kind: str, index: int, rng: np.random.Generator, stands: Stands | None
+) -> tuple[Array, Path, float, int]:
+    """An arc or a seam that an independent tracker follows whole: start, path, smallest singular value, draws."""
     build = _arc if kind == "arc" else _seam
     for draws in range(0, MOST_DRAWS, TRACKED_AT_ONCE):
         starts = arm.limits.draw(rng, TRACKED_AT_ONCE, margin=LIMIT_MARGIN)
         paths = [build(T, rng, index % 2 == 1) for T in arm.fk(starts)]
         poses = np.stack([one(np.linspace(0.0, one.end, TRACK_STEPS + 1)) for one in paths])
         low, _ = LINE_KINDS["regular"]
-        singular_values = tracked(arm, starts, poses, low)
+        singular_values = tracked(arm, starts, poses, low, stands)
         good = np.flatnonzero(singular_values >= low)
         if good.size:
             i = int(good[0])
-            sigma = float(singular_values[i])
-            return DrawnLine(arm, kind, index, starts[i], paths[i], sigma, draws + i + 1, short_name(robot))
-    raise InvalidInput(
-        "kind", f"{kind} on {robot}: no path in {MOST_DRAWS:,} draws", "an arm that can follow such paths"
-    )
+            return starts[i], paths[i], float(singular_values[i]), draws + i + 1
+    raise _none(arm, kind)
+
+
+def _none(arm: Robot, kind: str) -> InvalidInput:
+    """The error for an arm that has no such path."""
+    wanted = "an arm that can follow such paths, and a payload that it can hold"
+    return InvalidInput("kind", f"{kind} on {arm.name}: no path in {MOST_DRAWS:,} draws", wanted)
 
 
 def _arc(T: Array, rng: np.random.Generator, turns: bool) -> Path:
@@ -150,7 +184,7 @@ def _seam(T: Array, rng: np.random.Generator, turns: bool) -> Path:
 # ---------------------------------------------------------------- files
 
 
-def motion_in_file(robot: str, path: str) -> DrawnLine:
+def motion_in_file(robot: str, path: str, payload: float | tuple[float, float] | None = None) -> DrawnLine:
     """Read the path of a motion from a file: waypoints of a seam, or a motion that `planners.save` wrote.
 
     Waypoints are a table as of problem sets (`benchmarks.problems.file`): CSV or NPZ. A start in its first row is where the
@@ -162,6 +196,8 @@ def motion_in_file(robot: str, path: str) -> DrawnLine:
         Name of the arm.
     path : str
         The file: ``.csv``, ``.npz`` or ``.json``.
+    payload : float or pair of floats, optional
+        Mass in the tool, or lightest and heaviest [kg].
 
     Returns
     -------
@@ -173,7 +209,7 @@ def motion_in_file(robot: str, path: str) -> DrawnLine:
     InvalidInput
         A file that is neither, one of another arm, or a path that the arm cannot follow.
     """
-    arm, file = load(robot), FilePath(path)
+    arm, file = arm_with(robot, payload), FilePath(path)
     tool_path, q = path_in_file(arm, file)
     followed = follow(make_solver(arm, "lm"), tool_path, q)
     joints = followed.joint_path
@@ -182,7 +218,7 @@ def motion_in_file(robot: str, path: str) -> DrawnLine:
         raise InvalidInput(path, f"a path that {arm.name} cannot follow: {reason}", "a path inside its workspace")
     start = joints(np.zeros(1))[0] if q is None else q
     sigma = float(joints.singular_values.min())
-    return DrawnLine(arm, file.name, 0, start, tool_path, sigma, 1, short_name(robot))
+    return DrawnLine(arm, file.name, 0, start, tool_path, sigma, 1, arm_label(robot, payload))
 
 
 def path_in_file(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
@@ -238,6 +274,7 @@ def _waypoints(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
 def _saved(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
     """Path and start of a motion that `planners.save` wrote."""
     motion = load_motion(file)
-    if motion.robot != arm:
+    theirs = motion.robot if arm.payload is None else replace(motion.robot, payload=arm.payload)
+    if theirs != arm:
         raise InvalidInput(str(file), f"a motion of {motion.robot.name}", f"one of this {arm.name}")
     return motion.path, motion.trajectory(np.zeros(1))[0]

@@ -71,6 +71,7 @@ def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
         rows.with_columns(
             keeps_all=pl.col("solved") & (pl.col("breaks") == ""),
             nearly=follows & (pl.col("worst") <= NEARLY),
+            over_torque=pl.col("solved") & (pl.col("torque") > 1.0).fill_null(value=False),
             slowed_duration=slowed,
         )
         .with_columns(
@@ -86,6 +87,8 @@ def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
 
 def _with_judgement(rows: pl.DataFrame) -> pl.DataFrame:
     """Rows with the worst ratio of all limits, and with ``follows`` false for motions that are not on their path."""
+    if "torque" not in rows.columns:  # a run of an older version
+        rows = rows.with_columns(torque=pl.lit(None, dtype=pl.Float64), torque_rate=pl.lit(None, dtype=pl.Float64))
     if "worst" not in rows.columns:  # a run of an older version
         rows = rows.with_columns(worst=pl.max_horizontal(DERIVATIVES), follows=pl.lit(None, dtype=pl.Boolean))
     on_path = (pl.col("distance") <= ON_PATH_M) & (pl.col("angle") <= ON_PATH_RAD)

@@ -13,19 +13,20 @@ import polars as pl
 
 from benchmarks.kinds._contest import clock_cost, facts_on, timed, turns
 from benchmarks.kinds.base import Entry, Tell
+from benchmarks.kinds.laws.arms import stands_of
 from benchmarks.kinds.laws.drawn import Motions, all_lines
 from benchmarks.kinds.laws.example import write_example
 from benchmarks.kinds.laws.facts import SCHEMA, blank, facts_of
 from benchmarks.kinds.laws.lines import DrawnLine
 from benchmarks.kinds.laws.motions import draw_motion, motion_in_file
+from benchmarks.kinds.laws.sets import told
 from benchmarks.kinds.laws.settings import LawBlock
 from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.peers.laws.base import TimingPeer, build_timing_peer
+from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import UNKEPT, Journal, RunFolder, slug
 from benchmarks.settings import naming
 from optik import se3
-from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
@@ -58,6 +59,8 @@ class Timer:
         From the joint path and what a call returned to the trajectory.
     law : TimeLaw or None
         Ours, for whole plans.
+    told : MotionLimits
+        What a law of ours is told: all limits but those of ``without``. The certificate judges all of them.
     took_ms : callable
         From what a call returned to its time where that was measured elsewhere [ms], else None.
     ended : str
@@ -70,6 +73,7 @@ class Timer:
     call: Callable[[JointPath], Any]
     motion: Callable[[JointPath, Any], Trajectory]
     law: TimeLaw | None
+    told: MotionLimits
     took_ms: Callable[[Any], float | None] = lambda raw: None
     ended: str = ""
 
@@ -143,17 +147,17 @@ def check_laws(block: LawBlock) -> None:
         arm can follow.
     """
     entries = [*block.laws, *([block.reference] if block.reference else [])]
-    for name in block.robots:
-        for entry in entries:
-            law = make_law(entry.name, **entry.options)
-            for limits in block.limits:
-                law.need(limits.limits, load(name))
+    for arm in {part.arm: part.load() for part in block.lines}.values():
+        for limits in block.limits:
+            stands_of(arm, [limits])
+            for entry in entries:
+                make_law(entry.name, **entry.options).need(told(limits.of(arm), entry), arm)
     for peer in block.peers:
         load_method(TIMING_PEERS, peer.name, "peer of timing")
     for part in block.lines:
         if part.path:
             with naming(f"block {block.id!r}"):
-                motion_in_file(part.robot, part.path)
+                motion_in_file(part.robot, part.path, part.payload)
 
 
 def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
@@ -193,7 +197,10 @@ def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal:
     if not folder.has(example_file(block, "curve")):
         tell(f"{block.id}: the example")
         chosen = block.example
-        line = draw_motion(chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path)
+        line = draw_motion(
+            chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path, payload=chosen.payload,
+            limits=block.limits,
+        )  # fmt: skip
         write_example(block, line, folder, lambda name: example_file(block, name), journal)
 
 
@@ -201,13 +208,15 @@ def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
     """Facts on every law and peer by label, for the report."""
     found: dict[str, dict[str, Any]] = {}
     for entry in (*block.laws, *([block.reference] if block.reference else [])):
-        found[entry.label] = facts_on(entry, keeps=list(make_law(entry.name, **entry.options).keeps))
+        keeps = [name for name in make_law(entry.name, **entry.options).keeps if name not in entry.without]
+        found[entry.label] = facts_on(entry, keeps=keeps)
     for entry in block.peers:
         peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
         built: TimingPeer | Absent | None = None
         if entry.label not in journal.crashed:
             with journal.at_work(entry.label):
-                built = build_timing_peer(entry.name, block.limits[0].limits.arrays(load(block.robots[0]).n))
+                arm = block.lines[0].load()
+                built = build_timing_peer(entry.name, peer_limits(block.limits[0].of(arm), arm.n))
         absent = {"absent": built.why} if isinstance(built, Absent) else {}
         about = {"version": version_of(entry.name, TIMING_PEERS), "settings": peer.settings, "keeps": list(peer.keeps)}
         found[entry.label] = facts_on(entry) | about | absent
@@ -248,7 +257,8 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
     }  # fmt: skip
     rows = []
     for limits in block.limits:
-        timers = timers_of(block, line, limits.limits, journal)
+        within = limits.of(line.robot)
+        timers = timers_of(block, line, within, journal)
         if followed.stop is not None:
             found = [
                 blank(c.label, c.role) | {"status": str(followed.stop.status), "reason": followed.stop.reason}
@@ -256,7 +266,7 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
             ]
         else:
             assert followed.joint_path is not None
-            found = _timed_rows(block, line, limits.limits, solver, followed.joint_path, timers, journal)
+            found = _timed_rows(block, line, within, solver, followed.joint_path, timers, journal)
         rows += [row | about | {"limits": limits.label} for row in found]
     return rows
 
@@ -294,10 +304,10 @@ def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: J
 
 def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
     """A peer; None where it is not installed."""
-    peer = build_timing_peer(entry.name, limits.arrays(n))
+    peer = build_timing_peer(entry.name, peer_limits(limits, n))
     if isinstance(peer, Absent):
         return None
-    return Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None, peer.took_ms)
+    return Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None, limits, peer.took_ms)
 
 
 def _crashed(entry: Entry, why: str) -> Timer:
@@ -306,12 +316,13 @@ def _crashed(entry: Entry, why: str) -> Timer:
     def never(*given: Any) -> Any:
         raise AssertionError(f"{entry.label} is not called again")
 
-    return Timer(entry.label, entry.role, (), never, never, None, ended=why)
+    return Timer(entry.label, entry.role, (), never, never, None, MotionLimits(), ended=why)
 
 
 def _ours(entry: Entry, limits: MotionLimits) -> Timer:
-    law = make_law(entry.name, **entry.options)
-    return Timer(entry.label, entry.role, law.keeps, lambda q: law.run(q, limits), lambda q, raw: raw, law)
+    law, within = make_law(entry.name, **entry.options), told(limits, entry)
+    keeps = tuple(name for name in law.keeps if name not in entry.without)
+    return Timer(entry.label, entry.role, keeps, lambda q: law.run(q, within), lambda q, raw: raw, law, within)
 
 
 def _times(
@@ -378,7 +389,7 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
 
     def plan_it() -> Plan:
         assert c.law is not None
-        return plan(line.robot, line.path, line.q_start, ik=solver, timing=c.law, limits=limits, samples=block.samples)
+        return plan(line.robot, line.path, line.q_start, ik=solver, timing=c.law, limits=c.told, samples=block.samples)
 
     if c.role == "law" and c.label == block.plan:
         ms, planned = _median_ms(plan_it, block.rounds)
@@ -387,7 +398,10 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
         planned, timed_plan = plan_it(), {}
     if planned.stop is not None and planned.status is not PlanStatus.NOT_PROVED:  # one that is not proved is a motion
         return timed_plan | {"status": str(planned.status), "reason": planned.stop.reason}
-    facts = facts_of(line.robot, line.path, planned.trajectory, planned.certificate, limits)
+    proof = planned.certificate
+    if c.told is not limits:
+        proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, keeps=c.keeps)
+    facts = facts_of(line.robot, line.path, planned.trajectory, proof, limits)
     return timed_plan | facts | {"slowed": planned.slowed}
 
 

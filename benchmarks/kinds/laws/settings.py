@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 from typing import Any
 
 from benchmarks.kinds._entries import check_labels, read_law, read_peers
@@ -11,58 +10,12 @@ from benchmarks.kinds._problems import named
 from benchmarks.kinds.base import Block, Entry
 from benchmarks.kinds.laws.measures import MEASURES
 from benchmarks.kinds.laws.motions import MOTION_KINDS
+from benchmarks.kinds.laws.sets import LimitSet, LineSet, read_limits, read_lines, read_payload
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_table
+from benchmarks.settings import all_of, check_different, check_keys, check_known
 from benchmarks.targets import read_target
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.plugins.used import data_file_of
-from optik.registry import short_name
-from planners.limits import ALL_LIMITS, MotionLimits
-
-
-@dataclass(frozen=True)
-class LineSet:
-    """Motions of a kind on a robot: straight lines, arcs, seams, joint moves, or the one in a file.
-
-    Attributes
-    ----------
-    robot : str
-        The arm: a name, or the path of a file.
-    kind : str
-        ``regular`` or ``near_singular`` straight lines, ``arc``, ``seam`` (a polyline), ``joints`` (a straight move in joint
-        space), or ``file``.
-    count : int
-        How many, drawn at random.
-    path : str
-        For the kind ``file``: a CSV or NPZ file of waypoints, or a motion that `planners.save` wrote.
-    """
-
-    robot: str
-    kind: str
-    count: int
-    path: str = ""
-
-    @property
-    def label(self) -> str:
-        """What reports and targets call the kind: that of a file by the file's name."""
-        return FilePath(self.path).name if self.path else self.kind
-
-
-@dataclass(frozen=True)
-class LimitSet:
-    """Limits of a motion, and what reports call them.
-
-    Attributes
-    ----------
-    label : str
-        What reports call them.
-    limits : MotionLimits
-        The limits.
-    """
-
-    label: str
-    limits: MotionLimits
 
 
 @dataclass(frozen=True)
@@ -81,6 +34,8 @@ class Example:
         Label of the limits.
     path : str
         The file, for the kind ``file``.
+    payload : float or pair of floats
+        Mass in the tool [kg], or [lightest, heaviest]; by default that of the first such set.
     """
 
     robot: str
@@ -88,6 +43,7 @@ class Example:
     index: int
     limits: str
     path: str = ""
+    payload: float | tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +96,11 @@ class LawBlock(Block):
         return tuple(dict.fromkeys(part.robot for part in self.lines))
 
     @property
+    def arms(self) -> tuple[str, ...]:
+        """What reports call the arms: each with each of its payloads."""
+        return tuple(dict.fromkeys(part.arm for part in self.lines))
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of motions as reports call them, in their order."""
         return tuple(dict.fromkeys(part.label for part in self.lines))
@@ -171,9 +132,9 @@ def read_block(data: Any) -> LawBlock:
         "targets",
     }  # fmt: skip
     check_keys(data, keys, where, need={"id", "lines", "limits", "laws"})
-    lines = all_of(data["lines"], f"{where}: lines", lambda part: _lines(part, where))
-    check_different([f"{part.label} of {short_name(part.robot)}" for part in lines], f"{where}: lines", "set")
-    limits = all_of(data["limits"], f"{where}: limits", lambda part: _limits(part, where))
+    lines = all_of(data["lines"], f"{where}: lines", lambda part: read_lines(part, where))
+    check_different([f"{part.label} of {part.arm}" for part in lines], f"{where}: lines", "set")
+    limits = all_of(data["limits"], f"{where}: limits", lambda part: read_limits(part, where))
     check_different([part.label for part in limits], f"{where}: limits", "label")
     laws = all_of(data["laws"], f"{where}: laws", lambda law: read_law(law, f"{where}: laws"))
     peers = read_peers(data.get("peers"), where, TIMING_PEERS, word="peer of timing", most="max_lines")
@@ -184,7 +145,7 @@ def read_block(data: Any) -> LawBlock:
     method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
     check_count(data.get("samples", 151), f"{where}: samples", 2)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    groups = [*dict.fromkeys([part.label for part in lines] + [short_name(part.robot) for part in lines])]
+    groups = [*dict.fromkeys([part.label for part in lines] + [part.arm for part in lines])]
 
     def target(one: Any) -> Any:
         return read_target(one, where, MEASURES, labels=labels, groups=groups, key="law", required=True)
@@ -206,39 +167,20 @@ def read_block(data: Any) -> LawBlock:
     )
 
 
-def _lines(data: Any, where: str) -> LineSet:
-    at = f"{where}: lines"
-    kind = check_table(data, at).get("kind")
-    given = {"path"} if kind == "file" else {"count"}
-    check_keys(data, {"robot", "kind"} | given, at, need={"robot", "kind"} | given)
-    robot = check_known(data["robot"], "optik.robots", "robot")
-    if kind not in MOTION_KINDS:
-        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(MOTION_KINDS)}")
-    if kind == "file":
-        return LineSet(robot, kind, 1, data_file_of(data["path"], f"{at}: path"))
-    check_count(data["count"], f"{at}: count", 1)
-    return LineSet(robot, str(kind), data["count"])
-
-
-def _limits(data: Any, where: str) -> LimitSet:
-    check_keys(data, {"label", *ALL_LIMITS}, f"{where}: limits")
-    given = {field: data[field] for field in ALL_LIMITS if field in data}
-    if not given:
-        raise InvalidInput(f"{where}: limits", "none", f"some of {', '.join(ALL_LIMITS)}")
-    return LimitSet(str(data.get("label", ", ".join(str(v) for v in given.values()))), MotionLimits(**given))
-
-
 def _example(data: Any, where: str, lines: tuple[LineSet, ...], limits: tuple[LimitSet, ...]) -> Example:
     at = f"{where}: example"
-    check_keys(data, {"robot", "kind", "index", "limits"}, at)
+    check_keys(data, {"robot", "kind", "index", "limits", "payload"}, at)
     chosen = next((part for part in lines if part.kind == "near_singular"), lines[0])
     robot = check_known(data.get("robot", chosen.robot), "optik.robots", "robot")
     kind = data.get("kind", chosen.label)
     if kind not in MOTION_KINDS and kind not in [part.label for part in lines]:
         raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(dict.fromkeys(part.label for part in lines))}")
     path = next((part.path for part in lines if part.label == kind), "")
+    payload = read_payload(data.get("payload"), f"{at}: payload")
+    if payload is None:
+        payload = next((part.payload for part in lines if (part.robot, part.label) == (robot, kind)), None)
     check_count(data.get("index", 0), f"{at}: index", 0)
     label = data.get("limits", limits[0].label)
     if label not in [part.label for part in limits]:
         raise InvalidInput(at, f"limits {label!r}", f"a label of its limits: {', '.join(x.label for x in limits)}")
-    return Example(robot, "file" if path else kind, data.get("index", 0), label, path)
+    return Example(robot, "file" if path else kind, data.get("index", 0), label, path, payload)

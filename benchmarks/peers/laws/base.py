@@ -10,6 +10,7 @@ from benchmarks.peers.laws import TIMING_PEERS
 from optik.registry import load_method
 from optik.types import Array
 from planners.following.follow import JointPath
+from planners.limits import MotionLimits
 from planners.trajectory import Trajectory
 
 
@@ -19,7 +20,8 @@ class TimingPeer(ABC):
     Parameters
     ----------
     limits : dict
-        ``velocity``, ``acceleration`` and ``jerk``, arrays (n,) [rad/s^k, m/s^k]; infinity where unlimited.
+        ``velocity``, ``acceleration`` and ``jerk``, arrays (n,) [rad/s^k, m/s^k]; infinity where unlimited. In a suite also
+        ``torque`` (n,) or, lower side first, (2, n) [N·m, N], of the arm that the joint path has.
 
     Attributes
     ----------
@@ -100,6 +102,25 @@ class TimingPeer(ABC):
         """
 
 
+def peer_limits(limits: MotionLimits, n: int) -> dict[str, Array]:
+    """Limits as a peer is given them.
+
+    Parameters
+    ----------
+    limits : MotionLimits
+        The limits.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    dict of arrays
+        ``velocity``, ``acceleration`` and ``jerk`` (n,) [rad/s^k, m/s^k]; ``torque`` (n,) or, lower side first, (2, n)
+        [N·m, N]; infinity where unlimited.
+    """
+    return limits.arrays(n) | {"torque": limits.bounds(n)["torque"]}
+
+
 def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absent:
     """Build a timing peer for given limits.
 
@@ -108,7 +129,7 @@ def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absen
     name : str
         Name of the peer.
     limits : dict
-        ``velocity``, ``acceleration`` and ``jerk``, arrays (n,) [rad/s^k, m/s^k]; infinity where unlimited.
+        As `peer_limits` returns them.
 
     Returns
     -------

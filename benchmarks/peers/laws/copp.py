@@ -31,6 +31,8 @@ class Copp(TimingPeer):
         "between"
     )
     keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
+    stations: ClassVar[int] = COPP_STATIONS
+    """Number of equally spaced stations in s."""
 
     def __init__(self, limits: dict[str, Array]) -> None:
         import copp_py
@@ -56,25 +58,16 @@ class Copp(TimingPeer):
         NoSolution
             The peer found no motion.
         """
-        copp = self._copp
-        s = np.linspace(0.0, joint_path.end, COPP_STATIONS)
-        robot = copp.Robot(joint_path.robot.n, capacity=COPP_STATIONS)
-        robot.append_s(s)
-        q, dq, ddq, dddq = (np.ascontiguousarray(joint_path(s, order)) for order in range(4))
-        robot.set_q(q, dq, ddq, 0, dddq=dddq)
-        for add, field in (
-            (robot.add_velocity_limits, "velocity"),
-            (robot.add_acceleration_limits, "acceleration"),
-            (robot.add_jerk_limits, "jerk"),
-        ):
-            if np.isfinite(self._limits[field]).all():
-                add(self._limits[field], -self._limits[field], start_idx_s=0, length=COPP_STATIONS)
+        copp, stations = self._copp, self.stations
+        s = np.linspace(0.0, joint_path.end, stations)
         try:
+            robot = self._constrained(joint_path, s)
             seed = copp.solver.topp2_ra.Problem(
-                robot.constraints, idx_s_interval=(0, COPP_STATIONS - 1), a_boundary=(0.0, 0.0)
+                robot.constraints, idx_s_interval=(0, stations - 1), a_boundary=(0.0, 0.0)
             )
             a, b = copp.solver.topp2_ra.solve(seed), None
             for _ in range(COPP_PASSES):
+                robot = self._again(robot, joint_path, s, a)
                 problem = copp.solver.topp3_socp.Problem(
                     robot.constraints, a, a_boundary=(0.0, 0.0), b_boundary=(0.0, 0.0), b_linearization=b
                 )
@@ -84,6 +77,25 @@ class Copp(TimingPeer):
         except copp.CoppError as error:
             raise NoSolution(f"copp: {str(error)[:120]}") from None
         return s, t, profile
+
+    def _constrained(self, joint_path: JointPath, s: Array) -> Any:
+        """Its robot with the path at the stations and all limits that are given."""
+        robot = self._copp.Robot(joint_path.robot.n, capacity=s.size)
+        robot.append_s(s)
+        q, dq, ddq, dddq = (np.ascontiguousarray(joint_path(s, order)) for order in range(4))
+        robot.set_q(q, dq, ddq, 0, dddq=dddq)
+        for add, field in (
+            (robot.add_velocity_limits, "velocity"),
+            (robot.add_acceleration_limits, "acceleration"),
+            (robot.add_jerk_limits, "jerk"),
+        ):
+            if np.isfinite(self._limits[field]).all():
+                add(self._limits[field], -self._limits[field], start_idx_s=0, length=s.size)
+        return robot
+
+    def _again(self, robot: Any, joint_path: JointPath, s: Array, a: Array) -> Any:
+        """The robot for the next pass, of which ṡ² (k,) is known from the one before: here the same."""
+        return robot
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them.

@@ -37,12 +37,13 @@ class ToppraConstAccel(TimingPeer):
         self._toppra: Any = toppra
         self._jerk = limits["jerk"]
         ranges = {field: np.stack([-limits[field], limits[field]], axis=1) for field in ("velocity", "acceleration")}
-        self._constraints = [
-            toppra.constraint.JointVelocityConstraint(ranges["velocity"]),
-            toppra.constraint.JointAccelerationConstraint(
-                ranges["acceleration"], discretization_scheme=toppra.constraint.DiscretizationType.Interpolation
-            ),
-        ]
+        kinds = toppra.constraint
+        self._constraints = [kinds.JointVelocityConstraint(ranges["velocity"])]
+        if np.isfinite(limits["acceleration"]).all():
+            scheme = kinds.DiscretizationType.Interpolation
+            self._constraints.append(
+                kinds.JointAccelerationConstraint(ranges["acceleration"], discretization_scheme=scheme)
+            )
 
     def call(self, joint_path: JointPath) -> Any:
         """Spline through the samples, and the optimum along it.
@@ -66,12 +67,16 @@ class ToppraConstAccel(TimingPeer):
         first, last = path.path_interval
         grid = np.linspace(float(first), float(last), TOPPRA_INTERVALS + 1)
         problem = self._toppra.algorithm.TOPPRA(
-            self._constraints, path, gridpoints=grid, parametrizer="ParametrizeConstAccel"
+            self._all_constraints(joint_path), path, gridpoints=grid, parametrizer="ParametrizeConstAccel"
         )
         found = problem.compute_trajectory(0.0, 0.0)
         if found is None:
             raise NoSolution("TOPP-RA found no motion from rest to rest")
         return problem.problem_data
+
+    def _all_constraints(self, joint_path: JointPath) -> list[Any]:
+        """Its constraints along a joint path: those that hold on every one."""
+        return self._constraints
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path.

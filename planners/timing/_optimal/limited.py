@@ -38,7 +38,7 @@ class Rows(NamedTuple):
     ``node`` (K + 1, m, 4) coefficients of s̈, ṡ², ṡ and 1; ``edge`` (K, 2, e, 6) those of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² at both ends
     of each interval; ``lower`` and ``upper`` (K, m − n) the limits [N·m, N] of the torque without Coulomb friction in each
     interval, those of every load side by side, and ``static`` (K + 1, m − n) the torque of gravity. Accelerations and jerks
-    come first.
+    come first, of ``joints`` joints.
     """
 
     node: Array
@@ -46,6 +46,12 @@ class Rows(NamedTuple):
     lower: Array
     upper: Array
     static: Array
+    joints: int
+
+    @property
+    def loaded(self) -> bool:
+        """Whether torques or their rates are limited."""
+        return bool(self.edge.shape[2] > self.joints or self.static.size)
 
 
 def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]) -> Rows:
@@ -90,7 +96,7 @@ def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, ar
     if np.isfinite(bounds["torque_rate"]).any():
         edge.append(_rates(at, before, bounds["torque_rate"]))
     nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))
-    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static)
+    return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static, joint_path.robot.n)
 
 
 def _padded(given: Array, columns: int) -> Array:
@@ -193,7 +199,7 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 
 
 def torque_excess(
-    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: Array
+    joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """By how much torques and torque rates exceed their limits inside the pieces of a motion.
 
@@ -209,8 +215,8 @@ def torque_excess(
         At the motion's knots.
     motion : Trajectory
         A motion of K pieces.
-    values : (K + 1, m + 2·e) array
-        Values of the rows at the ends, over their limits [1].
+    values : (2,) tuple of (K + 1, ·) arrays
+        Values of the rows at places and in intervals, over their limits; shapes (K + 1, m) and (K + 1, 2·e) [1].
 
     Returns
     -------
@@ -225,9 +231,8 @@ def torque_excess(
         return np.empty((K, 0)), np.empty((K, 0))
     loads = robot.loads
     torque, rate = np.zeros((K, m)), np.zeros((K, len(loads) * robot.n if rated else 0))
-    at = np.abs(values)
-    place = at[:, every - m : every].max(axis=1, initial=0.0)
-    near = np.maximum(np.maximum(place[:-1], place[1:]), at[:-1, every + robot.n :].max(axis=1, initial=0.0))
+    place = np.abs(values[0][:, every - m : every]).max(axis=1, initial=0.0)
+    near = np.maximum(np.maximum(place[:-1], place[1:]), np.abs(values[1][:-1]).max(axis=1, initial=0.0))
     some = np.flatnonzero(near > NEAR)
     if not some.size:
         return torque, rate

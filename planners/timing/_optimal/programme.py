@@ -257,6 +257,22 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
     return peak, least, 1.2 * float(ramps.max())
 
 
+def _peaks(tau: Array, top: Array) -> Array:
+    """One row for every place (K + 1, 1, 4), which limits the peak of the speed inside the interval behind it.
+
+    Where torques are limited the acceleration changes so slowly that it reverses inside one interval. From v with the
+    acceleration a, and with −a/2 at the end, the speed peaks at v + a τ/3; the duration is that of the initial guess.
+
+    Returns
+    -------
+    array
+        The rows.
+    """
+    row = np.zeros((top.size, 1, 4))
+    row[:-1, 0, 0], row[:-1, 0, 2] = tau / (3.0 * top[:-1]), 1.0 / top[:-1]
+    return row
+
+
 def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     """When the filtered motion passes a place."""
     return float(passed_at(lambda x: _filtered(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
@@ -306,6 +322,8 @@ def numbers(
     start[:-1, 3] = np.diff(start[:, 1]) / start[:-1, 2]
     top = np.minimum(speed_bound(joint_path, limits, s) / v1, 1e6)
     tau, ds = start[:-1, 2].copy(), np.diff(s) / length
+    if given.loaded:
+        node = np.concatenate([node, _peaks(tau, top)], axis=1)
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
     return Programme(problem, s, start, units, moving, given)

@@ -28,7 +28,7 @@ SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
 line has four such changes."""
-EVEN_LOADED, PER_CHANGE_LOADED = 60, (20.0, 6.0, 20.0)
+EVEN_LOADED, PER_CHANGE_LOADED = 50, (15.0, 5.0, 20.0)
 """The same where torques are limited: their ramps are longer than those of accelerations, and speeds peak inside them."""
 
 FASTEST = 1e4

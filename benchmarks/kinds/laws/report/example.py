@@ -5,18 +5,22 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds.laws.arms import arm_label
+from benchmarks.kinds.laws.facts import JOINT_LIMITS
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis
 from benchmarks.report.run import Run
 from benchmarks.report.words import quoted
 from optik.registry import short_name
-from planners.limits import ALL_LIMITS, DERIVATIVES
+from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED
 
 ACTIVE = 0.99
 """A constraint counts as active where the motion comes this near to its limit [1]."""
 
-LIMIT_COLOURS = {"velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4}
+LIMIT_COLOURS = {
+    "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
+}  # fmt: skip
 """Number of the colour of each limit."""
 
 FAR = 1e3
@@ -47,11 +51,11 @@ def example_boards(b: LawRows, run: Run) -> list[Board]:
 
 def _which(b: LawRows) -> str:
     """Which path is shown, in words; paths count from 1."""
-    chosen, arm = b.block.example, short_name(b.block.example.robot)
+    chosen, arm = b.block.example, arm_label(b.block.example.robot, b.block.example.payload)
     within = f"on {arm}, within the limits {quoted(chosen.limits)}"
     if chosen.path:
         return f"path {short_name(chosen.path)} {within}"
-    counts = [part.count for part in b.block.lines if (part.robot, part.kind) == (chosen.robot, chosen.kind)]
+    counts = [part.count for part in b.block.lines if (part.arm, part.kind) == (arm, chosen.kind)]
     of = f" of {counts[0]}" if counts and chosen.index < counts[0] else ""
     return f"{chosen.kind.replace('_', '-')} path number {chosen.index + 1}{of} {within}"
 
@@ -101,7 +105,8 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     """The active constraints of every law along the line, and how near its joints come to their limits."""
     laws = motions["law"].unique(maintain_order=True).to_list()
     near = binding.filter(pl.col("ratio") >= ACTIVE)
-    used = [field for field in ALL_LIMITS if field in DERIVATIVES or field in set(near["limit"])]
+    drawn = [name for name in LOADED if name in motions.columns and motions[name].is_not_nan().any()]
+    used = [name for name in ALL_LIMITS if name in DERIVATIVES or name in drawn or name in set(near["limit"])]
     legend = [Key(field.replace("_", " "), _colour(field)) for field in used] + [
         Key("beyond the limit", BAND_COLOUR, "fill")
     ]
@@ -155,11 +160,12 @@ def _ratios(motions: pl.DataFrame, laws: list[str]) -> Plot:
     plot = Plot("timing-ratios", "Largest value over limit of any joint", layout, 340)
     for law in laws:
         part = motions.filter(pl.col("law") == law)
-        for field in DERIVATIVES:
+        for field in (name for name in JOINT_LIMITS if name in part.columns and part[name].is_not_nan().any()):
+            words = field.replace("_", " ")
             trace = line(
-                x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=field,
+                x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=words,
                 line={"color": _colour(field), "width": 1.6},
-                hovertemplate=f"{field} %{{y:.4g}} of its limit at %{{x:.4g}} mm{HOVER}",
+                hovertemplate=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} mm{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"law": [law]})
     return plot

@@ -8,18 +8,25 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds.laws.measures import in_group
+from benchmarks.kinds.laws.report.tables import limited
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.run import Run
 from benchmarks.report.steps import steps_of
-from optik.registry import short_name
+from planners.limits import LOADED
 
 EVERY = "every path"
 """The group of all lines, in a control of the page."""
 
 RATIO_TICKS = (0.3, 0.5, 0.7, 1.0, 1.5, 2, 3, 5, 10, 20, 50)
 """Numbers on the axes of T / T*."""
+
+RATE_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000)
+"""Numbers on the axis of torque rates over their limits: without a limit on the rate they are tens of times too large."""
+
+MOST_RATIO = 1000.0
+"""Ratio of a torque or its rate to its limit that is drawn for all larger ones: a plot has no infinity."""
 
 LEAST_EXCESS = 0.01
 """Excess over T* [%] that is drawn for all that come nearer: a logarithmic axis has no 0."""
@@ -48,7 +55,7 @@ def durations(b: LawRows, run: Run) -> Board:
         "timing-profile", "The same, slowed until every limit is kept: excess over T*",
         {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
-    groups = [EVERY, *b.block.kinds] + (list(map(short_name, b.block.robots)) if len(b.block.robots) > 1 else [])
+    groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
     for group in groups:
         part = in_group(b.rows, "" if group == EVERY else group)
         for label, about in b.entries.items():
@@ -72,8 +79,59 @@ def durations(b: LawRows, run: Run) -> Board:
     return Board(
         f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),), _legend(b, run),
         "First: all motions as they are; one that breaks a limit may be shorter than T*. Then: the duration to which a motion "
-        "must be slowed, uniformly, until its exact velocity, acceleration and jerk keep the limits. A law whose acceleration "
+        "must be slowed, uniformly, until it keeps all limits exactly. A law whose acceleration "
         f"jumps has none. What comes nearer than {LEAST_EXCESS:g} % is drawn there.",
+    )  # fmt: skip
+
+
+def torques(b: LawRows, run: Run) -> Board | None:
+    """Share of motions up to every multiple of their limits on torque and on its rate.
+
+    Parameters
+    ----------
+    b : LawRows
+        The block.
+    run : Run
+        The run.
+
+    Returns
+    -------
+    Board or None
+        None where no torque is limited.
+    """
+    fields = [field for field in limited(b.rows) if field in LOADED]
+    if not fields:
+        return None
+    plots = []
+    groups = [EVERY, *b.block.arms] if len(b.block.arms) > 1 else [EVERY]
+    for field in fields:
+        words = field.replace("_", " ")
+        beyond = {
+            "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
+            "line": {"color": "var(--alarm)", "width": 1, "dash": "dash"},
+        }  # fmt: skip
+        plot = Plot(
+            f"timing-{field.replace('_', '-')}", f"Share of motions whose {words} stays within this multiple of its limit",
+            {
+                "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS),
+                "yaxis": axis("motions [%]", range=[-2, 102]), "shapes": [beyond],
+            }, 400,
+        )  # fmt: skip
+        for group in groups:
+            part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
+            for label in b.entries:
+                rows = part.filter(pl.col("law") == label)
+                values = rows[field].drop_nulls().to_numpy()
+                _steps(
+                    plot, label, _look(label, run), np.minimum(values, MOST_RATIO), len(rows), group, "times the limit"
+                )
+        plots.append(plot)
+    return Board(
+        f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
+        _legend(b, run),
+        "Motions as they are, before any slow-down; of each the worst joint, proved for every instant, for the arm's "
+        "model. Right of the dashed line a motion asks the motors for more than they have. Where the acceleration jumps, the "
+        f"rate of the torque is infinite; what is beyond {MOST_RATIO:g} is drawn there.",
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds.laws.report.example import example_boards
-from benchmarks.kinds.laws.report.plots import against_singularity, durations
+from benchmarks.kinds.laws.report.plots import against_singularity, durations, torques
 from benchmarks.kinds.laws.report.tables import compared, law_tables, plan_times, violations
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.numbers import number, percent
@@ -59,6 +59,9 @@ def _medians(b: LawRows) -> str:
         if kept < len(rows):
             keeps += f" on {percent(100.0 * kept / len(rows))}"
         ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
+        over = int(rows["over_torque"].sum())
+        if over:
+            keeps += f", passes a torque limit on {percent(100.0 * over / len(rows))}"
         off = len(rows) - int(rows["follows"].sum())
         if off:
             keeps += f", leaves the path on {off:,} of {len(rows):,}"
@@ -81,8 +84,8 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
         "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds, "ik": short_name(block.ik),
         "limits": [part.label for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
-        "sets": [(short_name(part.robot), part.kind.replace("_", "-"), part.count) for part in block.lines],
-        "boards": [durations(b, run), against_singularity(b, run)],
+        "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
+        "boards": [board for board in (durations(b, run), torques(b, run), against_singularity(b, run)) if board is not None],
         "tables": tables[:alone], "more": tables[alone:],
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
         "example": example_boards(b, run),

@@ -10,6 +10,7 @@ import polars as pl
 
 from benchmarks.kinds._contest import version_words
 from benchmarks.kinds.base import Column, Table
+from benchmarks.kinds.laws.facts import JOINT_LIMITS
 from benchmarks.kinds.laws.measures import in_group
 from benchmarks.kinds.laws.rows import NEARLY, ON_PATH_M
 from benchmarks.records import slug
@@ -22,8 +23,34 @@ if TYPE_CHECKING:
     from benchmarks.kinds.laws.rows import LawRows
     from benchmarks.report.run import Run
 
+TORQUE_NOTE = (
+    "Torques hold for this model of the arm: bounds proved for every instant, Coulomb friction included. The rate of the "
+    "torque is without Coulomb friction."
+)
+"""What every table with torques says."""
+
 LAW_COLUMN = Column("label", "Law", show="text")
 """First column of every table."""
+
+
+def limited(rows: pl.DataFrame) -> list[str]:
+    """The limits on joints that some motion has: those on torque only where they were asked.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of a block.
+
+    Returns
+    -------
+    list of str
+        Names of limits.
+    """
+    return [field for field in JOINT_LIMITS if field in DERIVATIVES or rows[field].is_not_null().any()]
+
+
+def _words(field: str) -> str:
+    return field.replace("_", " ")
 
 
 def law_tables(b: LawRows) -> list[Table]:
@@ -75,10 +102,11 @@ def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     Table
         One row for each entry.
     """
-    ms = "ms"
+    ms, fields = "ms", limited(rows)
     columns = (
         LAW_COLUMN,
         Column("kept", "keeps every limit", "%", "more", "share"),
+        *([Column("over_torque", "over a torque limit", "%", "less", "share")] if "torque" in fields else []),
         Column("nearly", "within 0.1 %", "%", "more", "share"),
         Column("worst", "worst value over limit", show="limit"),
         Column("as_is", "T / T*, as it is"),
@@ -87,7 +115,10 @@ def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
         Column("count", "motions asked", show="count"),
         Column("found", "motions found", "%", "more", "share", aside=True),
         Column("worst_slowed_down", "worst T / T*, slowed to the limits", "", "less", aside=True),
-        *(Column(field, f"worst {field} over limit", show="limit", aside=True) for field in DERIVATIVES),
+        *(
+            Column(field, f"worst {_words(field)} over limit", show="limit", aside=field != "torque")
+            for field in fields
+        ),
         Column("holds", "certificate holds", show="text", aside=True),
         Column("stretched", "most stretched by plan", show="precise", aside=True),
         Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True),
@@ -120,9 +151,10 @@ def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
         return cells
     stretched = good["slowed"].drop_nulls().to_numpy()
     share = 100.0 * float(good["holds"].to_numpy().mean())
+    cells["over_torque"] = share_of(good["over_torque"])
     return (
         cells
-        | {field: _largest(good[field]) for field in DERIVATIVES}
+        | {field: _largest(good[field]) for field in JOINT_LIMITS}
         | {
             "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["keeps"] else "no promise",
             "stretched": float(stretched.max()) if len(stretched) else None,
@@ -179,6 +211,8 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
         f"A motion farther than {1e6 * ON_PATH_M:g} µm from its path, or that does not run through it, does not count. "
         "Medians have 95 % bootstrap intervals, shares Wilson's."
     ]
+    if "torque" in limited(rows):
+        sentences.append(TORQUE_NOTE)
     for label, about in b.entries.items():
         own = rows.filter((pl.col("law") == label) & pl.col("solved"))
         if "absent" in about:
@@ -212,6 +246,7 @@ def violations(b: LawRows) -> Table | None:
         None where no motion exceeds a limit.
     """
     found: list[tuple[int, str, dict[str, Cell]]] = []
+    fields = limited(b.rows)
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     order = {label: i for i, label in enumerate(b.block.labels)}
     for (label, limits), rows in good.group_by("law", "limits", maintain_order=True):
@@ -219,7 +254,7 @@ def violations(b: LawRows) -> Table | None:
         if broken.is_empty():
             continue
         row: dict[str, Cell] = {"label": str(label), "limits": str(limits), "count": len(rows)}
-        for field in DERIVATIVES:
+        for field in fields:
             row[field] = share_of(rows[field] > 1.0)
             row[f"{field}_worst"] = _largest(rows[field])
         row["now"] = float(np.median(rows["duration"].to_numpy()))
@@ -228,10 +263,10 @@ def violations(b: LawRows) -> Table | None:
     if not found:
         return None
     columns = [LAW_COLUMN, Column("limits", "Limits", show="text"), Column("count", "motions", show="count")]
-    for field in DERIVATIVES:
+    for field in fields:
         columns += [
-            Column(field, f"{field} exceeded in", "%", "less", "share"),
-            Column(f"{field}_worst", f"worst {field} over limit", show="limit"),
+            Column(field, f"{_words(field)} exceeded in", "%", "less", "share"),
+            Column(f"{field}_worst", f"worst {_words(field)} over limit", show="limit"),
         ]
     columns += [Column("now", "median T", "s", show="precise")]
     columns += [Column("least", "median T of these, slowed to the limits", "s", show="precise")]

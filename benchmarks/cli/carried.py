@@ -1,0 +1,96 @@
+"""What `optik plan` says of masses: the payload in the tool, and limits on torque and on its rate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import optik
+from optik.errors import InvalidInput
+
+UNITS = {"torque": "[N·m, sliding N]", "torque_rate": "[N·m/s, sliding N/s]"}
+"""Units of the limits on torques, in messages."""
+
+MASS = "a mass [kg] such as 3, or the lightest and the heaviest such as 0:3"
+"""What ``--payload`` takes."""
+
+
+def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
+    """The arm with the payload that was typed.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    payload : str or None
+        As typed; None for the payload that the arm has.
+
+    Returns
+    -------
+    Robot
+        The arm.
+
+    Raises
+    ------
+    InvalidInput
+        No mass, or an arm whose masses are unknown.
+    """
+    if payload is None:
+        return arm
+    try:
+        masses = [float(part) for part in payload.split(":")]
+    except ValueError:
+        raise InvalidInput("--payload", repr(payload), MASS) from None
+    if len(masses) > 2:
+        raise InvalidInput("--payload", repr(payload), MASS)
+    if arm.inertia is None:
+        raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")
+    try:
+        return arm.with_payload(masses[0] if len(masses) == 1 else (masses[0], masses[1]))
+    except InvalidInput as error:
+        raise InvalidInput("--payload", error.got, error.expected) from None
+
+
+def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any:
+    """A limit on torques or on their rates as it was typed.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    name : str
+        ``torque`` or ``torque_rate``.
+    text : str or None
+        ``robot``, ``none``, or one number or one for each joint, comma separated; None for the robot's own, if any.
+    own : (n,) array or None
+        The robot's own [N·m, N, or over s].
+
+    Returns
+    -------
+    float, list of float, (n,) array or None
+        The limit [N·m, N, or over s]; None where free.
+
+    Raises
+    ------
+    InvalidInput
+        Something else, or an arm that has no such limit or whose masses are unknown.
+    """
+    option = f"--{name.replace('_', '-')}"
+    if text is None:
+        return own
+    if text == "none":
+        return None
+    if text == "robot":
+        if own is None:
+            wanted = f"an arm whose file states it with the masses, or numbers {UNITS[name]}"
+            raise InvalidInput(option, f"robot, but {arm.name} has no such limit", wanted)
+        return own
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, arm.n):
+        wanted = f"robot, none, one number or {arm.n} numbers {UNITS[name]}, comma separated"
+        raise InvalidInput(option, repr(text), wanted)
+    if arm.inertia is None:
+        raise InvalidInput(option, f"{text} for {arm.name}, whose masses are unknown", "an arm with masses, or none")
+    return values if len(values) > 1 else values[0]

@@ -1,0 +1,45 @@
+"""Torques of a motion at instants, for plots; what a motion keeps is for its certificate to say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.dynamics import torques_batch
+from optik.types import Array
+from planners.trajectory import Trajectory
+
+
+def torques_at(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
+    """Torques and their rates at instants.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm, whose masses are known.
+    motion : Trajectory
+        Its motion.
+    t : (k,) array
+        Instants [s].
+
+    Returns
+    -------
+    torque : (loads, k, n) array
+        Torques with the lightest payload first, Coulomb friction as f sign(q̇) in them [N·m, N].
+    rate : (loads, k, n) array
+        Rates of the torques without Coulomb friction [N·m/s, N/s].
+
+    Raises
+    ------
+    InvalidInput
+        The masses of the arm are unknown.
+    """
+    states = np.ascontiguousarray(np.stack([motion(t, order) for order in range(4)], axis=1))
+    found = []
+    for load in robot.loads:
+        out = np.empty((t.size, 2, robot.n))
+        torques_batch(robot.chain, load.bodies, load.viscous, states, out)
+        out[:, 0] += load.coulomb * np.sign(states[:, 1])
+        found.append(out)
+    stacked = np.stack(found)
+    return stacked[:, :, 0], stacked[:, :, 1]

@@ -1,0 +1,113 @@
+"""The arm of a set of motions, with its payload, and the configurations in which its motors can hold it at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optik.arm.inertia import payload_masses
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.dynamics import torques_batch
+from optik.registry import short_name
+from optik.types import Array, Flags
+from planners.limits import sides
+
+if TYPE_CHECKING:
+    from benchmarks.kinds.laws.sets import LimitSet
+
+STATIC_SHARE = 0.95
+"""Largest share of a torque limit that gravity and Coulomb friction may take at rest: at all of it no motion could start. The
+rest also covers what lies between the steps of a track, and the other configurations that a redundant arm may take."""
+
+Stands = Callable[[Array], Flags]
+"""From configurations (k, n) to whether the motors can hold the arm there."""
+
+
+def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
+    """What reports call an arm.
+
+    Parameters
+    ----------
+    robot : str
+        Its name, or the path of a file.
+    payload : float or pair of floats or None
+        Mass in the tool [kg].
+
+    Returns
+    -------
+    str
+        Such as ``panda`` or ``panda, 1.5 kg``.
+    """
+    if payload is None:
+        return short_name(robot)
+    low, high = payload_masses(payload)
+    return f"{short_name(robot)}, " + (f"{low:g} kg" if low == high else f"{low:g} to {high:g} kg")
+
+
+def arm_with(robot: str, payload: float | tuple[float, float] | None) -> Robot:
+    """Load an arm and give it a payload.
+
+    Parameters
+    ----------
+    robot : str
+        Its name, or the path of a file.
+    payload : float or pair of floats or None
+        Mass in the tool [kg]; None for what the file states.
+
+    Returns
+    -------
+    Robot
+        The arm.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        As `optik.load` and `Robot.with_payload`.
+    RobotModelError
+        A payload on an arm whose masses are unknown.
+    """
+    arm = load(robot)
+    return arm if payload is None else arm.with_payload(payload)
+
+
+def stands_of(arm: Robot, limits: Sequence[LimitSet]) -> Stands | None:
+    """Where an arm can stand still: gravity and Coulomb friction take at most `STATIC_SHARE` of every torque limit.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm, with its payload.
+    limits : sequence of LimitSet
+        All that its motions are timed within.
+
+    Returns
+    -------
+    callable or None
+        From configurations (k, n) [rad, m] to flags (k,); None where no torque is limited.
+
+    Raises
+    ------
+    InvalidInput
+        A torque limit for an arm whose masses are unknown, or as `LimitSet.of`.
+    """
+    bounds = [sides(part.of(arm).bounds(arm.n)["torque"]) for part in limits if part.counts_torque]
+    if not bounds:
+        return None
+    lower = STATIC_SHARE * np.max([bound[0] for bound in bounds], axis=0)
+    upper = STATIC_SHARE * np.min([bound[1] for bound in bounds], axis=0)
+    loads = arm.loads
+
+    def stands(q: Array) -> Flags:
+        states = np.zeros((len(q), 4, arm.n))
+        states[:, 0] = q
+        torque, found = np.empty((len(q), 2, arm.n)), np.ones(len(q), dtype=bool)
+        for load_ in loads:
+            torques_batch(arm.chain, load_.bodies, load_.viscous, states, torque)
+            still, friction = torque[:, 0], load_.coulomb
+            found &= ((still - friction >= lower) & (still + friction <= upper)).all(axis=1)
+        return found
+
+    return stands

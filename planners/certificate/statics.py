@@ -1,0 +1,112 @@
+"""Whether a path can be run at all: the torque against gravity and Coulomb friction, however slowly the arm moves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from optik.errors import NoSolution
+from optik.types import Array
+from planners.certificate.bounds import MotionBounds
+from planners.certificate.torque import Proved, TorqueBounds
+from planners.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from planners.following.joint_path import JointPath
+    from planners.limits import MotionLimits
+
+STATIC_EXCESS = 1e-3
+"""Largest excess of the bound on the static torque over the largest value found, as a share of it: where the limit lies between
+both, the time law has the last word."""
+
+
+def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> Proved:
+    """Bound the static torque on a joint path: against gravity, and against Coulomb friction in the path's direction.
+
+    Where a joint rests or reverses, as all of them do at both ends, friction counts on both sides.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    bound : (2, n) array
+        Lower and upper limits of the torque [N·m, N]; infinite where free.
+    since : float
+        Place from which on the path is run, moving unless it is 0; from the start of its piece [m, or rad].
+
+    Returns
+    -------
+    Proved
+        Of every joint, on the whole path; its times are places s [m, or rad].
+
+    Raises
+    ------
+    InvalidInput
+        The masses of the arm are unknown.
+    """
+    along = Trajectory(PPoly(joint_path.coefficients, joint_path.nodes))
+    bounds = MotionBounds(joint_path.robot, along)
+    begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
+    pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
+    first, last = (bounds.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
+    torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
+    found = torques.proved(bound, rate=False, excess=STATIC_EXCESS)
+    for model, ends in zip(torques.models, torques.ends, strict=True):
+        resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
+        for s, value in resting:
+            found = _with_rest(found, bound, s, value, model[1].coulomb)
+    return found
+
+
+def _with_rest(found: Proved, bound: Array, s: float, value: Array, friction: Array) -> Proved:
+    """What is found, or what a place of rest needs where that is more: friction counts on both sides."""
+    down, up = (value - friction) / bound[0], (value + friction) / bound[1]
+    ratio = np.maximum(down, up)
+    return Proved(
+        np.maximum(found.ratio, ratio),
+        np.maximum(found.found, ratio),
+        np.where(ratio > found.found, s, found.time),
+        np.where(ratio > found.found, up >= down, found.upper),
+    )
+
+
+def check_statics(joint_path: JointPath, limits: MotionLimits, keeps: tuple[str, ...], since: float = 0.0) -> None:
+    """Raise an error for a path on which gravity and friction alone pass the limits of the torque, where those are promised.
+
+    Parameters
+    ----------
+    joint_path : JointPath
+        q(s).
+    limits : MotionLimits
+        Limits of the motion.
+    keeps : tuple of str
+        Names of those that are promised.
+    since : float
+        Place from which on the path is run, moving unless it is 0; from the start of its piece [m, or rad].
+
+    Raises
+    ------
+    InvalidInput
+        The masses of the arm are unknown.
+    NoSolution
+        With the joint, the place, and the torque that it would need.
+    """
+    if limits.torque is None or "torque" not in keeps:
+        return
+    given = limits.bounds(joint_path.robot.n)["torque"]
+    bound = np.stack([-given, given]) if given.ndim == 1 else given
+    found = static_torque(joint_path, bound, since)
+    ratio = np.where(np.isfinite(bound[1]), found.found, 0.0)
+    i = int(ratio.argmax())
+    if ratio[i] <= 1.0:
+        return
+    limit = abs(float(bound[1 if found.upper[i] else 0, i]))
+    robot, s = joint_path.robot, float(found.time[i])
+    force = "N" if robot.prismatic[i] else "N·m"
+    raise NoSolution(
+        f"the limit of {limit:.6g} {force} on the torque of {robot.joint_names[i]} is below the {ratio[i] * limit:.6g} {force} "
+        f"that gravity and friction need at s = {s:.6g} {joint_path.path.unit}, however slowly the arm moves",
+        s=s, joint=robot.joint_names[i], advice="another path, a lighter payload, or a higher limit",
+    )  # fmt: skip

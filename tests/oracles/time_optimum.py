@@ -1,0 +1,69 @@
+"""The jerk- and torque-limited time optimum by a plain programme for IPOPT: no wit, and another library's dynamics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from tests.oracles.dynamics import path_rates, path_torques
+
+Array = Any
+
+
+def best_duration(joint_path: Any, model: Any, friction: tuple[Array, Array], limits: Any, K: int = 80) -> float:
+    """Least duration; limits on velocity, acceleration, jerk, torque and torque rate, (n,) each, infinite where free.
+
+    It keeps its limits at its places only, which stand equally spaced in the root of a quintic.
+    """
+    velocity, acceleration, jerk, torque, rate = limits
+    viscous, coulomb = friction
+    u = np.linspace(0.0, 1.0, K + 1)
+    s = joint_path.end * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
+    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
+    p, c, g = path_torques(model, joint_path, s)
+    inside = np.clip(s, 2e-4 * joint_path.end, (1.0 - 2e-4) * joint_path.end)
+    dp, dc, dg = path_rates(model, joint_path, inside, 1e-4 * joint_path.end)
+    v, a, tau, j = ca.SX.sym("v", K + 1), ca.SX.sym("a", K + 1), ca.SX.sym("t", K), ca.SX.sym("j", K)
+    rows: list[Any] = [v[0], a[0], v[K], a[K]]
+    low, high = [0.0] * 4, [0.0] * 4
+
+    def keep(value: Any, least: float, most: float) -> None:
+        if np.isfinite([least, most]).any():
+            rows.append(value / most)
+            low.append(least / most)
+            high.append(1.0)
+
+    for k in range(K):
+        t = tau[k]
+        rows += [
+            v[k] * t + a[k] * t**2 / 2 + j[k] * t**3 / 6 - (s[k + 1] - s[k]),
+            v[k] + a[k] * t + j[k] * t**2 / 2 - v[k + 1],
+            a[k] + j[k] * t - a[k + 1],
+        ]
+        low, high = low + [0.0] * 3, high + [0.0] * 3
+        for i in range(q1.shape[1]):
+            for e in (k, k + 1):
+                keep(q1[e, i] * j[k] + 3 * q2[e, i] * v[e] * a[e] + q3[e, i] * v[e] ** 3, -jerk[i], jerk[i])
+                turning = (
+                    p[e, i] * j[k] + (dp[e, i] + 2 * c[e, i]) * v[e] * a[e] + dc[e, i] * v[e] ** 3 + dg[e, i] * v[e]
+                )
+                turning += viscous[i] * (q1[e, i] * a[e] + q2[e, i] * v[e] ** 2)
+                keep(turning, -rate[i], rate[i])
+            keep(q1[k, i] * v[k], -velocity[i], velocity[i])
+            keep(q1[k, i] * a[k] + q2[k, i] * v[k] ** 2, -acceleration[i], acceleration[i])
+            if k > 0:
+                drive = p[k, i] * a[k] + c[k, i] * v[k] ** 2 + viscous[i] * q1[k, i] * v[k] + g[k, i]
+                drive += coulomb[i] * np.sign(q1[k, i])
+                keep(drive, -torque[i], torque[i])
+    x = ca.vertcat(v, a, tau, j)
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-8, "ipopt.mu_init": 1e-2}
+    solver = ca.nlpsol("best", "ipopt", {"x": x, "f": ca.sum1(tau), "g": ca.vertcat(*rows)}, options)
+    T = 4.0
+    speed = joint_path.end / T * (30.0 * u**2 - 60.0 * u**3 + 30.0 * u**4)
+    start = np.concatenate([speed, np.zeros(K + 1), np.full(K, T / K), np.zeros(K)])
+    lower = np.concatenate([np.zeros(K + 1), np.full(K + 1, -np.inf), np.full(K, 1e-6), np.full(K, -np.inf)])
+    found = solver(x0=start, lbx=lower, lbg=low, ubg=high)
+    assert solver.stats()["success"]
+    return float(found["f"])
