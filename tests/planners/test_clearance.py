@@ -84,19 +84,20 @@ def test_a_sphere_that_is_grazed_at_one_instant_is_found() -> None:
 
 
 @pytest.mark.soak
-def test_five_thousand_proofs_hold_against_coal() -> None:
-    rng, oracle = np.random.default_rng(7), Oracle(panda(), table())
+@pytest.mark.parametrize("seed", range(20))
+def test_five_thousand_proofs_hold_against_coal(seed: int) -> None:
+    rng, oracle = np.random.default_rng([7, seed]), Oracle(panda(), table())
     count = {"free": 0, "contact": 0, "grazed": 0}
-    for i in range(4000):
+    for i in range(200):
         scene = table() if i % 2 else drawn(rng)
         proof = check(scene, drawn_motion(rng, i), 500.0, 201, oracle if i % 2 else None)
         count["free" if proof.proved else "contact"] += 1
-    for i in range(1000):
+    for i in range(50):
         motion = drawn_motion(rng, i)
         count["grazed"] += check(with_sphere(rng, motion), motion, 1.0, 1).touches
     print(count)
-    assert count["grazed"] == 1000
-    assert count["free"] >= 1000
+    assert count["grazed"] == 50
+    assert count["free"] >= 40
 
 
 def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot | None = None) -> Array:
