@@ -21,8 +21,8 @@ Moved = tuple[Array, Array, Array, Array]
 """What is known of the ends of capsules around the middle of an interval: points (m, 2, 3) [m]; and relative to each link
 (n + 1): velocity (m, 2, n + 1, 3) [m/s], and bounds on the displacement and on the acceleration (m, 2, n + 1) [m, m/s²]."""
 Wanted = tuple[float, float, float, float, int]
-"""Margin [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half interval [s];
-most intervals."""
+"""Margin to the scene [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half
+interval [s]; most intervals."""
 
 
 @inlined
@@ -157,9 +157,9 @@ def _directed(near: Nearest, moved: Moved, k: int, base: int, h: float) -> float
 
 
 @inlined
-def _target(found: float, wanted: Wanted) -> float:
+def _target(found: float, own: int, wanted: Wanted) -> float:
     """The lower bound that is close enough to the least distance found; never below the margin while that is not reached."""
-    margin, share, absolute = wanted[0], wanted[1], wanted[2]
+    margin, share, absolute = wanted[0] if own == 0 else 0.0, wanted[1], wanted[2]
     if found == np.inf:
         return found
     return max(found - max(share * abs(found), absolute), 0.5 * (found + margin))
@@ -232,7 +232,7 @@ def _level(
             which, bound = open_[0][entry], open_[1][entry]
             k, i, kind = pairs[which, 0], pairs[which, 1], pairs[which, 2]
             own = 1 if kind == OWN else 0
-            if bound < _target(least[own, 0], wanted):
+            if bound < _target(least[own, 0], own, wanted):
                 if not placed:
                     h, smooth = _joints(motion, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
@@ -251,14 +251,14 @@ def _level(
                     - thick
                     - DISTANCE_ROUNDING
                 )
-                if rough < _target(least[own, 0], wanted):
+                if rough < _target(least[own, 0], own, wanted):
                     before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
                     judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])
                     rough = max(rough, judged - DISTANCE_ROUNDING)
                     if least[own, 0] < before:
                         least[own, 3] = which
                 bound = max(bound, rough)
-            if bound >= _target(least[own, 0], wanted):
+            if bound >= _target(least[own, 0], own, wanted):
                 least[own, 2] = min(least[own, 2], bound)
                 continue
             rest[0][used], rest[1][used] = which, bound
@@ -304,7 +304,7 @@ def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted, le
         total += spans.shape[0]
         rest = (np.empty(parts[:, 3].sum(), np.int64), np.empty(parts[:, 3].sum()))
         left = _level(chain, bodies, motion, wanted, (spans, parts), (ids, bounds), rest, least)
-        ends = min(least[0, 0], least[1, 0]) <= wanted[0] or total >= wanted[4]
+        ends = least[0, 0] <= wanted[0] or least[1, 0] <= 0.0 or total >= wanted[4]
         halves, those, count = np.empty((2 * spans.shape[0], 2)), np.empty((2 * spans.shape[0], 4), np.int64), 0
         for k in range(spans.shape[0]):
             start, number = left[k]

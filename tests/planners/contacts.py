@@ -76,10 +76,10 @@ def drawn(rng: np.random.Generator) -> Scene:
 
 def drawn_motion(rng: np.random.Generator, kind: int) -> Trajectory:
     """From near the rest to elsewhere: one quintic, several with continuous accelerations, or with jumps of the velocity."""
-    robot, pieces = panda(), (1, 6, 3)[kind % 3]
+    robot, pieces = panda(), (1, 4, 3)[kind % 3]
     limits = robot.limits
     q = np.array([limits.clip(REST + rng.uniform(-1.2, 1.2, 7) * rng.uniform(0.2, 1.0)) for _ in range(pieces + 1)])
-    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.4, 1.2, pieces))])
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.25, 0.6, pieces))])
     v, a = np.zeros((2, *q.shape))
     if kind % 3 == 1:
         v[1:-1] = (q[2:] - q[:-2]) / (t[2:] - t[:-2])[:, None]
