@@ -569,7 +569,9 @@ def test_a_motion_without_a_path_is_judged_by_its_joints() -> None:
     assert proof.to_dict()["path_error"]["distance"] is None
     np.testing.assert_array_equal(proof.binding.s, motion.knots)
     assert proof.velocity.ratio.tolist() == certified(motion).velocity.ratio.tolist()
-    assert certify(ROBOT, None, motion).velocity.value.tolist() == proof.velocity.value.tolist(), "the robot's own limits"
+    assert certify(ROBOT, None, motion).velocity.value.tolist() == proof.velocity.value.tolist(), (
+        "the robot's own limits"
+    )
     for option in ({"tolerance": (1e-5, 1e-5)}, {"span": (0.0, 0.1)}):
         with pytest.raises(InvalidInput, match="path"):
             certify(ROBOT, None, motion, ROOMY, **option)  # type: ignore[arg-type]
