@@ -68,6 +68,15 @@ class Wish:
     payload: Annotated[
         str | None, typer.Option(help="Mass in the tool [kg], or from the lightest to the heaviest: 0:3.")
     ] = None
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            help="File of what stands around the arm, which it must not touch: .toml, .json, .urdf; self: its own links."
+        ),
+    ] = None
+    margin: Annotated[
+        float | None, typer.Option(help="Distance that arm and scene shall keep at every instant [m]; with --scene.")
+    ] = None
     branch: Annotated[
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
@@ -153,8 +162,8 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     law = planners.make_law(wish.timing)
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
-        branch=wish.branch, duration=wish.duration, strict=wish.strict,
-        scene=None if wish.scene is None else optik.Scene.load(wish.scene), margin=wish.margin,
+        branch=wish.branch, duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
+        margin=wish.margin or 0.0,
     )  # fmt: skip
     if plan and wish.out is not None:
         if wish.out.suffix.lower() in ROS and wish.format is None:
@@ -195,6 +204,39 @@ def check_out(wish: Wish) -> None:
         if wish.out.suffix.lower() not in (*known, *ROS):
             expected = f"a name that ends in {', '.join((*known, *ROS))}, or --format with it"
             raise InvalidInput("--out", str(wish.out), expected)
+
+
+def scene_of(arm: optik.Robot, wish: Wish) -> Any:
+    """The scene that was asked for.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    wish : Wish
+        The options.
+
+    Returns
+    -------
+    Scene or None
+        An empty one for the arm's own links; None where none was asked for.
+
+    Raises
+    ------
+    InvalidInput
+        A margin without a scene or below 0, a file that is none, or an arm without shapes.
+    """
+    if wish.margin is not None and not wish.margin >= 0.0:
+        raise InvalidInput("--margin", wish.margin, "a distance of 0 or more [m]")
+    if wish.scene is None:
+        if wish.margin is not None:
+            raise InvalidInput("--margin", f"{wish.margin:g} without a scene", "--scene FILE with it, or --scene self")
+        return None
+    if arm.shapes is None:
+        raise InvalidInput(
+            "--scene", f"{wish.scene} for {arm.name}, which has no shapes", "an arm whose file has shapes"
+        )
+    return optik.Scene() if wish.scene == "self" else optik.Scene.load(wish.scene)
 
 
 def start_of(arm: optik.Robot, degrees: str) -> Any:

@@ -182,6 +182,7 @@ class Certificate:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
                 words = f"{field} of {subject} is {ratio:.9g} of its limit at t = {t:.6g} s"
+                words += ", for this model of the masses" if field in LOADED else ""
                 found.append(Failure(words, t, subject if subject in self.joint_names else None))
         return found
 

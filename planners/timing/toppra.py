@@ -116,7 +116,7 @@ def _grid(joint_path: JointPath, intervals: int) -> Array:
 
 def _settled(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
     """ṡ at the grid points, solved again around themselves where friction goes with them; None where there is no motion."""
-    speed = _speeds(joint_path, limits, s, None)
+    speed = _speeds(joint_path, limits, s)
     if limits.torque is None or not any(load.viscous.any() for load in joint_path.robot.loads):
         return speed
     around = speed
@@ -133,7 +133,7 @@ def _settled(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | N
     return speed
 
 
-def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None) -> Array | None:
+def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None = None) -> Array | None:
     """ṡ at the grid points, or None where TOPP-RA finds no motion; viscous friction is that around given ṡ, or none."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
     acceleration = np.stack(sides(limits.bounds(joint_path.robot.n)["acceleration"]), axis=1)

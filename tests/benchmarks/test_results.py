@@ -57,6 +57,41 @@ def test_the_readme_s_words_on_time_laws_are_those_of_the_published_run() -> Non
     assert all(regular[label]["slowed_down"] == "inf" for label in regular if label.lower().startswith("topp"))
 
 
+def rounds_to(text: str, value: float) -> bool:
+    """Whether a text is a value rounded to the text's last digit; zeros before the point may be rounded ones."""
+    unit = 10.0 ** -len(text.partition(".")[2]) if "." in text else 10.0 ** (len(text) - len(text.rstrip("0")))
+    return abs(float(text) - value) <= 0.5 * unit * (1.0 + 1e-9)
+
+
+def unescaped(text: str) -> str:
+    return re.sub(r"\\([_*|])", r"\1", text.strip())
+
+
+def test_the_winners_of_the_published_page_are_those_of_the_run() -> None:
+    page = (RESULTS / "README.md").read_text(encoding="utf-8")
+    shown = [
+        [unescaped(cell) for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        for line in page.splitlines()
+        if line[:1] == "|"
+    ]
+    shown = [row for row in shown if row[0] != "Question" and not row[0].startswith("---")]
+    kept = []
+    for suite in ("ik-speed", "timing"):
+        with (RESULTS / suite / "tables/winners.csv").open(encoding="utf-8", newline="") as lines:
+            kept += list(csv.DictReader(lines))
+        run = json.loads((RESULTS / suite / "run.json").read_text(encoding="utf-8"))
+        assert f"commit `{run['provenance']['commit'][:7]}`" in page
+    assert len(shown) == len(kept) == 16
+    for (question, best, value, unit, tied, second, second_value, note), row in zip(shown, kept, strict=True):
+        wanted = [row[key] for key in ("question", "best", "unit", "tied", "second", "note")]
+        assert [question, best, unit, tied, second, note] == wanted
+        for text, key in ((value, "value"), (second_value, "second_value")):
+            numbers = re.fullmatch(r"([\d.]+) \(([\d.]+) to ([\d.]+)\)", text)
+            assert numbers, text
+            for digits, of in zip(numbers.groups(), (key, f"{key} low", f"{key} high"), strict=True):
+                assert rounds_to(digits, float(row[of])), (question, of)
+
+
 @pytest.mark.parametrize("suite", ["ik-speed", "timing"])
 def test_a_published_run_is_complete_and_says_where_it_is_from(suite: str) -> None:
     text = (RESULTS / suite / "run.json").read_text(encoding="utf-8")

@@ -16,11 +16,10 @@ from optik.plugins.files import is_path
 from optik.registry import load_method, short_name
 from tests import oracles
 from tests.outside import everything
+from tests.robots import each_robot
 
 ROBOT, ARM = optik.load("paper6r"), oracles.table("paper6r")
 START = np.radians([20, -35, 40, 25, 50, -30])
-USUAL = ("irb910sc", "panda", "paper6r", "ur5e")
-"""Robots of the default run: one that slides, one with a joint to spare, a spherical wrist and none; make soak has all."""
 
 
 class Method(NamedTuple):
@@ -228,9 +227,7 @@ def test_solve_ik_answers_as_the_class_does(method):
     same(optik.solve_ik(ROBOT, target, start, method.asked, max_iterations=1, max_restarts=2), few)
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in USUAL else pytest.param(name, marks=pytest.mark.soak) for name in optik.robots()]
-)
+@each_robot
 def test_every_robot_that_comes_with_optik_is_solved(method, name):
     robot, arm = optik.load(name), oracles.table(name)
     solver = method.solver.__class__(robot)

@@ -11,6 +11,7 @@ import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
 from tests import oracles
+from tests.robots import each_robot
 
 pytest.importorskip("casadi")
 from optik.ik import IPOPT
@@ -18,11 +19,6 @@ from optik.ik import IPOPT
 PAPER = optik.load("paper6r")
 FORMS = ("constraint", "least_squares")
 each_form = pytest.mark.parametrize("form", FORMS)
-USUAL = ("irb910sc", "panda", "paper6r", "ur5e")
-"""Robots of the default run: one that slides, one with a joint to spare, a spherical wrist and none; make soak has all."""
-few_robots = pytest.mark.parametrize(
-    "name", [name if name in USUAL else pytest.param(name, marks=pytest.mark.soak) for name in optik.robots()]
-)
 START = np.radians([20, -35, 40, 25, 50, -30])
 
 
@@ -58,7 +54,7 @@ def four_joints():
 
 
 @each_form
-@few_robots
+@each_robot
 def test_targets_near_the_start_are_solved(name, form):
     robot, arm = optik.load(name), oracles.table(name)
     if form == "constraint" and robot.n < 6:

@@ -558,9 +558,9 @@ def test_toppra_exceeds_its_limits_by_next_to_nothing_between_grid_points() -> N
 def test_toppra_tries_other_grids_and_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
     real, sizes = toppra_law._speeds, []
 
-    def fragile(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
+    def fragile(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None = None) -> Array | None:
         sizes.append(s.size)
-        return None if len(sizes) < 3 else real(joint_path, limits, s)
+        return None if len(sizes) < 3 else real(joint_path, limits, s, around)
 
     monkeypatch.setattr(toppra_law, "_speeds", fragile)
     law = make_law("toppra")

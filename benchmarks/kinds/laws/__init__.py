@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from benchmarks.report.run import Run
 
 
+OF_MODELS = (
+    "Torques are those of the arms' models: what motors deliver at a speed or a temperature, and the elasticity of gears, are "
+    "not in them."
+)
+"""What every report with torques says."""
+
+
 class _Laws(Kind):
     """Blocks of timed lines: ``[[timing]]`` of a suite."""
 
@@ -85,13 +92,15 @@ class _Laws(Kind):
         return findings(run)
 
     def limitations(self, run: Run) -> Sequence[str]:
+        sets = [part for b in run.of("laws") for part in b.block.limits]
         return (
             "T* is the shortest motion known, not a proved optimum: another law could be shorter still.",
             "Lines are drawn so that the whole line can be followed inside the joint limits; none passes nearer to a "
-            "singularity than a smallest singular value of 0.02. The limits are the suite's, the same on every joint, not the "
-            "robots' own.",
+            "singularity than a smallest singular value of 0.02."
+            + ("" if any(part.own for part in sets) else " The limits are the suite's, not the robots' own."),
             "Peers time the joint path that our follower made, with its exact derivatives where they take them. Their motions "
             "are shown as they are, and compared after the same uniform slow-down to the limits that ours get.",
+            *([OF_MODELS] if any(part.counts_torque for part in sets) else []),
         )
 
 

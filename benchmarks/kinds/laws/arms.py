@@ -1,4 +1,4 @@
-"""The arm of a set of motions, with its payload, and the configurations in which its motors can hold it at rest."""
+"""The configurations in which the motors of an arm can hold it at rest."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optik.arm.inertia import payload_masses
-from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.dynamics import torques_batch
-from optik.registry import short_name
 from optik.types import Array, Flags
 from planners.limits import sides
 
@@ -24,53 +21,6 @@ rest also covers what lies between the steps of a track, and the other configura
 
 Stands = Callable[[Array], Flags]
 """From configurations (k, n) to whether the motors can hold the arm there."""
-
-
-def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
-    """What reports call an arm.
-
-    Parameters
-    ----------
-    robot : str
-        Its name, or the path of a file.
-    payload : float or pair of floats or None
-        Mass in the tool [kg].
-
-    Returns
-    -------
-    str
-        Such as ``panda`` or ``panda, 1.5 kg``.
-    """
-    if payload is None:
-        return short_name(robot)
-    low, high = payload_masses(payload)
-    return f"{short_name(robot)}, " + (f"{low:g} kg" if low == high else f"{low:g} to {high:g} kg")
-
-
-def arm_with(robot: str, payload: float | tuple[float, float] | None) -> Robot:
-    """Load an arm and give it a payload.
-
-    Parameters
-    ----------
-    robot : str
-        Its name, or the path of a file.
-    payload : float or pair of floats or None
-        Mass in the tool [kg]; None for what the file states.
-
-    Returns
-    -------
-    Robot
-        The arm.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        As `optik.load` and `Robot.with_payload`.
-    RobotModelError
-        A payload on an arm whose masses are unknown.
-    """
-    arm = load(robot)
-    return arm if payload is None else arm.with_payload(payload)
 
 
 def stands_of(arm: Robot, limits: Sequence[LimitSet]) -> Stands | None:

@@ -9,7 +9,8 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.kinds.laws.arms import Stands, arm_label, arm_with, stands_of
+from benchmarks.kinds._arms import arm_label, arm_with
+from benchmarks.kinds.laws.arms import Stands, stands_of
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count
@@ -138,19 +139,29 @@ def draw_line(
     arm = arm_with(robot, payload)
     stands = stands_of(arm, limits)
     rng = np.random.default_rng((seed, crc32(short_name(robot).encode()), crc32(kind.encode()), index))
+    found = _first_good(arm, kind, rng, turns=index % 2 == 1, stands=stands)
+    if found is None:
+        raise InvalidInput("kind", f"{kind} on {robot}: no line in {MOST_DRAWS:,} draws", "an arm that has such lines")
+    start, goal, singular_value, draws = found
+    path = Line(arm.fk(start), goal)
+    return DrawnLine(arm, kind, index, start, path, singular_value, draws, arm_label(robot, payload))
+
+
+def _first_good(
+    arm: Robot, kind: str, rng: np.random.Generator, *, turns: bool, stands: Stands | None
+) -> tuple[Array, Array, float, int] | None:
+    """Start, goal and smallest singular value of the first line of a kind that can be followed, and how many were drawn."""
+    low, high = LINE_KINDS[kind]
+    between = np.linspace(0.0, 1.0, TRACK_STEPS + 1)
     for draws in range(0, MOST_DRAWS, CANDIDATES):
-        starts, goals = _candidates(arm, rng, turns=index % 2 == 1)
-        low, high = LINE_KINDS[kind]
-        between = np.linspace(0.0, 1.0, TRACK_STEPS + 1)
+        starts, goals = _candidates(arm, rng, turns=turns)
         poses = np.stack([se3.interpolate(a, b, between) for a, b in zip(arm.fk(starts), goals, strict=True)])
         singular_values = tracked(arm, starts, poses, low, stands)
         good = np.flatnonzero((singular_values >= low) & (singular_values <= high))
         if good.size:
             i = int(good[0])
-            path = Line(arm.fk(starts[i]), goals[i])
-            sigma = float(singular_values[i])
-            return DrawnLine(arm, kind, index, starts[i], path, sigma, draws + i + 1, arm_label(robot, payload))
-    raise InvalidInput("kind", f"{kind} on {robot}: no line in {MOST_DRAWS:,} draws", "an arm that has such lines")
+            return starts[i], goals[i], float(singular_values[i]), draws + i + 1
+    return None
 
 
 def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple[Array, Array]:
@@ -180,7 +191,8 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | N
     low : float
         Singular value below which a track is followed no further [1].
     stands : callable, optional
-        From configurations to whether the motors can hold the arm there; a track on which they cannot leaves the limits.
+        From configurations (k, n) [rad, m] to whether the motors can hold the arm there; a track on which they cannot
+        leaves the limits.
 
     Returns
     -------

@@ -10,7 +10,8 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.kinds.laws.arms import Stands, arm_label, arm_with, stands_of
+from benchmarks.kinds._arms import arm_label, arm_with
+from benchmarks.kinds.laws.arms import Stands, stands_of
 from benchmarks.kinds.laws.lines import (
     LIMIT_MARGIN,
     LINE_KINDS,

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
+from benchmarks.kinds._arms import arm_label, arm_with, read_payload
 from benchmarks.kinds.base import Entry
-from benchmarks.kinds.laws.arms import arm_label, arm_with
 from benchmarks.kinds.laws.motions import MOTION_KINDS
 from benchmarks.settings import check_keys, check_known, check_table
-from optik.arm.inertia import payload_masses
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -167,35 +166,6 @@ def read_lines(data: Any, where: str) -> LineSet:
         return LineSet(robot, kind, 1, data_file_of(data["path"], f"{at}: path"), payload)
     check_count(data["count"], f"{at}: count", 1)
     return LineSet(robot, str(kind), data["count"], payload=payload)
-
-
-def read_payload(value: Any, where: str) -> float | tuple[float, float] | None:
-    """Check a payload.
-
-    Parameters
-    ----------
-    value : object
-        A mass [kg], a list [lightest, heaviest], or None.
-    where : str
-        Its place in the suite, for errors.
-
-    Returns
-    -------
-    float or pair of floats or None
-        The mass or the interval [kg].
-
-    Raises
-    ------
-    InvalidInput
-        Anything else.
-    """
-    if value is None:
-        return None
-    try:
-        low, high = payload_masses(value)
-    except InvalidInput as error:
-        raise InvalidInput(where, error.got, error.expected) from None
-    return high if low == high else (low, high)
 
 
 def read_limits(data: Any, where: str) -> LimitSet:

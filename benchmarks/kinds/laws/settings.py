@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.kinds._arms import read_payload
 from benchmarks.kinds._entries import check_labels, read_law, read_peers
 from benchmarks.kinds._problems import named
 from benchmarks.kinds.base import Block, Entry
 from benchmarks.kinds.laws.measures import MEASURES
 from benchmarks.kinds.laws.motions import MOTION_KINDS
-from benchmarks.kinds.laws.sets import LimitSet, LineSet, read_limits, read_lines, read_payload
+from benchmarks.kinds.laws.sets import LimitSet, LineSet, read_limits, read_lines
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.settings import all_of, check_different, check_keys, check_known
 from benchmarks.targets import read_target

@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._arms import arm_with
+from benchmarks.kinds._scenes import scene_named
+from benchmarks.kinds._torques import torques_at
+from benchmarks.kinds.plans.nearest import clearance_frame, nearest_picture
 from benchmarks.kinds.plans.settings import LineTask
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from optik import se3
-from optik.arm.library import load
 from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene
 from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.ik import make_solver
@@ -26,6 +30,9 @@ from planners.plan import Plan, make_law, plan
 
 PLANS = "line/plans.json"
 """Summaries of all plans; it is written last, and marks the end of the work."""
+
+NEAREST = "line/nearest.json"
+"""How the arm stands at the instant of its least clearance, by law."""
 
 MOTION_INSTANTS = 751
 """Instants of a motion that are kept for plots: a pixel each, five to an interval of the paper's line."""
@@ -62,7 +69,7 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
     InvalidInput
         A start outside the limits, no motion, or a limit that a law needs and the robot does not have.
     """
-    robot = load(task.robot)
+    robot = arm_with(task.robot, task.payload)
     q = start_of(robot, task.start_deg)
     start = robot.fk(q)
     path = Line(start, se3.pose(start[:3, :3], start[:3, 3] + task.move_m))
@@ -70,7 +77,14 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
         raise InvalidInput("the line: move_m", task.move_m, "a motion")
     for law in task.laws:
         make_law(law).need(MotionLimits.of(robot), robot)
+    if task.scene:
+        check_scene(robot, scene_named(task.scene), task.margin)
     return robot, q, path
+
+
+def _around(task: LineTask) -> dict[str, Any]:
+    """Arguments of `plan` on the scene: none where the task has none."""
+    return {"scene": scene_named(task.scene), "margin": task.margin} if task.scene else {}
 
 
 def plan_once(task: LineTask) -> None:
@@ -83,7 +97,7 @@ def plan_once(task: LineTask) -> None:
     """
     robot, q, path = check_line(task)
     for law in task.laws:
-        plan(robot, path, q, ik=make_solver(robot, task.ik[0]), timing=law, samples=task.samples)
+        plan(robot, path, q, ik=make_solver(robot, task.ik[0]), timing=law, samples=task.samples, **_around(task))
 
 
 def run_line(task: LineTask, folder: RunFolder) -> None:
@@ -106,7 +120,7 @@ def run_line(task: LineTask, folder: RunFolder) -> None:
             seconds.clear()
             for _ in range(PLAN_REPEATS):
                 begin = time.perf_counter()
-                planned = plan(robot, path, q, ik=solver, timing=law, samples=task.samples)
+                planned = plan(robot, path, q, ik=solver, timing=law, samples=task.samples, **_around(task))
                 seconds.append(time.perf_counter() - begin)
             plans[ik, law] = planned
             summaries.append(_summary(planned, float(np.median(seconds))))
@@ -118,6 +132,9 @@ def run_line(task: LineTask, folder: RunFolder) -> None:
         first = {p.ik: p for p in reversed(good.values())}
         folder.write("line/samples.parquet", pl.concat([_samples(p) for p in first.values()]))
         folder.write("line/frames.parquet", pl.concat([_frames(p) for p in shown]))
+        if task.scene:
+            folder.write("line/clearance.parquet", pl.concat([clearance_frame(p) for p in shown]))
+            folder.write_json(NEAREST, [picture for p in shown if (picture := nearest_picture(p)) is not None])
     folder.write_json(PLANS, summaries)
 
 
@@ -165,8 +182,19 @@ def _motion(planned: Plan) -> pl.DataFrame:
             "t": np.repeat(t, len(joints)),
             "joint": list(joints) * MOTION_INSTANTS,
             **{name: v.ravel() for name, v in zip(("q", "dq", "ddq", "jerk"), values, strict=True)},
+            **_torques(planned, t),
         }
     )
+
+
+def _torques(planned: Plan, t: Array) -> dict[str, Array]:
+    """Torques and their rates, of the load whose value is larger at each instant, and Coulomb friction; none without masses."""
+    robot, motion = planned.robot, planned.trajectory
+    if robot.inertia is None:
+        return {}
+    found = [np.take_along_axis(x, np.abs(x).argmax(axis=0)[None], axis=0)[0] for x in torques_at(robot, motion, t)]
+    friction = np.broadcast_to(robot.inertia.coulomb, found[0].shape)
+    return dict(zip(("torque", "torque_rate", "coulomb"), (x.ravel() for x in (*found, friction)), strict=True))
 
 
 def _tool(planned: Plan) -> pl.DataFrame:

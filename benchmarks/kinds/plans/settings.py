@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.kinds._arms import read_payload
+from benchmarks.kinds._scenes import scene_name
 from benchmarks.kinds.base import Block
 from benchmarks.settings import check_keys, check_known, check_list
-from optik.check import check_count, real_array
+from optik.check import check_count, check_number, real_array
 from optik.errors import InvalidInput
 
 
@@ -27,6 +29,12 @@ class LineTask(Block):
         Names of the IK methods and of the time laws.
     samples : int
         Of the path.
+    payload : float or pair of floats
+        Mass in the tool [kg], or [lightest, heaviest]; by default what the robot's own file states.
+    scene : str
+        File of what stands around the arm, or a scene of ours (``shelf``, ``table``, ``plates``); empty for none.
+    margin : float
+        Distance that the arm keeps from the scene and its links from each other [m].
     """
 
     robot: str
@@ -35,6 +43,9 @@ class LineTask(Block):
     ik: tuple[str, ...]
     laws: tuple[str, ...]
     samples: int
+    payload: float | tuple[float, float] | None = None
+    scene: str = ""
+    margin: float = 0.0
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -62,8 +73,8 @@ def read_task(data: Any) -> LineTask:
     UnknownName
         A robot, method or law that does not exist.
     """
-    keys = {"robot", "start_deg", "move_m", "ik", "laws", "samples"}
-    check_keys(data, keys, "the line", need=keys - {"samples"})
+    keys = {"robot", "start_deg", "move_m", "ik", "laws"}
+    check_keys(data, keys | {"samples", "payload", "scene", "margin"}, "the line", need=keys)
     robot = check_known(data["robot"], "optik.robots", "robot")
     methods = tuple(check_known(name, "optik.ik", "IK method") for name in check_list(data["ik"], "the line: ik"))
     laws = tuple(
@@ -82,4 +93,7 @@ def read_task(data: Any) -> LineTask:
         ik=methods,
         laws=laws,
         samples=int(data.get("samples", 151)),
+        payload=read_payload(data.get("payload"), "the line: payload"),
+        scene=scene_name(data["scene"], "the line: scene") if "scene" in data else "",
+        margin=check_number(data.get("margin", 0.0), "the line: margin", "metres, 0 or more", least=0.0),
     )

@@ -129,7 +129,7 @@ def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absen
     name : str
         Name of the peer.
     limits : dict
-        As `peer_limits` returns them.
+        As `peer_limits` returns them, (n,) [rad/s^k, m/s^k].
 
     Returns
     -------

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics
-from optik.arm.shapes.model import Capsules
+from optik.arm.shapes.check import Capsules
 from optik.check import check_number
 from optik.compiled import compiled, inlined
 from optik.distance import Nearest, segment_box, segment_plane, segment_segment

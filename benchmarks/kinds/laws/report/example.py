@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.laws.arms import arm_label
+from benchmarks.kinds._arms import arm_label
 from benchmarks.kinds.laws.facts import JOINT_LIMITS
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
@@ -22,6 +22,9 @@ LIMIT_COLOURS = {
     "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
 }  # fmt: skip
 """Number of the colour of each limit."""
+
+_METRES, _RADIANS = (1e3, "mm"), (1.0, "rad")
+"""Scale and unit of the places on a path, of the tool and in joint space."""
 
 FAR = 1e3
 """Curves that bound the speed are cut at this multiple of the speed of the fastest motion."""
@@ -46,7 +49,8 @@ def example_boards(b: LawRows, run: Run) -> list[Board]:
     if motions is None or binding is None or curve is None or curve.is_empty():
         return []
     words = _which(b)
-    return [_phase(b, run, motions, curve, words), _constraints(b, motions, binding, words)]
+    unit = _RADIANS if b.block.example.kind == "joints" else _METRES
+    return [_phase(b, run, motions, curve, words, unit), _constraints(b, motions, binding, words, unit)]
 
 
 def _which(b: LawRows) -> str:
@@ -60,14 +64,17 @@ def _which(b: LawRows) -> str:
     return f"{chosen.kind.replace('_', '-')} path number {chosen.index + 1}{of} {within}"
 
 
-def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str) -> Board:
+def _phase(
+    b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str, of: tuple[float, str]
+) -> Board:
+    scale, unit = of
     laws = motions["law"].unique(maintain_order=True).to_list()
     fastest = float(motions["speed"].to_numpy().max())
     plot = Plot(
         "timing-phase", "Speed along the line, and what bounds it",
-        {"xaxis": axis("s [mm]"), "yaxis": axis("ds/dt [mm/s]", range=[0, 1.25e3 * fastest])}, 440,
+        {"xaxis": axis(f"s [{unit}]"), "yaxis": axis(f"ds/dt [{unit}/s]", range=[0, 1.25 * scale * fastest])}, 440,
     )  # fmt: skip
-    at = f"<br>%{{y:.4g}} mm/s at %{{x:.4g}} mm{HOVER}"
+    at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}{HOVER}"
     bounds = (
         ("velocity", {"color": INK_COLOUR, "width": 1.6, "dash": "dash"}, "velocity limit of %{text}"),
         (
@@ -78,7 +85,7 @@ def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, wor
     )
     for field, look, meaning in bounds:
         trace = line(
-            x=lean(1e3 * curve["s"].to_numpy()), y=lean(1e3 * np.minimum(curve[field].to_numpy(), FAR * fastest)),
+            x=lean(scale * curve["s"].to_numpy()), y=lean(scale * np.minimum(curve[field].to_numpy(), FAR * fastest)),
             name=f"{field} limits", text=curve["velocity_joint"].to_list(), line=look, hovertemplate=meaning + at,
         )  # fmt: skip
         plot.add(trace)
@@ -86,7 +93,7 @@ def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, wor
         part = motions.filter(pl.col("law") == law)
         plot.add(
             line(
-                x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(1e3 * part["speed"].to_numpy()), name=law,
+                x=lean(scale * part["s"].to_numpy(), 5), y=lean(scale * part["speed"].to_numpy()), name=law,
                 line={"color": run.colour(law), "width": 2}, hovertemplate=law + at,
             )
         )  # fmt: skip
@@ -101,7 +108,7 @@ def _phase(b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, wor
     )  # fmt: skip
 
 
-def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str) -> Board:
+def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str, of: tuple[float, str]) -> Board:
     """The active constraints of every law along the line, and how near its joints come to their limits."""
     laws = motions["law"].unique(maintain_order=True).to_list()
     near = binding.filter(pl.col("ratio") >= ACTIVE)
@@ -112,7 +119,7 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     ]
     initial = next((law for law in laws if law == b.block.plan), laws[0])
     return Board(
-        f"{b.block.id}-who", (_active(near, laws), _ratios(motions, laws)),
+        f"{b.block.id}-who", (_active(near, laws, of), _ratios(motions, laws, of)),
         (Control.of("law", "Time law", laws, initial),), tuple(legend),
         f"The {words}. First: where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
         "Then: the jerk of a law that does not limit it stands far above 1, drawn between the jumps of its acceleration, where "
@@ -120,8 +127,9 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     )  # fmt: skip
 
 
-def _active(near: pl.DataFrame, laws: list[str]) -> Plot:
+def _active(near: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Plot:
     """Where which joint is at which of its limits, one row of the plot for each joint and limit."""
+    scale, unit = of
     rows = sorted(
         {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
         key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
@@ -129,31 +137,32 @@ def _active(near: pl.DataFrame, laws: list[str]) -> Plot:
     names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
     across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
     plot = Plot(
-        "timing-who", "Active constraint along the path", {"xaxis": axis("s [mm]"), "yaxis": across},
+        "timing-who", "Active constraint along the path", {"xaxis": axis(f"s [{unit}]"), "yaxis": across},
         max(220, 90 + 26 * len(names)),
     )  # fmt: skip
     for law in laws:
         for (joint, limit), part in near.filter(pl.col("law") == law).group_by("joint", "limit", maintain_order=True):
             x: list[float | None] = []
             for start, end in part.select("from", "to").iter_rows():
-                x += [1e3 * start, 1e3 * end, None]
+                x += [scale * start, scale * end, None]
             name = f"{joint} {str(limit).replace('_', ' ')}"
             trace = line(
                 x=lean(x, 5), y=[name] * len(x), name=name, line={"color": _colour(str(limit)), "width": 9},
-                hovertemplate=f"{name} at %{{x:.4g}} mm{HOVER}",
+                hovertemplate=f"{name} at %{{x:.4g}} {unit}{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"law": [law]})
     return plot
 
 
-def _ratios(motions: pl.DataFrame, laws: list[str]) -> Plot:
+def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Plot:
     """The worst value over limit of every derivative along the line."""
+    scale, unit = of
     beyond = {
         "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1e6, "layer": "below", "fillcolor": BAND_COLOUR,
         "line": {"width": 0},
     }  # fmt: skip
     layout = {
-        "xaxis": axis("s [mm]"),
+        "xaxis": axis(f"s [{unit}]"),
         "yaxis": log_axis("value / limit", dtick=1, range=[-2.3, 3.2]),
         "shapes": [beyond],
     }
@@ -163,9 +172,9 @@ def _ratios(motions: pl.DataFrame, laws: list[str]) -> Plot:
         for field in (name for name in JOINT_LIMITS if name in part.columns and part[name].is_not_nan().any()):
             words = field.replace("_", " ")
             trace = line(
-                x=lean(1e3 * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=words,
+                x=lean(scale * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=words,
                 line={"color": _colour(field), "width": 1.6},
-                hovertemplate=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} mm{HOVER}",
+                hovertemplate=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} {unit}{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"law": [law]})
     return plot

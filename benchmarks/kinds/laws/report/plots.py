@@ -28,6 +28,9 @@ RATE_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000)
 MOST_RATIO = 1000.0
 """Ratio of a torque or its rate to its limit that is drawn for all larger ones: a plot has no infinity."""
 
+LEAST_RATIO = 0.01
+"""Ratio that is drawn for all smaller ones."""
+
 LEAST_EXCESS = 0.01
 """Excess over T* [%] that is drawn for all that come nearer: a logarithmic axis has no 0."""
 
@@ -113,7 +116,8 @@ def torques(b: LawRows, run: Run) -> Board | None:
         plot = Plot(
             f"timing-{field.replace('_', '-')}", f"Share of motions whose {words} stays within this multiple of its limit",
             {
-                "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS),
+                "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
+                | {"range": _around(b.rows[field])},
                 "yaxis": axis("motions [%]", range=[-2, 102]), "shapes": [beyond],
             }, 400,
         )  # fmt: skip
@@ -123,7 +127,13 @@ def torques(b: LawRows, run: Run) -> Board | None:
                 rows = part.filter(pl.col("law") == label)
                 values = rows[field].drop_nulls().to_numpy()
                 _steps(
-                    plot, label, _look(label, run), np.minimum(values, MOST_RATIO), len(rows), group, "times the limit"
+                    plot,
+                    label,
+                    _look(label, run),
+                    np.clip(values, LEAST_RATIO, MOST_RATIO),
+                    len(rows),
+                    group,
+                    "times the limit",
                 )
         plots.append(plot)
     return Board(
@@ -133,6 +143,12 @@ def torques(b: LawRows, run: Run) -> Board | None:
         "model. Right of the dashed line a motion asks the motors for more than they have. Where the acceleration jumps, the "
         f"rate of the torque is infinite; what is beyond {MOST_RATIO:g} is drawn there.",
     )  # fmt: skip
+
+
+def _around(values: pl.Series) -> list[float | None]:
+    """Decades that hold all values that are drawn, and the limit with some room beyond it."""
+    drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
+    return lean([np.log10(0.9 * min(drawn.min(), 1.0)), np.log10(1.2 * max(drawn.max(), 1.0))])
 
 
 def _ticked(title: str, ticks: tuple[float, ...]) -> Json:

@@ -11,9 +11,12 @@ from benchmarks.kinds.laws.report.example import example_boards
 from benchmarks.kinds.laws.report.plots import against_singularity, durations, torques
 from benchmarks.kinds.laws.report.tables import compared, law_tables, plan_times, violations
 from benchmarks.kinds.laws.rows import LawRows
+from benchmarks.kinds.laws.sets import LimitSet
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
+from benchmarks.report.words import listed, quoted
 from optik.registry import short_name
+from planners.limits import FIELD_LIMITS
 
 
 def timing(run: Run) -> dict[str, Any]:
@@ -82,7 +85,7 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
     alone = len(block.kinds)
     return {
         "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds, "ik": short_name(block.ik),
-        "limits": [part.label for part in block.limits], "reference": _reference(b),
+        "limits": [limit_words(part) for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
         "boards": [board for board in (durations(b, run), torques(b, run), against_singularity(b, run)) if board is not None],
@@ -90,6 +93,29 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
         "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
         "example": example_boards(b, run),
     }  # fmt: skip
+
+
+def limit_words(part: LimitSet) -> str:
+    """What a set of limits is, in words.
+
+    Parameters
+    ----------
+    part : LimitSet
+        The limits.
+
+    Returns
+    -------
+    str
+        Its label, and each limit with its unit or as the robot's own.
+    """
+    own = listed([name.replace("_", " ") for name in part.own])
+    words = [f"{own} the robot's own"] if own else []
+    for kind in FIELD_LIMITS:
+        value = part.limits.value(kind.name)
+        if value is not None:
+            each = ", ".join(f"{x:g}" for x in np.atleast_1d(value).ravel())
+            words.append(f"{kind.name.replace('_', ' ')} {each} {kind.units[0]}")
+    return f"{quoted(part.label)} ({'; '.join(words)})"
 
 
 def _reference(b: LawRows) -> str:

@@ -14,7 +14,15 @@ from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
 from optik.arm.limits import LIMIT_TOLERANCE
-from planners.limits import DERIVATIVES
+from planners.limits import DERIVATIVES, LOADED
+
+JOINT_LIMITS = (*DERIVATIVES, *LOADED)
+"""Limits on every joint."""
+
+UNITS = {
+    "velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³", "torque": "N·m", "torque_rate": "N·m/s",
+}  # fmt: skip
+"""Units of limits."""
 
 SAME_DURATION = 1e-9
 """Relative difference of durations up to which two motions count as equally long: rounding of a longer computation."""
@@ -93,10 +101,11 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
         Limits in words.
     """
     out = []
-    for field in DERIVATIVES:
+    for field in (f for f in JOINT_LIMITS if f in DERIVATIVES or limits_torque(certificate, f)):
         w = worst(certificate, field)
         if w.broken:
-            out.append(f"{field} ∞" if w.infinite else f"{field} {ratio_words(w)}×")
+            words = field.replace("_", " ")
+            out.append(f"{words} ∞" if w.infinite else f"{words} {ratio_words(w)}×")
     if min(certificate["position_margin"]) < -LIMIT_TOLERANCE:
         out.append("joint range")
     return out
@@ -118,15 +127,37 @@ def ratio_words(w: Worst) -> str:
     return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
+def limits_torque(certificate: dict[str, Any], field: str) -> bool:
+    """Whether a motion had a limit on torque, or on its rate.
+
+    Parameters
+    ----------
+    certificate : dict
+        As files have it.
+    field : str
+        ``torque`` or ``torque_rate``.
+
+    Returns
+    -------
+    bool
+        False for motions of older versions too.
+    """
+    extreme = certificate.get(field) or {"time": []}
+    return any(time is not None for time in extreme["time"])  # a value may be infinite, which a file has as None
+
+
 LAW_COLUMNS = (
     Column("label", "Time law", show="text"),
     Column("duration", "duration", "s", "less", "precise", among="place"),
     Column("breaks", "limits broken", show="text"),
-    *(Column(field, f"{field} over limit", show="text") for field in DERIVATIVES),
+    *(Column(field, f"{field.replace('_', ' ')} over limit", show="text") for field in JOINT_LIMITS),
     Column("distance", "path deviation", "µm", "less"),
     Column("milliseconds", "planning", "ms", "less"),
     Column("place", "rank", show="text", aside=True),
-    *(Column(f"{field}_at", f"{field}: where", show="text", aside=True) for field in DERIVATIVES),
+    *(Column(f"{field}_at", f"{field.replace('_', ' ')}: where", show="text", aside=True) for field in JOINT_LIMITS),
+    Column("energy", "energy drawn", "J", aside=True),
+    Column("power", "largest power found", "W", aside=True),
+    Column("clearance", "clearance, proved", "mm", "more"),
     Column("sampled", "jerk as sampled", "rad/s³", aside=True),
     Column("angle", "path deviation", "µrad", aside=True),
     Column("speed", "tool speed", "mm/s", aside=True),
@@ -136,7 +167,7 @@ LAW_COLUMNS = (
     Column("holds", "promise kept", show="text", aside=True),
     Column("end_error", "end error", "rad", aside=True),
 )
-"""Columns of the table of time laws."""
+"""Columns of the table of time laws; those of torque, energy and clearance only where a motion has them."""
 
 
 def laws(run: Run) -> dict[str, Any] | None:
@@ -185,7 +216,9 @@ def law_table(found: LinePlans) -> Table:
         else ""
     )
     rows = tuple(_row(p) | {"place": ranks.get(p["law"])} for p in plans)
-    return Table("laws", "Time laws along the line", LAW_COLUMNS, rows, note)
+    optional = {*LOADED, *(f"{field}_at" for field in LOADED), "energy", "power", "clearance"}
+    columns = [c for c in LAW_COLUMNS if c.key not in optional or any(row.get(c.key) is not None for row in rows)]
+    return Table("laws", "Time laws along the line", tuple(columns), rows, note)
 
 
 def _row(p: dict[str, Any]) -> dict[str, Any]:
@@ -194,7 +227,12 @@ def _row(p: dict[str, Any]) -> dict[str, Any]:
         where = f" at {number(1e3 * p['s'])} mm: {p['reason']}" if "reason" in p else ""
         return row | {"breaks": f"no motion: {p['status'].replace('_', ' ')}{where}"}
     c = p["certificate"]
-    at = {f: worst(c, f) for f in DERIVATIVES}
+    at = {f: worst(c, f) for f in JOINT_LIMITS if f in DERIVATIVES or limits_torque(c, f)}
+    energy, clearance = c.get("energy"), c.get("clearance")
+    if energy:
+        row |= {"energy": energy["drawn"], "power": energy["power"]}
+    if clearance and clearance["value"] is not None:
+        row["clearance"] = 1e3 * clearance["value"]
     return row | {
         "duration": p["duration"], "breaks": ", ".join(broken_limits(c)) or "none",
         **{f: ratio_words(w) for f, w in at.items()},
@@ -244,14 +282,19 @@ def _small(micrometres: float) -> str:
     return number(floor, 1).removeprefix("1·") if micrometres <= floor else number(micrometres, 2)
 
 
-def _limit_words(limits: dict[str, list[float | None]]) -> str:
-    units = {"velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³"}
+def _limit_words(limits: dict[str, Any]) -> str:
     words = []
-    for field, unit in units.items():
-        values = list(dict.fromkeys(limits[field]))
-        text = ", ".join("free" if v is None else f"{v:g}" for v in values)
+    for field, unit in UNITS.items():
+        if not isinstance(limits.get(field), list):
+            continue
+        given = limits[field]
+        sides = zip(*given, strict=True) if isinstance(given[0], list) else ((None, v) for v in given)
+        values = list(dict.fromkeys(sides))
+        text = ", ".join(
+            "free" if high is None else f"{high:g}" if low is None else f"{low:g} to {high:g}" for low, high in values
+        )
         words.append(
-            f"{field} {text} {unit}"
+            f"{field.replace('_', ' ')} {text} {unit}"
             + (" on every joint" if len(values) == 1 else " (joint by joint, repeats left out)")
         )
     return "; ".join(words)

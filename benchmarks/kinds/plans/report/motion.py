@@ -12,7 +12,7 @@ from benchmarks.kinds.plans.report.laws import worst
 from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import BAND_COLOUR, HOVER, NOISE, axis, colour, lean, line, log_axis
+from benchmarks.report.figures import BAND_COLOUR, HOVER, MUTED_COLOUR, NOISE, axis, colour, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from optik.arm.robot import Robot
@@ -30,6 +30,12 @@ WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0
 END_SECONDS = 0.06
 """Seconds at either end that a plot can show alone: three of the paper's intervals."""
 
+OF_TORQUES = (
+    " Torques are those of the arm's model, of a payload's interval the end that needs more; the rate of the torque is without "
+    "Coulomb friction, which jumps where a joint starts, reverses or stops."
+)
+"""What the plots of torques show."""
+
 ENVELOPE = 15
 """Instants of which the largest deviation is drawn: it is zero at the samples of the path and swings between them."""
 
@@ -38,6 +44,8 @@ JOINT_CURVES = {
     "dq": ("velocity", "q̇ [rad/s]", "velocity"),
     "ddq": ("acceleration", "q̈ [rad/s²]", "acceleration"),
     "jerk": ("jerk", "jerk [rad/s³]", "jerk"),
+    "torque": ("torque", "τ [N·m]", "torque"),
+    "torque_rate": ("torque rate", "dτ/dt [N·m/s]", "torque_rate"),
 }
 """Columns of a motion: in words, with unit, and the limit that each has."""
 
@@ -95,6 +103,8 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     joints = rows["joint"].unique(maintain_order=True).to_list()
     plots = []
     for column, (words, title, _) in JOINT_CURVES.items():
+        if column not in rows.columns:
+            continue
         plot = Plot(
             f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
         )
@@ -109,6 +119,8 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
                 {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
                 [({"law": [ALL_LAWS]}, {"line": {"color": run.colour(str(law))}})],
             )  # fmt: skip
+        if column == "torque":
+            _add_friction(plot, rows, joints)
         _bands(plot, _limits(found, column, robot), column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
         _time_ranges(plot, rows, laws)
@@ -122,12 +134,32 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
     legend += [Key(law, run.colour(law), "solid", {"law": [ALL_LAWS]}) for law in laws]
     legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
+    if "coulomb" in rows.columns and rows["coulomb"].max() > 0.0:  # type: ignore[operator]
+        legend.append(Key("Coulomb friction either way", MUTED_COLOUR, "fill", {"joint": joints, "law": laws}))
     instants = len(rows) // len(rows.unique(["law", "joint"]))
     return Board(
         "motion-board", tuple(plots), controls, tuple(legend),
         f"{instants:,} instants of the polynomials. “{IN_VIEW}” cuts what goes far beyond them; “{WHOLE_CURVES}” shows all. "
-        "The worst values in the table below are exact, not from these instants.",
+        "The worst values in the table below are exact, not from these instants."
+        + (OF_TORQUES if "torque" in rows.columns else ""),
     )  # fmt: skip
+
+
+def _add_friction(plot: Plot, rows: pl.DataFrame, joints: list[str]) -> None:
+    """The torques that Coulomb friction can make at each instant: all of them where a joint rests or reverses."""
+    for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
+        friction = float(part["coulomb"][0])
+        if friction == 0.0:
+            continue
+        t, moved = part["t"].to_numpy(), np.sign(part["dq"].to_numpy())
+        without = part["torque"].to_numpy() - friction * moved
+        around = np.concatenate([without + friction, (without - friction)[::-1]])
+        name = f"{joint}, {law}, Coulomb friction either way"
+        trace = line(
+            x=lean(np.concatenate([t, t[::-1]]), 5), y=lean(around), name=name, fill="toself", hoverinfo="skip", opacity=0.18,
+            line={"color": colour(joints.index(str(joint))), "width": 0}, fillcolor=colour(joints.index(str(joint))),
+        )  # fmt: skip
+        plot.add(trace, {"law": [str(law)], "joint": [str(joint)]})
 
 
 def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, float] | None]:
@@ -135,9 +167,26 @@ def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, fl
     plan = found.solved[0]
     field = JOINT_CURVES[column][2]
     if field is not None:
-        return [None if v is None else (-v, v) for v in plan["limits"][field]]
+        return _sides(plan["limits"].get(field), robot.n)
     limits = robot.limits
     return [(float(a), float(b)) for a, b in zip(limits.lower, limits.upper, strict=True)]
+
+
+def _sides(bound: Any, n: int) -> list[tuple[float, float] | None]:
+    """Limits of every joint, as files have them: one number, one a joint, or a pair of those; None where free."""
+    if bound is None:
+        return [None] * n
+    pair = isinstance(bound, list) and len(bound) == 2 and (isinstance(bound[0], list) or (bound[0] or 0.0) < 0.0)
+    lower, upper = bound if pair else (None, bound)
+    high = upper if isinstance(upper, list) else [upper] * n
+    low = (
+        [None if v is None else -v for v in high]
+        if lower is None
+        else lower
+        if isinstance(lower, list)
+        else [lower] * n
+    )
+    return [None if a is None or b is None else (float(a), float(b)) for a, b in zip(low, high, strict=True)]
 
 
 def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
@@ -157,7 +206,7 @@ def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, jo
 
 
 def _view(limit: tuple[float, float], column: str) -> list[float]:
-    room = {"q": 1.1, "dq": 1.2, "ddq": 1.6, "jerk": 2.0}[column]
+    room = {"q": 1.1, "dq": 1.2, "ddq": 1.6, "jerk": 2.0, "torque": 1.2, "torque_rate": 2.0}[column]
     middle, half = (limit[0] + limit[1]) / 2, (limit[1] - limit[0]) / 2
     return [middle - room * half, middle + room * half]
 

@@ -1,0 +1,61 @@
+"""Scenes as blocks of a suite name them: those that come with the suites, and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from optik.errors import InvalidInput
+from optik.plugins.used import data_file_of
+from optik.scene import Scene
+
+SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "clearance" / "scenes").glob("*.toml"))}
+"""Files of the scenes that come with the suites, by name."""
+
+
+def scene_name(value: Any, where: str) -> str:
+    """Check what a suite has as a scene.
+
+    Parameters
+    ----------
+    value : object
+        A name or the path of a file.
+    where : str
+        Its place in the suite, for errors.
+
+    Returns
+    -------
+    str
+        The name, or the absolute path.
+
+    Raises
+    ------
+    InvalidInput
+        Neither a name nor a file.
+    """
+    if isinstance(value, str) and value in SCENES:
+        return value
+    if isinstance(value, str) and "." not in value and "/" not in value:
+        raise InvalidInput(where, repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
+    return data_file_of(value, where)
+
+
+def scene_named(name: str) -> Scene:
+    """Load a scene.
+
+    Parameters
+    ----------
+    name : str
+        As `scene_name` returned it.
+
+    Returns
+    -------
+    Scene
+        What stands around the arm.
+
+    Raises
+    ------
+    InvalidInput
+        A file that is no scene.
+    """
+    return Scene.load(SCENES.get(name, name))

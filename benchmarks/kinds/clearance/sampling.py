@@ -1,0 +1,123 @@
+"""Contact by sampling with coal: Pinocchio places the shapes and stops at the first pair that is too near."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import BOX, OWN, PLANE, examined_pairs
+from optik.scene import Scene
+from optik.types import Array
+
+
+class CoalSampling:
+    """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as the proof examines.
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    scene : Scene
+        What stands around it.
+    margin : float
+        Distance that counts as contact [m].
+
+    Raises
+    ------
+    ModuleNotFoundError
+        Pinocchio or coal is not installed.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, margin: float) -> None:
+        import coal
+        import pinocchio as pin
+
+        self._pin, self._coal = pin, coal
+        self._model: Any = pin.Model()
+        for i in range(robot.n):
+            joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
+            self._model.addJoint(i, joint, pin.SE3(np.array(robot.fixed[i])), robot.joint_names[i])
+        self._geometry: Any = pin.GeometryModel()
+        assert robot.shapes is not None
+        link, a, b, radius = robot.shapes.capsules
+        arm = [self._capsule(int(link[k]), a[k], b[k], float(radius[k]), f"arm {k}") for k in range(len(radius))]
+        around = self._scene(scene)
+        for k, number, kind in examined_pairs(robot, scene).bodies.tolist():
+            other = arm[number] if kind == OWN else around[kind][number]
+            self._geometry.addCollisionPair(pin.CollisionPair(arm[k], other))
+        self._data, self._placed = self._model.createData(), self._geometry.createData()
+        for request in self._placed.collisionRequests:
+            request.security_margin = margin
+        self._margin = margin
+
+    def touches(self, q: Array) -> int:
+        """Index of the first configuration with a contact.
+
+        Parameters
+        ----------
+        q : (k, n) array
+            Configurations [rad, m].
+
+        Returns
+        -------
+        int
+            −1 where none has one.
+        """
+        pin, model, data, geometry, placed = self._pin, self._model, self._data, self._geometry, self._placed
+        for k, configuration in enumerate(q):
+            if pin.computeCollisions(model, data, geometry, placed, configuration, True):
+                return k
+        return -1
+
+    def distance(self, q: Array) -> float:
+        """Least distance of all pairs at a configuration.
+
+        Parameters
+        ----------
+        q : (n,) array
+            The configuration [rad, m].
+
+        Returns
+        -------
+        float
+            [m]; below 0 where shapes overlap.
+        """
+        self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, q)
+        return min((found.min_distance for found in self._placed.distanceResults), default=float("inf"))
+
+    def _add(self, joint: int, T: Array, shape: Any, name: str) -> int:
+        pin = self._pin
+        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3(T), shape)))
+
+    def _capsule(self, joint: int, a: Array, b: Array, radius: float, name: str) -> int:
+        T, length = np.eye(4), float(np.linalg.norm(b - a))
+        T[:3, :3], T[:3, 3] = _along(b - a), 0.5 * (a + b)
+        shape = self._coal.Capsule(radius, length) if length > 0.0 else self._coal.Sphere(radius)
+        return self._add(joint, T, shape, name)
+
+    def _scene(self, scene: Scene) -> dict[int, list[int]]:
+        """Add the objects; their numbers by the kinds of `examined_pairs`."""
+        box_pose, box_half, a, b, radius, point, normal = scene.arrays
+        boxes = [
+            self._add(0, T, self._coal.Box(*(2.0 * half)), f"box {i}")
+            for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
+        ]
+        rounds = [self._capsule(0, a[i], b[i], float(radius[i]), f"round {i}") for i in range(len(radius))]
+        planes = [
+            self._add(0, np.eye(4), self._coal.Halfspace(n, float(n @ p)), f"plane {i}")
+            for i, (p, n) in enumerate(zip(point, normal, strict=True))
+        ]
+        return {BOX: boxes, BOX + 1: rounds, PLANE: planes}
+
+
+def _along(d: Array) -> Array:
+    """A rotation whose z points along d; the identity where d is 0."""
+    length = float(np.linalg.norm(d))
+    if length == 0.0:
+        return np.eye(3)
+    z = d / length
+    x = np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 1.0, 0.0))
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z]).T

@@ -1,0 +1,195 @@
+"""Clearance of a plan for the report: over time by its shapes, and how the arm stands where it is nearest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import BOX, OWN, PLANE, distances_batch, examined_pairs
+from optik.distance import segment_box, segment_plane, segment_segment
+from optik.scene import Scene
+from optik.types import Array, Indices
+from planners.certificate.clearance import Clearance
+from planners.plan import Plan
+
+CLEARANCE_INSTANTS = 501
+"""Instants of the clearance that are kept for plots; the least value is the certificate's."""
+
+
+def clearance_frame(planned: Plan) -> pl.DataFrame:
+    """Least distances over time, by the compiled distances at instants.
+
+    Parameters
+    ----------
+    planned : Plan
+        A plan with a scene.
+
+    Returns
+    -------
+    DataFrame
+        One row an instant: t [s], the least distance to the scene and that between the arm's own links [m], None without
+        such pairs.
+    """
+    assert planned.scene is not None
+    robot, scene, t = planned.robot, planned.scene, np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
+    assert robot.shapes is not None
+    q, bodies = np.ascontiguousarray(planned.trajectory(t)), examined_pairs(robot, scene).bodies
+    columns = {}
+    for name, chosen in (("scene", bodies[:, 2] != OWN), ("own", bodies[:, 2] == OWN)):
+        distance, which = np.full(t.size, np.inf), np.empty(t.size, np.int64)
+        if chosen.any():
+            distances_batch(
+                robot.chain, (robot.shapes.capsules, scene.arrays, bodies[chosen].copy()), q, distance, which
+            )
+        columns[name] = [float(value) if np.isfinite(value) else None for value in distance]
+    return pl.DataFrame(
+        {"ik": planned.ik, "law": planned.law, "t": t, **columns}, schema_overrides=dict.fromkeys(columns, pl.Float64)
+    )
+
+
+def nearest_picture(planned: Plan) -> dict[str, Any] | None:
+    """The shapes of the arm and the scene where they are nearest; without a scene, where two links are.
+
+    Parameters
+    ----------
+    planned : Plan
+        A plan with a scene, whose certificate has its clearance.
+
+    Returns
+    -------
+    dict or None
+        None where no pair was examined. Else plain data: ``law``; ``time`` [s]; ``proved``, ``found`` and ``margin`` [m];
+        ``pair``; ``words`` on all pairs; ``marks``, times [s] and distances [m]; ``arm`` and ``rounds``, capsules as (a, b,
+        radius, whether it is the nearest); ``boxes`` as (pose, edges, whether it is the nearest); ``planes`` as (point,
+        normal); ``points``, the nearest points of both shapes [m].
+    """
+    robot, scene, proof = planned.robot, planned.scene, planned.certificate.clearance
+    assert scene is not None and proof is not None and robot.shapes is not None
+    closest = proof.scene or proof.own
+    if closest is None:
+        return None
+    arm = placed(robot, planned.trajectory(closest.time))
+    one, other, kind = _nearest_body(arm, scene, examined_pairs(robot, scene).bodies, own=proof.scene is None)
+    box_pose, box_half, a, b, radius, point, normal = scene.arrays
+    return {
+        "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
+        "found": closest.found, "margin": proof.margin, "pair": list(closest.pair), "words": _words(proof),
+        "marks": [(kind.time, kind.found) for kind in (proof.scene, proof.own) if kind is not None],
+        "points": [p.tolist() for p in nearest_points(arm, scene, one, other, kind)],
+        "arm": [
+            (p.tolist(), r.tolist(), float(size), i == one or (kind == OWN and i == other))
+            for i, (p, r, size) in enumerate(zip(*arm, strict=True))
+        ],
+        "boxes": [
+            (T.tolist(), (2.0 * half).tolist(), kind == BOX and i == other)
+            for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
+        ],
+        "rounds": [
+            (a[i].tolist(), b[i].tolist(), float(radius[i]), kind not in (BOX, OWN, PLANE) and i == other)
+            for i in range(len(radius))
+        ],
+        "planes": [(p.tolist(), n.tolist()) for p, n in zip(point, normal, strict=True)],
+    }  # fmt: skip
+
+
+def _words(proof: Clearance) -> str:
+    """What is proved and what was found, of the scene and of the arm's own links."""
+    out = []
+    for words, kind in (("to the scene", proof.scene), ("between links", proof.own)):
+        if kind is not None:
+            proved = f"at least {1e3 * kind.value:.4g} mm is proved" if np.isfinite(kind.value) else "nothing is proved"
+            first, second = kind.pair
+            out.append(
+                f"{words} {proved}, {1e3 * kind.found:.4g} mm found between {first} and {second} at {kind.time:.3f} s"
+            )
+    return "; ".join(out)
+
+
+def _nearest_body(arm: tuple[Array, Array, Array], scene: Scene, bodies: Indices, *, own: bool) -> tuple[int, int, int]:
+    """The nearest pair of the arm and the scene, or of two links."""
+
+    def distance(pair: list[int]) -> float:
+        _, off, other_radius = _witness(arm, scene, *pair)
+        return float(np.linalg.norm(off)) - float(arm[2][pair[0]]) - other_radius
+
+    one, other, kind = min((pair for pair in bodies.tolist() if (pair[2] == OWN) == own), key=distance)
+    return one, other, kind
+
+
+def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
+    """Capsules of an arm at a configuration.
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    q : (n,) array
+        The configuration [rad, m].
+
+    Returns
+    -------
+    a, b : (m, 3) array
+        Ends of the segments in the base frame [m].
+    radius : (m,) array
+        Radii [m].
+    """
+    assert robot.shapes is not None
+    link, a, b, radius = robot.shapes.capsules
+    T = np.concatenate([np.eye(4)[None], robot.frames(q)[:-1]])[link]
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    return np.einsum("mij,mj->mi", R, a) + p, np.einsum("mij,mj->mi", R, b) + p, radius
+
+
+def nearest_points(
+    arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
+) -> tuple[Array, Array]:
+    """Nearest points of a capsule of the arm and of another body.
+
+    Parameters
+    ----------
+    arm : tuple of arrays
+        As `placed` returns it: (m, 3), (m, 3) and (m,) [m].
+    scene : Scene
+        What stands around the arm.
+    one, other : int
+        Number of the capsule, and of the other body among those of its kind.
+    kind : int
+        As of `examined_pairs`.
+
+    Returns
+    -------
+    tuple of (3,) arrays
+        On the capsule's surface and on that of the other body [m]. Where they overlap, the first is inside the second.
+    """
+    a, b, radius = arm
+    place, off, other_radius = _witness(arm, scene, one, other, kind)
+    length = float(np.linalg.norm(off))
+    toward = -off / length if length > 0.0 else np.zeros(3)
+    axis = a[one] + place * (b[one] - a[one])
+    return axis + radius[one] * toward, axis + (length - other_radius) * toward
+
+
+def _witness(
+    arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
+) -> tuple[float, Array, float]:
+    """Nearest place on a capsule's axis, a share of it; the difference from the other body there; that body's radius [m]."""
+    a, b, radius = arm
+    p, q = _triple(a[one]), _triple(b[one])
+    box_pose, box_half, c, d, sizes, point, normal = scene.arrays
+    if kind == BOX:
+        _, place, w = segment_box(p, q, box_pose[other], box_half[other])
+        return place, np.array(w), 0.0
+    if kind == PLANE:
+        _, place, w = segment_plane(p, q, point[other], normal[other])
+        return place, np.array(w), 0.0
+    first, second, size = (a, b, radius) if kind == OWN else (c, d, sizes)
+    _, place, w = segment_segment(p, q, _triple(first[other]), _triple(second[other]))
+    return place, np.array(w), float(size[other])
+
+
+def _triple(point: Array) -> tuple[float, float, float]:
+    x, y, z = map(float, point)
+    return x, y, z
