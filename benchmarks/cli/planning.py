@@ -81,11 +81,6 @@ class Wish:
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
-    scene: Annotated[
-        Path | None,
-        typer.Option(help="What must not be touched, nor the links each other: a .toml, .json or .urdf (optik.Scene)."),
-    ] = None
-    margin: Annotated[float, typer.Option(help="What all distances to it must exceed [m].")] = 0.0
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
         False
     )
