@@ -237,10 +237,8 @@ def certify(
     path : Path or None
         The path that the tool should follow; None for a motion of joints, of which no path is judged: `Certificate.path_error`
         is NaN, and the places in ``binding`` and ``coverage`` are times.
-    trajectory : Trajectory
-        The motion.
-    limits : MotionLimits, optional
-        Its limits; the robot's own by default.
+    trajectory, limits : Trajectory, and MotionLimits, optional
+        The motion and its limits, by default the robot's own.
     law : str
         Name of the law that made it.
     keeps : tuple of str, optional
@@ -264,8 +262,7 @@ def certify(
     ------
     InvalidInput
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``keeps``, a span that is none, another number of limits than the path has segments,
-        a scene with an arm without shapes, a margin below 0.
+        is not above 0, an unknown name in ``keeps``, a span that is none, limits for another path, an arm without shapes.
     """
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):

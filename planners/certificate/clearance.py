@@ -12,13 +12,12 @@ from optik.arm.shapes.contact import check_scene, examined_pairs
 from optik.scene import Scene
 from optik.types import Flags
 from planners.certificate._clearance import search
+from planners.certificate.dividing import NARROWEST_SHARE
 from planners.certificate.failure import Failure
 from planners.trajectory import Trajectory
 
 CLOSE = (0.05, 1e-4)
 """A bound is close enough within this share of the least distance found, or this distance [m], whichever is larger."""
-NARROWEST = 1e-9
-"""Share of the duration of half an interval that is not divided any more: rounding in t is near."""
 MOST_INTERVALS = 200_000
 """Most intervals of a motion: a hundred times what a long motion past a shelf takes. What is left then is not proved."""
 POSITION_STEP, VELOCITY_STEP = 1e-11, 1e-10
@@ -187,7 +186,7 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float 
     assert robot.shapes is not None
     pairs = examined_pairs(robot, scene)
     motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _continuous(trajectory))
-    wanted = (margin, *CLOSE, NARROWEST * trajectory.duration, MOST_INTERVALS)
+    wanted = (margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
     search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
     touched = least[0, 0] <= margin or least[1, 0] <= 0.0

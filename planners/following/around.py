@@ -77,8 +77,8 @@ class Around:
         near = contact(self.robot, self.scene, q, self.margin)
         if near.room > 0.0:
             return None
-        reason = f"the start configuration touches: {self._words(near)}"
-        advice = "a start away from it; or scene.allow with this pair, where they may touch"
+        reason = f"the start configuration is not free: {self._words(near)}"
+        advice = "a start away from it, or a smaller margin; or this pair in scene.allow, where they may touch"
         return Stop(FollowStatus.CONTACT, 0.0, None, reason, advice)
 
     def stop(self, joints: JointPath) -> Stop | None:

@@ -40,6 +40,7 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
+CONTACT = ("tests/planners/test_clearance.py", "tests/optik/test_distance.py")
 LIMITS = "tests/planners/test_motion_limits.py"
 SIDES = "tests/planners/test_limit_sides.py"
 SEGMENTS = "tests/planners/test_segment_speeds.py"
@@ -52,6 +53,10 @@ LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/
 
 TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": CERTIFICATE,
+    "planners/certificate/_clearance.py": CONTACT,
+    "planners/certificate/clearance.py": CONTACT,
+    "optik/arm/shapes/contact.py": CONTACT,
+    "optik/distance.py": CONTACT[::-1],
     "planners/certificate/continuity.py": CERTIFICATE[1:],
     "planners/certificate/coverage.py": (CERTIFICATE[3], *CERTIFICATE[1:3]),
     "planners/certificate/path_error.py": CERTIFICATE,
@@ -110,6 +115,8 @@ DRAWN = (
     "planners/certificate/bounds.py",
     "planners/certificate/progress.py",
     "planners/certificate/tool_speed.py",
+    "planners/certificate/_clearance.py",
+    "optik/distance.py",
     "planners/limits/base.py",
     "planners/limits/_derivative.py",
     "planners/limits/_tool.py",

@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 import optik
 import planners
 from optik import Scene
-from optik.arm.shapes.contact import OWN, contact, examined_pairs, nearest_pairs
+from optik.arm.shapes.contact import SELF, contact, examined_pairs, nearest_pairs
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
 from optik.types import Array
@@ -114,7 +114,7 @@ def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot 
         robot.chain, bodies, polynomials, wanted, nodes, (np.arange(count), np.full(count, -np.inf)), rest, least
     )
     for k in range(left[0, 1]):
-        kind = int(pairs[rest[0][k], 2] == OWN)
+        kind = int(pairs[rest[0][k], 2] == SELF)
         least[kind, 2] = min(least[kind, 2], rest[1][k])
     return least[:, 2]
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from optik.arm.robot import Robot
     from optik.scene import Scene
 
-BOX, ROUND, PLANE, OWN = 0, 1, 2, 3
+BOX, ROUND, PLANE, SELF = 0, 1, 2, 3
 """Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, or a capsule of the arm."""
 
 Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
@@ -69,7 +69,7 @@ def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
     examined = scene.examined(robot)
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
-    own = [(i, j, OWN) if link[i] > link[j] else (j, i, OWN) for i, j in shapes.pairs.tolist()]
+    own = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
     kinds = [(i, BOX) for i in range(len(scene.boxes))]
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
     kinds += [(i, PLANE) for i in range(len(scene.planes))]
@@ -192,7 +192,7 @@ def contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Co
     room, k, pairs = float(rooms[0]), int(which[0]), examined_pairs(robot, scene)
     if k < 0:
         return Contact(room, room, ("", ""))
-    return Contact(room, room if pairs.bodies[k, 2] == OWN else room + margin, pairs.names[k])
+    return Contact(room, room if pairs.bodies[k, 2] == SELF else room + margin, pairs.names[k])
 
 
 # ---------------------------------------------------------------- kernels
@@ -269,7 +269,7 @@ def nearest_of(pair: tuple[int, int, int], scene: Objects, places: Array) -> Nea
         return segment_box(a, b, scene[0][i], scene[1][i])
     if kind == PLANE:
         return segment_plane(a, b, scene[5][i], scene[6][i])
-    if kind == OWN:
+    if kind == SELF:
         return segment_segment(a, b, row_of(places[i], 0), row_of(places[i], 1))
     return segment_segment(a, b, row_of(scene[2], i), row_of(scene[3], i))
 
@@ -303,7 +303,7 @@ def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Arr
         room[k], which[k] = np.inf, -1
         for p in range(pairs.shape[0]):
             m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-            thick = radius[m] + (radius[i] if kind == OWN else margin + (scene[4][i] if kind == ROUND else 0.0))
+            thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
             found = nearest_of((m, i, kind), scene, places)[0] - thick
             if found < room[k]:
                 room[k], which[k] = found, p
