@@ -7,7 +7,7 @@ from typing import Any
 import optik
 from optik.errors import InvalidInput
 
-UNITS = {"torque": "[N·m, sliding N]", "torque_rate": "[N·m/s, sliding N/s]"}
+TORQUE_UNITS = {"torque": "[N·m, sliding N]", "torque_rate": "[N·m/s, sliding N/s]"}
 """Units of the limits on torques, in messages."""
 
 MASS = "a mass [kg] such as 3, or the lightest and the heaviest such as 0:3"
@@ -81,7 +81,7 @@ def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any
         return None
     if text == "robot":
         if own is None:
-            wanted = f"an arm whose file states it with the masses, or numbers {UNITS[name]}"
+            wanted = f"an arm whose file states it with the masses, or numbers {TORQUE_UNITS[name]}"
             raise InvalidInput(option, f"robot, but {arm.name} has no such limit", wanted)
         return own
     try:
@@ -89,7 +89,7 @@ def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any
     except ValueError:
         values = []
     if len(values) not in (1, arm.n):
-        wanted = f"robot, none, one number or {arm.n} numbers {UNITS[name]}, comma separated"
+        wanted = f"robot, none, one number or {arm.n} numbers {TORQUE_UNITS[name]}, comma separated"
         raise InvalidInput(option, repr(text), wanted)
     if arm.inertia is None:
         raise InvalidInput(option, f"{text} for {arm.name}, whose masses are unknown", "an arm with masses, or none")

@@ -1,4 +1,4 @@
-"""Torques of a motion at instants, for plots; what a motion keeps is for its certificate to say."""
+"""Torques of a motion at instants, for plots, and the limits on joints; what a motion keeps its certificate says."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.dynamics import torques_batch
 from optik.types import Array
+from planners.limits import DERIVATIVES, LOADED
 from planners.trajectory import Trajectory
+
+JOINT_LIMITS = (*DERIVATIVES, *LOADED)
+"""Limits on every joint: reports have the worst ratio of each, its joint and its time."""
 
 
 def torques_at(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 """Numbers on the axes of times [ms]."""
 
-COLUMNS = (
+CLEARANCE_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("missed", "contacts called free", "%", "less", "share"),
     Column("count", "of them", show="count"),
@@ -126,7 +126,7 @@ def _table(b: BlockRows) -> Table:
         + (f" Closer than {1e3 * b.block.margin:g} mm counts as contact." if b.block.margin else "")
         + ("" if len(rows) > 1 else " Without coal and Pinocchio (pip install coal pin) there is no sampling.")
     )
-    return Table(f"clearance-{slug(b.block.id)}", b.block.title, COLUMNS, tuple(rows), note)
+    return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
 
 
 def _share(count: int, of: int) -> tuple[float, float, float]:

@@ -27,10 +27,10 @@ from planners.trajectory import Trajectory
 END_CLEARANCE = 0.01
 """Distance that both ends of a motion keep beyond the margin [m]: whoever asks for a motion starts and ends it free."""
 
-MOST_DRAWS = 100_000
+MOST_END_DRAWS = 100_000
 """Configurations drawn after which a scene counts as one without free ones."""
 
-SPEED, ACCELERATION = 2.0, 10.0
+USUAL_SPEED, USUAL_ACCELERATION = 2.0, 10.0
 """Limits of a motion [rad/s, rad/s², or metres] of an arm that states none."""
 
 TOUCHING = 2e-6
@@ -110,7 +110,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
     keys = (crc32(short_name(text).encode()) for text in (block.robot, block.scene))
     rng = np.random.default_rng((seed, *keys, number))
     ends: list[Array] = []
-    for _ in range(MOST_DRAWS):
+    for _ in range(MOST_END_DRAWS):
         q = arm.limits.draw(rng, 1)
         if nearest_pairs(arm, scene, q)[0][0] > block.margin + END_CLEARANCE:
             ends.append(q[0])
@@ -118,11 +118,11 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
             break
     else:
         raise InvalidInput(
-            "scene", f"{block.scene}: no free configuration of {arm.name} in {MOST_DRAWS:,} draws", "room"
+            "scene", f"{block.scene}: no free configuration of {arm.name} in {MOST_END_DRAWS:,} draws", "room"
         )
     way = np.abs(ends[1] - ends[0])
-    speed = SPEED if arm.limits.velocity is None else arm.limits.velocity
-    acceleration = ACCELERATION if arm.limits.acceleration is None else arm.limits.acceleration
+    speed = USUAL_SPEED if arm.limits.velocity is None else arm.limits.velocity
+    acceleration = USUAL_ACCELERATION if arm.limits.acceleration is None else arm.limits.acceleration
     T = max((1.875 * way / speed).max(), float(np.sqrt(10.0 / np.sqrt(3.0) * way / acceleration).max()))
     still = np.zeros((2, arm.n))
     return Trajectory(through(np.array([0.0, T]), np.array(ends), still, still))

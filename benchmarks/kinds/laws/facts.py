@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._torques import JOINT_LIMITS
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from planners.certificate.certificate import Certificate
 from planners.fit import stretch
-from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED, MotionLimits
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -28,9 +29,6 @@ COLUMNS = (
     "true_distance", "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
 )  # fmt: skip
 """Columns of a row, beside those of its line. Ratios are worst values over limits: exact, of torques proved bounds."""
-
-JOINT_LIMITS = (*DERIVATIVES, *LOADED)
-"""Limits on every joint: a row has the worst ratio of each, its joint and its time."""
 
 FACT_TYPES = {
     pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in JOINT_LIMITS)),

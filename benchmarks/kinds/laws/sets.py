@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 from optik.plugins.used import data_file_of
 from planners.limits import ALL_LIMITS, TOOL_SPEEDS, MotionLimits
 
-OWN = "robot"
+OF_ROBOT = "robot"
 """Value of a limit in a suite that means the limit of each robot itself."""
 
 
@@ -103,7 +103,7 @@ class LimitSet:
                 wanted = "numbers, or a robot whose file states this limit"
                 if name in ("torque", "torque_rate"):
                     wanted += " and its masses"
-                raise InvalidInput(f"limits {self.label!r}: {name}", f"{OWN!r} with {robot.name}", wanted)
+                raise InvalidInput(f"limits {self.label!r}: {name}", f"{OF_ROBOT!r} with {robot.name}", wanted)
         found = replace(self.limits, **values)
         found.bounds(robot.n)
         return found
@@ -193,10 +193,12 @@ def read_limits(data: Any, where: str) -> LimitSet:
     given = {field: data[field] for field in ALL_LIMITS if field in data}
     if not given:
         raise InvalidInput(at, "none", f"some of {', '.join(ALL_LIMITS)}")
-    own = tuple(field for field, value in given.items() if value == OWN)
+    own = tuple(field for field, value in given.items() if value == OF_ROBOT)
     for field in own:
         if field in TOOL_SPEEDS:
-            raise InvalidInput(f"{at}: {field}", repr(OWN), "a number: robots have no limits of their own on the tool")
+            raise InvalidInput(
+                f"{at}: {field}", repr(OF_ROBOT), "a number: robots have no limits of their own on the tool"
+            )
     numbers = {field: value for field, value in given.items() if field not in own}
     words = ", ".join(f"own {field}" if field in own else str(value) for field, value in given.items())
     return LimitSet(str(data.get("label", words)), MotionLimits(**numbers), own)

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds._arms import arm_label
-from benchmarks.kinds.laws.facts import JOINT_LIMITS
+from benchmarks.kinds._torques import JOINT_LIMITS
 from benchmarks.kinds.laws.rows import LawRows
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis

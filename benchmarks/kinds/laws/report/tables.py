@@ -9,8 +9,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds._contest import version_words
+from benchmarks.kinds._torques import JOINT_LIMITS
 from benchmarks.kinds.base import Column, Table
-from benchmarks.kinds.laws.facts import JOINT_LIMITS
 from benchmarks.kinds.laws.measures import in_group
 from benchmarks.kinds.laws.rows import NEARLY, ON_PATH_M
 from benchmarks.records import slug

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.kinds._torques import JOINT_LIMITS
 from benchmarks.kinds.base import Column, Table
 from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.kinds.plans.rows import LinePlans
@@ -16,10 +17,7 @@ from benchmarks.report.run import Run
 from optik.arm.limits import LIMIT_TOLERANCE
 from planners.limits import DERIVATIVES, LOADED
 
-JOINT_LIMITS = (*DERIVATIVES, *LOADED)
-"""Limits on every joint."""
-
-UNITS = {
+LIMIT_UNITS = {
     "velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³", "torque": "N·m", "torque_rate": "N·m/s",
 }  # fmt: skip
 """Units of limits."""
@@ -284,7 +282,7 @@ def _small(micrometres: float) -> str:
 
 def _limit_words(limits: dict[str, Any]) -> str:
     words = []
-    for field, unit in UNITS.items():
+    for field, unit in LIMIT_UNITS.items():
         if not isinstance(limits.get(field), list):
             continue
         given = limits[field]
