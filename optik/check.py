@@ -45,6 +45,24 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
     return np.asarray(array, dtype=np.float64, order="C")
 
 
+def shown(value: Any, most: int = 80) -> str:
+    """Return a value as an error shows it: on one line, and no longer than a line.
+
+    Parameters
+    ----------
+    value : object
+        What was passed.
+    most : int
+        Longest text.
+
+    Returns
+    -------
+    str
+        The start of its representation.
+    """
+    return " ".join(repr(value).split())[:most]
+
+
 def check_number(
     value: Any, argument: str, expected: str, *, above: float | None = None, least: float | None = None
 ) -> float:

@@ -236,7 +236,7 @@ def plan(
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     scene, margin : Scene and float, optional
         What an arm with shapes must not touch, nor its links each other, proved for every instant (`Certificate.clearance`),
-        and what all these distances must exceed [m]. An empty scene for the links alone; by default nothing is examined.
+        and what distances to the scene must exceed [m]. An empty scene for the links alone; by default nothing is examined.
 
     Returns
     -------

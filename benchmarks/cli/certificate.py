@@ -26,6 +26,32 @@ def much(ratio: float) -> str:
     return f"{ratio:.3g} times its limit" if np.isfinite(ratio) else "without bound"
 
 
+def effort_words(planned: Any) -> str:
+    """What the torques of a plan stand on, and what the motion takes.
+
+    Parameters
+    ----------
+    planned : Plan
+        A plan whose torques are limited.
+
+    Returns
+    -------
+    str
+        For people.
+    """
+    proof, payload = planned.certificate, planned.robot.payload
+    load = "without a payload" if payload is None else f"with {payload}"
+    words = (
+        f"for this model of the masses, {load}: energy {proof.energy.net:.4g} J, {proof.energy.drawn:.4g} J if braking gives "
+        f"nothing back, largest power found {proof.energy.power:.4g} W"
+    )
+    if proof.friction_steps:
+        most = max(step.size for step in proof.friction_steps)
+        steps = f"; Coulomb friction steps {len(proof.friction_steps)} times, by {most:.3g} at most"
+        words += f"{steps}, which the torque rate does not count"
+    return words
+
+
 SMOOTH = {
     -1: "positions jump",
     0: "velocities jump",
@@ -94,6 +120,8 @@ def print_certificate(planned: Any) -> None:
         f"at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}",
         highlight=False,
     )
+    if proof.energy is not None:
+        out_console.print(effort_words(planned), highlight=False)
     if proof.clearance is not None:
         out_console.print(clearance_line(proof.clearance), highlight=False)
     if planned.slowed > 1.0:

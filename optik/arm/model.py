@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits, frozen
-from optik.arm.shapes import Shapes
+from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.check import check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.kinematics import Chain
@@ -225,7 +225,10 @@ class ArmModel:
             Not a pose, or an ``add`` that is neither True nor False.
         """
         T = se3.check_pose(tool, "tool")
-        return replace(self, tool=self.tool @ T if check_flag(add, "add") else T)
+        new = self.tool @ T if check_flag(add, "add") else T
+        moved = self.shapes is not None and PAYLOAD in self.shapes.names
+        shapes = self.shapes.moved_part(PAYLOAD, new @ se3.inverse(self.tool)) if self.shapes and moved else self.shapes
+        return replace(self, tool=new, shapes=shapes)
 
     def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:
         """Return the arm with other limits.

@@ -159,7 +159,7 @@ class Robot(ArmDynamics):
         chain counts, with its joints at 0; a link without <inertial> has the mass 0, and where none has one, the masses are
         unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb), with the attribute armature for the
         motors' inertia, which URDF itself lacks. Masses and efforts that cannot be are left out with a warning. Soft
-        limits (<safety_controller>), shapes and joints off the chain are not read.
+        limits (<safety_controller>) are not read.
 
         Parameters
         ----------
@@ -174,8 +174,7 @@ class Robot(ArmDynamics):
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; −z by default.
         shapes : bool
-            Read the <collision> elements, too, and enclose them by capsules; meshes in STL or OBJ. By default they are
-            not read, because meshes take seconds and are often missing.
+            Enclose the <collision> elements by capsules, too; by default not, as meshes take seconds, or are missing.
         package_dirs : mapping of str to path, or sequence of paths, optional
             Folders of the meshes besides the file's own: of each package by its name, or that contain packages.
         srdf : str or path, optional
@@ -194,18 +193,10 @@ class Robot(ArmDynamics):
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, following another (<mimic>), without an axis, with crossed or missing limits.
         """
-        from optik.arm.urdf import read_urdf
+        from optik.arm.urdf import read_urdf, wanted_folders
 
-        if not check_flag(shapes, "shapes"):
-            if package_dirs is not None or srdf is not None:
-                raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
-            return _robot(read_urdf(source, tip, base, name=name, gravity=gravity))
-        from optik.arm.shapes.meshes import folders_of
-
-        robot = _robot(
-            read_urdf(source, tip, base, name=name, gravity=gravity, folders=folders_of(source, package_dirs))
-        )
-        return robot if srdf is None or robot.shapes is None else robot.with_shapes(robot.shapes.with_srdf(srdf))
+        folders = wanted_folders(source, check_flag(shapes, "shapes"), package_dirs, srdf)
+        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, folders=folders, srdf=srdf))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from optik import dynamics
 from optik.arm.inertia import Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.model import ArmModel
+from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.errors import InvalidInput
 from optik.types import Array
 
@@ -78,6 +80,7 @@ class ArmDynamics(ArmModel):
         mass: float | tuple[float, float] | None,
         com: ArrayLike = (0.0, 0.0, 0.0),
         inertia: ArrayLike | None = None,
+        shapes: Sequence[Any] | None = None,
     ) -> Self:
         """Return the arm with a rigid body in its tool, in place of the present payload.
 
@@ -92,6 +95,9 @@ class ArmDynamics(ArmModel):
         inertia : (3, 3) array, optional
             Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. Of an
             interval it is the inertia of the largest mass, and scales with the mass.
+        shapes : sequence of (T, edges), (centre, radius) or (a, b, radius), optional
+            The space that it takes, in the tool's frame: boxes by the pose (4, 4) of their centre and full edge lengths,
+            which capsules enclose, spheres and capsules [m]. In ``robot.shapes`` they are called "payload".
 
         Returns
         -------
@@ -101,14 +107,24 @@ class ArmDynamics(ArmModel):
         Raises
         ------
         InvalidInput
-            Values that `Payload` refuses.
+            Values that `Payload` refuses, objects that are no such shapes, or shapes for an arm that has none itself.
         RobotModelError
             The masses of the arm are unknown, so that torques could not count the payload.
         """
         if mass is None or payload_masses(mass)[1] == 0.0:
-            return replace(self, payload=None)
+            return replace(self, payload=None, shapes=self._shapes_with(None))
         changes: dict[str, Any] = {"mass": mass, "com": com, "inertia": inertia}
-        return replace(self, payload=Payload(**changes))
+        return replace(self, payload=Payload(**changes), shapes=self._shapes_with(shapes))
+
+    def _shapes_with(self, payload: Sequence[Any] | None) -> Shapes | None:
+        """The arm's shapes with those of a payload in place of the present ones."""
+        if payload is None:
+            carries = self.shapes is not None and PAYLOAD in self.shapes.names
+            return self.shapes.without(PAYLOAD) if self.shapes is not None and carries else self.shapes
+        if self.shapes is None:
+            wanted = "an arm with shapes, for a payload with shapes: with_shapes(...)"
+            raise InvalidInput("robot", f"{self.name!r}, which has none", wanted)
+        return self.shapes.with_part(PAYLOAD, self.n, payload, self.tool)
 
     @cached_property
     def loads(self) -> tuple[Load, ...]:

@@ -21,7 +21,7 @@ from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
 if TYPE_CHECKING:
-    from optik.arm.shapes.meshes import MeshFolders
+    from optik.arm.shapes.meshes import Folders, MeshFolders
 
 P = ParamSpec("P")
 """Arguments of a function."""
@@ -44,6 +44,7 @@ def read_urdf(
     name: str | None = None,
     gravity: ArrayLike = (0.0, 0.0, -1.0),
     folders: MeshFolders | None = None,
+    srdf: str | os.PathLike[str] | None = None,
 ) -> ArmModel:
     """Read the chain between two links; see `Robot.from_urdf`.
 
@@ -61,6 +62,8 @@ def read_urdf(
         Direction of gravity in the base frame [1].
     folders : MeshFolders, optional
         Where the meshes of <collision> elements may lie; without it, shapes are not read.
+    srdf : str or path, optional
+        An SRDF whose pairs of links are left out.
 
     Returns
     -------
@@ -89,7 +92,43 @@ def read_urdf(
         return arm
     from optik.arm.shapes.urdf import read_shapes
 
-    return arm.with_shapes(read_shapes(tree, base, placed, folders, partial(_axis, tree.name)))
+    shapes = read_shapes(tree, base, placed, folders, partial(_axis, tree.name))
+    return arm.with_shapes(shapes if srdf is None else shapes.with_srdf(srdf))
+
+
+def wanted_folders(
+    source: str | os.PathLike[str], shapes: bool, package_dirs: Folders, srdf: object
+) -> MeshFolders | None:
+    """Return where meshes may lie if shapes are asked for; else nothing may be said of meshes and pairs.
+
+    Parameters
+    ----------
+    source : str or path
+        The description.
+    shapes : bool
+        Whether shapes are asked for.
+    package_dirs : mapping of str to path, or sequence of paths, optional
+        Further folders.
+    srdf : str or path, optional
+        An SRDF.
+
+    Returns
+    -------
+    MeshFolders or None
+        The folders.
+
+    Raises
+    ------
+    InvalidInput
+        Not folders, or folders or an SRDF without ``shapes``.
+    """
+    if not shapes:
+        if package_dirs is not None or srdf is not None:
+            raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
+        return None
+    from optik.arm.shapes.meshes import folders_of
+
+    return folders_of(source, package_dirs)
 
 
 def _known_link(tree: Tree, link: str, argument: str) -> str:

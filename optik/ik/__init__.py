@@ -128,7 +128,7 @@ def solve_ik(
     solver : str or path
         A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]. Up to
+        What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]. Up to
         100 other starts are tried; where every solution found touches, the status is IN_CONTACT.
     **options
         ``trace=True``, ``closest=True``, and the options of the method.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from optik.arm.shapes.contact import check_scene, contact
+from optik.arm.shapes.contact import Contact, check_scene, contact
 from optik.ik._problem import check_problem, restart_configuration
 from optik.ik._result import IKResult
 from optik.ik._status import IKStatus
@@ -35,7 +35,7 @@ def solve_free(
     scene : Scene
         What must not be touched.
     margin : float
-        What all distances must exceed [m].
+        What all distances to it must exceed [m].
     trace : bool
         Whether to keep the error of every iteration.
 
@@ -55,27 +55,23 @@ def solve_free(
     margin = check_scene(robot, scene, margin)
     first = best = solver.solve(target, q0, trace=trace)
     pose, start = check_problem(robot, target, q0)
-    iterations, found, least, pair = 0, 0, -float("inf"), ("", "")
+    iterations, found, least = 0, 0, Contact(-float("inf"), 0.0, ("", ""))
     for restart in range(max(STARTS, solver.max_restarts) + 1):
-        result = (
-            first
-            if restart == 0
-            else solver.solve(pose, restart_configuration(robot, pose, start, restart), trace=trace)
-        )
+        again = restart_configuration(robot, pose, start, restart) if restart else start
+        result = solver.solve(pose, again, trace=trace) if restart else first
         iterations += result.iterations
         if not result:
             if result.status is IKStatus.UNREACHABLE:
                 break
             continue
-        near = contact(robot, scene, result.q)
-        if near.distance > margin:
+        near = contact(robot, scene, result.q, margin)
+        if near.room > 0.0:
             return result._replace(iterations=iterations, restarts=max(restart, result.restarts))
         found += 1
-        if near.distance > least:
-            best, least, pair = result, near.distance, near.pair
+        if near.room > least.room:
+            best, least = result, near
     if not found:
         return first
-    words = (
-        f"all {found} solutions found touch; in the best one, {pair[0]} and {pair[1]} are {1e3 * least:.4g} mm apart"
-    )
+    one, other = least.pair
+    words = f"all {found} solutions found touch; the best has {1e3 * least.distance:.4g} mm between {one} and {other}"
     return best._replace(status=IKStatus.IN_CONTACT, iterations=iterations, message=words)

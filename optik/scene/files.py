@@ -40,8 +40,10 @@ from optik.arm.plain import record, word
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.files import content_of, parsed, suffix_of, text_of
-from optik.scene.model import OBJECT_KINDS, Scene
 from optik.types import Array
+
+OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
+"""Kinds of objects, in the order of their names."""
 
 MOST_SCENE_BYTES = 64 * 2**20
 """Longest file that is read [bytes]: six hundred for each of the objects that a scene can have."""
@@ -61,8 +63,8 @@ SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess")
 def load_scene(
     file: str | os.PathLike[str],
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
-) -> Scene:
-    """Load a scene from a file; see `Scene.load`.
+) -> dict[str, Any]:
+    """Read a scene from a file; see `Scene.load`.
 
     Parameters
     ----------
@@ -73,8 +75,8 @@ def load_scene(
 
     Returns
     -------
-    Scene
-        The scene.
+    dict
+        Arguments of `Scene`.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def load_scene(
         raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
 
 
-def scene_from_toml(text: str) -> Scene:
+def scene_from_toml(text: str) -> dict[str, Any]:
     """Read a scene from TOML, in the format that this module describes.
 
     Parameters
@@ -109,8 +111,8 @@ def scene_from_toml(text: str) -> Scene:
 
     Returns
     -------
-    Scene
-        The scene.
+    dict
+        Arguments of `Scene`.
 
     Raises
     ------
@@ -134,7 +136,7 @@ def scene_from_toml(text: str) -> Scene:
             record(row, required, where, optional=optional)
             objects[kind].append(_object(kind, row, where))
             names.append(word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
-    return Scene(**objects, allow=data.get("allow", ()), names=tuple(names))  # type: ignore[arg-type]
+    return {**objects, "allow": data.get("allow", ()), "names": tuple(names)}
 
 
 def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
@@ -162,13 +164,13 @@ def _singular(kind: str) -> str:
     return {"boxes": "box"}.get(kind, kind.removesuffix("s"))
 
 
-def scene_to_dict(scene: Scene) -> dict[str, Any]:
+def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
     """Return a scene as plain data; see `Scene.to_dict`.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : mapping
+        The fields of a `Scene`.
 
     Returns
     -------
@@ -179,12 +181,12 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         return value.tolist() if isinstance(value, np.ndarray) else value
 
-    objects = {kind: [[plain(part) for part in one] for one in getattr(scene, kind)] for kind in OBJECT_KINDS}
-    excess = [None if e != e else e for e in scene.excess.tolist()]
-    return objects | {"allow": [list(pair) for pair in scene.allow], "names": list(scene.names), "excess": excess}
+    objects = {kind: [[plain(part) for part in one] for one in scene[kind]] for kind in OBJECT_KINDS}
+    excess = [None if e != e else e for e in scene["excess"].tolist()]
+    return objects | {"allow": [list(pair) for pair in scene["allow"]], "names": list(scene["names"]), "excess": excess}
 
 
-def scene_from_dict(data: Any) -> Scene:
+def scene_from_dict(data: Any) -> dict[str, Any]:
     """Read a scene from plain data; see `Scene.from_dict`.
 
     Parameters
@@ -194,8 +196,8 @@ def scene_from_dict(data: Any) -> Scene:
 
     Returns
     -------
-    Scene
-        Equal to the one that was written.
+    dict
+        Arguments of `Scene`: an equal one.
 
     Raises
     ------
@@ -208,4 +210,4 @@ def scene_from_dict(data: Any) -> Scene:
             raise InvalidInput(f"scene.{key}", repr(data[key])[:60], "a list")
     known = data["excess"]
     excess = [np.nan if e is None else check_number(e, "scene.excess", "lengths ≥ 0", least=0.0) for e in known]
-    return Scene(**{key: data[key] for key in SCENE_KEYS if key != "excess"}, excess=np.array(excess))
+    return {**data, "excess": np.array(excess)}

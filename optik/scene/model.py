@@ -6,16 +6,18 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from optik import se3
 from optik.arm.limits import frozen
-from optik.arm.shapes.model import checked_excess, length_of, point_of
-from optik.check import check_words
+from optik.arm.shapes.check import checked_excess, length_of, point_of
+from optik.check import check_words, shown
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
+from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -33,9 +35,6 @@ MOST_OBJECTS = 100_000
 
 UNIT_NORMAL = 1e-14
 """A normal whose length is this near to 1 is kept to the last bit, so that a copy of a scene equals it."""
-
-OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
-"""Kinds of objects, in the order of their names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +77,7 @@ class Scene:
         for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane), strict=True):
             given = getattr(self, kind)
             if isinstance(given, str) or not isinstance(given, Iterable):
-                raise InvalidInput(f"scene.{kind}", repr(given)[:60], f"a list of {kind}")
+                raise InvalidInput(f"scene.{kind}", shown(given), f"a list of {kind}")
             object.__setattr__(self, kind, tuple(check(one, f"scene.{kind}[{i}]") for i, one in enumerate(given)))
         counts = [len(getattr(self, kind)) for kind in OBJECT_KINDS]
         if sum(counts) > MOST_OBJECTS:
@@ -136,15 +135,15 @@ class Scene:
         RobotModelError
             A URDF that is no tree, or that has no <collision>.
         """
-        from optik.scene.files import load_scene
-
-        return load_scene(file, package_dirs)
+        arguments = load_scene(file, package_dirs)
+        try:
+            return Scene(**arguments)
+        except InvalidInput as error:
+            raise InvalidInput(f"{Path(file).name}: {error.argument}", error.got, error.expected) from None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scene as plain data for JSON; `from_dict` reads it back to the last bit."""
-        from optik.scene.files import scene_to_dict
-
-        return scene_to_dict(self)
+        return scene_to_dict({key: getattr(self, key) for key in SCENE_KEYS})
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Scene:
@@ -165,9 +164,7 @@ class Scene:
         InvalidInput
             Missing or unknown keys, or values that `Scene` refuses.
         """
-        from optik.scene.files import scene_from_dict
-
-        return scene_from_dict(data)
+        return Scene(**scene_from_dict(data))
 
     # ------------------------------------------------------------ for the proof
 
@@ -229,7 +226,7 @@ class Scene:
 
 def _parts(value: Any, where: str, count: int, expected: str) -> Sequence[Any]:
     if not isinstance(value, list | tuple) or len(value) != count:
-        raise InvalidInput(where, repr(value)[:80], expected)
+        raise InvalidInput(where, shown(value), expected)
     return value
 
 
@@ -239,7 +236,7 @@ def _box(value: Any, where: str) -> tuple[Array, Array]:
     point_of(T[:3, 3], f"{where}: T", LARGEST_OBJECT)
     lengths = frozen(edges, f"{where}: edges")
     if lengths.shape != (3,) or not (np.isfinite(lengths) & (lengths > 0.0)).all():
-        raise InvalidInput(f"{where}: edges", repr(edges)[:80], "three full edge lengths above 0")
+        raise InvalidInput(f"{where}: edges", shown(edges), "three full edge lengths above 0")
     return T, point_of(lengths, f"{where}: edges", LARGEST_OBJECT)
 
 
@@ -259,7 +256,7 @@ def _plane(value: Any, where: str) -> tuple[Array, Array]:
     point, normal = _parts(value, where, 2, "(point, normal)")
     direction = frozen(normal, f"{where}: normal")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InvalidInput(f"{where}: normal", repr(normal)[:80], "a direction of three numbers, not all 0")
+        raise InvalidInput(f"{where}: normal", shown(normal), "a direction of three numbers, not all 0")
     scaled = direction / np.abs(direction).max()  # else the squares of 1e200 would be infinite
     length = float(np.linalg.norm(scaled))
     unit = direction if abs(float(np.linalg.norm(direction)) - 1.0) <= UNIT_NORMAL else scaled / length
@@ -279,7 +276,7 @@ def _checked_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
 def _checked_allow(value: Any, names: tuple[str, ...]) -> Iterable[tuple[str, str]]:
     expected = "pairs (link, object) of names"
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InvalidInput("scene.allow", repr(value)[:60], expected)
+        raise InvalidInput("scene.allow", shown(value), expected)
     for i, pair in enumerate(value):
         link, other = check_words(_parts(pair, f"scene.allow[{i}]", 2, expected), f"scene.allow[{i}]")
         if other not in names:

@@ -12,14 +12,13 @@ from optik.arm.shapes.meshes import folders_of
 from optik.arm.shapes.urdf import geometry_of, read_geometry
 from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, triple
 from optik.errors import RobotModelError
-from optik.scene.model import Scene
 from optik.types import Array
 
 
 def scene_from_urdf(
     source: str | os.PathLike[str],
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
-) -> Scene:
+) -> dict[str, Any]:
     """Read a scene from a URDF; see `Scene.load`.
 
     Parameters
@@ -31,8 +30,8 @@ def scene_from_urdf(
 
     Returns
     -------
-    Scene
-        The objects, named after their links, in the frame of the root link.
+    dict
+        Arguments of `Scene`: the objects, named after their links, in the frame of the root link.
 
     Raises
     ------
@@ -64,8 +63,9 @@ def scene_from_urdf(
     found = [one for kind in objects.values() for one in kind]
     if not found:
         raise RobotModelError(tree.name, "no <collision> on any link")
-    shapes: Any = {kind: [one for _, one, _ in rows] for kind, rows in objects.items()}
-    return Scene(**shapes, names=_different([name for name, *_ in found]), excess=np.array([e for *_, e in found]))
+    shapes = {kind: [one for _, one, _ in rows] for kind, rows in objects.items()}
+    excess = np.array([e for *_, e in found])
+    return {**shapes, "names": _different([name for name, *_ in found]), "excess": excess}
 
 
 def _different(names: list[str]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from optik import kinematics
-from optik.arm.shapes.contact import BOX, OWN, PLANE, ROUND, Bodies, Objects, nearest_of, placed, row_of
+from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, Bodies, Objects, nearest_of, placed, row_of
 from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, Nearest
 from optik.kinematics import Chain, Triple
@@ -21,8 +21,8 @@ Moved = tuple[Array, Array, Array, Array]
 """What is known of the ends of capsules around the middle of an interval: points (m, 2, 3) [m]; and relative to each link
 (n + 1): velocity (m, 2, n + 1, 3) [m/s], and bounds on the displacement and on the acceleration (m, 2, n + 1) [m, m/s²]."""
 Wanted = tuple[float, float, float, float, int]
-"""Margin [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half interval [s];
-most intervals."""
+"""Margin to the scene [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half
+interval [s]; most intervals."""
 
 
 @inlined
@@ -133,7 +133,7 @@ def _around(middle: Triple, half: float, kind: int, i: int, scene: Objects, sphe
         point, normal = scene[5], scene[6]
         x, y, z = middle[0] - point[i, 0], middle[1] - point[i, 1], middle[2] - point[i, 2]
         return float(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2] - half)
-    if kind == OWN:
+    if kind == SELF:
         return float(_length(middle, row_of(spheres, i)) - half - spheres[i, 3])
     c, d = row_of(scene[2], i), row_of(scene[3], i)
     return _length(middle, _middle(c, d)) - half - 0.5 * _length(c, d)
@@ -157,9 +157,9 @@ def _directed(near: Nearest, moved: Moved, k: int, base: int, h: float) -> float
 
 
 @inlined
-def _target(found: float, wanted: Wanted) -> float:
+def _target(found: float, own: int, wanted: Wanted) -> float:
     """The lower bound that is close enough to the least distance found; never below the margin while that is not reached."""
-    margin, share, absolute = wanted[0], wanted[1], wanted[2]
+    margin, share, absolute = wanted[0] if own == 0 else 0.0, wanted[1], wanted[2]
     if found == np.inf:
         return found
     return max(found - max(share * abs(found), absolute), 0.5 * (found + margin))
@@ -170,7 +170,7 @@ def _judge(
     pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: Moved, shift: float,
     interval: tuple[float, float, bool], least: Array,
 ) -> float:  # fmt: skip
-    """Lower bound on the distance of a pair (capsule, body, kind, base link) over an interval, without its rounding.
+    """Lower bound on the distance of a pair (capsule, body, kind, base link) over an interval; thick is its radii and rounding.
 
     interval: its middle, half length, and whether it is smooth. least (4,), the least distance found of this kind, when, the
     lowest bound and the pair, gets the distance at the middle.
@@ -182,8 +182,9 @@ def _judge(
     """
     k, i, kind, base = pair
     near = nearest_of((k, i, kind), scene, moved[0])
-    if near[0] - thick < least[0]:
-        least[0], least[1] = near[0] - thick, interval[0]
+    distance = near[0] - (thick - DISTANCE_ROUNDING)
+    if distance < least[0]:
+        least[0], least[1] = distance, interval[0]
     bound = near[0] - shift
     if interval[2] and near[0] > 0.0:
         bound = max(bound, _directed(near, moved, k, base, interval[1]))
@@ -231,34 +232,29 @@ def _level(
         for entry in range(start, start + number):
             which, bound = open_[0][entry], open_[1][entry]
             k, i, kind = pairs[which, 0], pairs[which, 1], pairs[which, 2]
-            own = 1 if kind == OWN else 0
-            if bound < _target(least[own, 0], wanted):
+            own = 1 if kind == SELF else 0
+            if bound < _target(least[own, 0], own, wanted):
                 if not placed:
                     h, smooth = _joints(motion, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
                     spheres[:, 3], placed = -1.0, True
                 _place(k, chain, frame, axes, joint, moved, spheres)
-                base, thick = 0, radius[k]
-                if kind == OWN:
+                base, thick = 0, radius[k] + DISTANCE_ROUNDING
+                if kind == SELF:
                     _place(i, chain, frame, axes, joint, moved, spheres)
                     base, thick = link[i], thick + radius[i]
                 elif kind == ROUND:
                     thick += scene[4][i]
                 shift = max(away[k, 0, base], away[k, 1, base])
-                rough = (
-                    _around(row_of(spheres, k), spheres[k, 3], kind, i, scene, spheres)
-                    - shift
-                    - thick
-                    - DISTANCE_ROUNDING
-                )
-                if rough < _target(least[own, 0], wanted):
+                rough = _around(row_of(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
+                if rough < _target(least[own, 0], own, wanted):
                     before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
                     judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])
-                    rough = max(rough, judged - DISTANCE_ROUNDING)
+                    rough = max(rough, judged)
                     if least[own, 0] < before:
                         least[own, 3] = which
                 bound = max(bound, rough)
-            if bound >= _target(least[own, 0], wanted):
+            if bound >= _target(least[own, 0], own, wanted):
                 least[own, 2] = min(least[own, 2], bound)
                 continue
             rest[0][used], rest[1][used] = which, bound
@@ -304,13 +300,13 @@ def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted, le
         total += spans.shape[0]
         rest = (np.empty(parts[:, 3].sum(), np.int64), np.empty(parts[:, 3].sum()))
         left = _level(chain, bodies, motion, wanted, (spans, parts), (ids, bounds), rest, least)
-        ends = min(least[0, 0], least[1, 0]) <= wanted[0] or total >= wanted[4]
+        ends = least[0, 0] <= wanted[0] or least[1, 0] <= 0.0 or total >= wanted[4]
         halves, those, count = np.empty((2 * spans.shape[0], 2)), np.empty((2 * spans.shape[0], 4), np.int64), 0
         for k in range(spans.shape[0]):
             start, number = left[k]
             if ends or 0.5 * (spans[k, 1] - spans[k, 0]) <= wanted[3]:
                 for entry in range(start, start + number):
-                    own = least[1 if pairs[rest[0][entry], 2] == OWN else 0]
+                    own = least[1 if pairs[rest[0][entry], 2] == SELF else 0]
                     own[2] = min(own[2], rest[1][entry])
             elif number:
                 t, before, behind = _split(knots, parts[k, 0], parts[k, 1], spans[k])

@@ -182,6 +182,7 @@ class Certificate:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
                 words = f"{field} of {subject} is {ratio:.9g} of its limit at t = {t:.6g} s"
+                words += ", for this model of the masses" if field in LOADED else ""
                 found.append(Failure(words, t, subject if subject in self.joint_names else None))
         return found
 
@@ -236,10 +237,8 @@ def certify(
     path : Path or None
         The path that the tool should follow; None for a motion of joints, of which no path is judged: `Certificate.path_error`
         is NaN, and the places in ``binding`` and ``coverage`` are times.
-    trajectory : Trajectory
-        The motion.
-    limits : MotionLimits, optional
-        Its limits; the robot's own by default.
+    trajectory, limits : Trajectory, and MotionLimits, optional
+        The motion and its limits, by default the robot's own.
     law : str
         Name of the law that made it.
     keeps : tuple of str, optional
@@ -251,7 +250,7 @@ def certify(
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
     scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]. An
+        What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]. An
         empty scene for the links alone; by default nothing is examined.
 
     Returns
@@ -263,8 +262,7 @@ def certify(
     ------
     InvalidInput
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``keeps``, a span that is none, another number of limits than the path has segments,
-        a scene with an arm without shapes, a margin below 0.
+        is not above 0, an unknown name in ``keeps``, a span that is none, limits for another path, an arm without shapes.
     """
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):

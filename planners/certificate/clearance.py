@@ -12,13 +12,12 @@ from optik.arm.shapes.contact import check_scene, examined_pairs
 from optik.scene import Scene
 from optik.types import Flags
 from planners.certificate._clearance import search
+from planners.certificate.dividing import NARROWEST_SHARE
 from planners.certificate.failure import Failure
 from planners.trajectory import Trajectory
 
 CLOSE = (0.05, 1e-4)
 """A bound is close enough within this share of the least distance found, or this distance [m], whichever is larger."""
-NARROWEST = 1e-9
-"""Share of the duration of half an interval that is not divided any more: rounding in t is near."""
 MOST_INTERVALS = 200_000
 """Most intervals of a motion: a hundred times what a long motion past a shelf takes. What is left then is not proved."""
 POSITION_STEP, VELOCITY_STEP = 1e-11, 1e-10
@@ -46,6 +45,10 @@ class Closest(NamedTuple):
     pair: tuple[str, str]
 
 
+NOTHING = Closest(np.inf, np.inf, 0.0, ("", ""))
+"""The least distance where no pair is examined."""
+
+
 @dataclass(frozen=True)
 class Clearance:
     """The least distances over a motion, for these shapes and this scene.
@@ -55,7 +58,7 @@ class Clearance:
     scene, own : Closest or None
         Between the arm and the scene, and between the arm's own links; None where there is no pair to examine.
     margin : float
-        What they must exceed [m].
+        What those to the scene must exceed [m]; links must not touch each other.
     left_out : tuple of (str, str, str)
         Pairs that were not examined, and why.
     """
@@ -66,15 +69,19 @@ class Clearance:
     left_out: tuple[tuple[str, str, str], ...]
 
     @property
+    def _kinds(self) -> list[tuple[Closest, float]]:
+        """Each kind that was examined, and what its distances must exceed."""
+        return [(kind, least) for kind, least in ((self.scene, self.margin), (self.own, 0.0)) if kind is not None]
+
+    @property
     def _least(self) -> Closest:
         """The kind with the least distance found."""
-        kinds = [kind for kind in (self.scene, self.own) if kind is not None]
-        return min(kinds, key=lambda kind: kind.found, default=Closest(np.inf, np.inf, 0.0, ("", "")))
+        return min((kind for kind, _ in self._kinds), key=lambda kind: kind.found, default=NOTHING)
 
     @property
     def value(self) -> float:
         """Proved: at no instant is any examined pair nearer [m]; −infinity where one touches, infinite without pairs."""
-        return min((kind.value for kind in (self.scene, self.own) if kind is not None), default=np.inf)
+        return min((kind.value for kind, _ in self._kinds), default=np.inf)
 
     @property
     def found(self) -> float:
@@ -93,28 +100,28 @@ class Clearance:
 
     @property
     def touches(self) -> bool:
-        """Whether a distance at or below the margin was found."""
-        return self.found <= self.margin
+        """Whether a contact was found: links that touch, or a distance to the scene at or below the margin."""
+        return any(kind.found <= least for kind, least in self._kinds)
 
     @property
     def proved(self) -> bool:
-        """Whether every distance is above the margin at every instant."""
-        return self.value > self.margin
+        """Whether at every instant no links touch, and all distances to the scene are above the margin."""
+        return all(kind.value > least for kind, least in self._kinds)
 
     def failures(self) -> tuple[Failure, ...]:
         """Contact, or that there is none is not proved; empty where the motion is free."""
         if self.proved:
             return ()
-        first, second = self.pair
-        where = f"{first} and {second} at t = {self.time:.6g} s"
-        beyond = "" if self.margin == 0.0 else f", and the margin is {1e3 * self.margin:.6g} mm"
-        if not self.touches:
-            words = f"the clearance is not proved: found {1e3 * self.found:.6g} mm between {where}{beyond}"
-        elif self.found > 0.0:
-            words = f"{1e3 * self.found:.6g} mm between {where}{beyond}"
+        kind, least = min(self._kinds, key=lambda each: each[0].found - each[1])
+        where = f"{kind.pair[0]} and {kind.pair[1]} at t = {kind.time:.6g} s"
+        beyond = "" if least == 0.0 else f", and the margin is {1e3 * least:.6g} mm"
+        if kind.found > least:
+            words = f"the clearance is not proved: found {1e3 * kind.found:.6g} mm between {where}{beyond}"
+        elif kind.found > 0.0:
+            words = f"{1e3 * kind.found:.6g} mm between {where}{beyond}"
         else:
             words = f"contact of {where}"
-        return (Failure(words, self.time),)
+        return (Failure(words, kind.time),)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files; infinite numbers as None."""
@@ -161,12 +168,12 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float 
     scene : Scene
         What stands around it; an empty one for the arm's own links only.
     margin : float
-        What all distances must exceed [m]; 0 or more.
+        What all distances to the scene must exceed [m]; 0 or more.
 
     Returns
     -------
     Clearance
-        `Clearance.proved` where every distance exceeds the margin at every instant.
+        `Clearance.proved` where at every instant no links touch and every distance to the scene exceeds the margin.
 
     Raises
     ------
@@ -179,10 +186,10 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float 
     assert robot.shapes is not None
     pairs = examined_pairs(robot, scene)
     motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _continuous(trajectory))
-    wanted = (margin, *CLOSE, NARROWEST * trajectory.duration, MOST_INTERVALS)
+    wanted = (margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
     search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
-    touched = least[:, 0].min() <= margin
+    touched = least[0, 0] <= margin or least[1, 0] <= 0.0
     kinds = []
     for found, t, value, pair in least.tolist():
         proved = -np.inf if touched else min(value, found)

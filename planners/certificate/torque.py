@@ -14,9 +14,9 @@ import numpy as np
 from optik.arm.inertia import Load
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.dynamics import rigid_torques
+from optik.dynamics import torques_batch
 from optik.kinematics import Chain
-from optik.types import Array, Indices
+from optik.types import Array, Flags
 from planners.certificate.bounds import joint_bounds
 from planners.certificate.torque_bounds import (
     RATE_REMAINDER,
@@ -39,8 +39,6 @@ NARROWEST = 1e-9
 """Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
 STANDSTILL = 1e-9
 """Share of the largest velocity of all joints below which a joint is at rest at an instant: rounding of the polynomials."""
-DEEPEST = 64
-"""Intervals that wait at most while one piece is halved: more than the halvings down to the narrowest."""
 
 
 class Proved(NamedTuple):
@@ -190,9 +188,10 @@ def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int
     n = upper.size
     rest = resting(ends)
     coulomb = np.zeros(n) if rate else np.array(model[1].coulomb)
-    proved, found, when = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))
+    results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))
     close = (1.0 + excess, TORQUE_FLOOR, NARROWEST * float(ends.t1[-1]))
-    _prove(model, ends, (coulomb, 1.0 / limits, rate, rest), most, close, (proved, found, when))
+    _divide(model, ends, (coulomb, 1.0 / limits, rate, rest), most, close, results)
+    proved, found, when = results
     above = proved[1] >= proved[0]
     ratio, largest, time = (np.where(above, x[1], x[0]) for x in (proved, found, when))
     return Proved(ratio, largest, time, above)
@@ -214,25 +213,6 @@ def resting(ends: Ends) -> float:
     return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
 
-@compiled
-def _torque(model: Model, joints: Array, work: Array, out: Array) -> None:
-    """Torques and their rates (2, n) at an instant, without Coulomb friction."""
-    chain, load, _, part = model
-    n = out.shape[1]
-    found = np.empty((2, 2, n))
-    for k in range(2 if part == GRAVITY else 1):  # one place of the call: its code is long
-        weight = 0.0 if part == MOTION else 1.0 - k
-        rigid_torques(chain, load.bodies, weight, joints[:4], work, found[k])
-    for order in range(2):
-        for i in range(n):
-            out[order, i] = found[0, order, i]
-            if part == GRAVITY:
-                out[order, i] -= found[1, order, i]
-            elif part == ALL:
-                out[order, i] += load.viscous[i] * joints[order + 1, i]
-
-
-@compiled
 def torques_at(model: Model, joints: Array, out: Array) -> None:
     """Torques and their rates, without Coulomb friction.
 
@@ -245,9 +225,21 @@ def torques_at(model: Model, joints: Array, out: Array) -> None:
     out : (k, 2, n) array
         Filled [N·m, N, N·m/s, N/s].
     """
-    work = np.empty((8, joints.shape[2] + 1, 4, 4))
-    for k in range(joints.shape[0]):
-        _torque(model, joints[k], work, out[k])
+    chain, load, _, part = model
+    states = np.ascontiguousarray(joints[:, :4])
+    torques_batch(chain, load.bodies, load.viscous if part == ALL else _nothing(load.viscous), states, out)
+    if part == ALL:
+        return
+    kinetic = np.empty_like(out)
+    torques_batch(chain, (*load.bodies[:4], _nothing(load.bodies[4])), _nothing(load.viscous), states, kinetic)
+    out[:] = kinetic if part == MOTION else out - kinetic
+
+
+def _nothing(like: Array) -> Array:
+    """Zeros of the kind of an array: read-only where it is, so that no kernel is compiled anew."""
+    zeros = np.zeros_like(like)
+    zeros.setflags(write=like.flags.writeable)
+    return zeros
 
 
 def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
@@ -266,21 +258,21 @@ def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
         The joints' derivatives [rad/s^i, m/s^i], and torques and their rates without Coulomb friction [N·m, N, N·m/s, N/s].
     """
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
-    for k in range(len(joints)):
-        _shifted(ends.first[k], 0.5 * float(ends.t1[k] - ends.t0[k]), joints[k])
+    _later(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
     torques_at(model, joints, values)
     return joints, values
 
 
 @compiled
-def _shifted(joints: Array, t: float, out: Array) -> None:
-    """Derivatives of quintics (6, n) later by t, from those at an instant."""
-    for i in range(joints.shape[1]):
-        for order in range(6):
-            value = joints[5, i]
-            for m in range(4, order - 1, -1):
-                value = joints[m, i] + value * t / (m + 1 - order)
-            out[order, i] = value
+def _later(joints: Array, t: Array, out: Array) -> None:
+    """Derivatives of quintics (k, 6, n) later by t (k,), from those at instants."""
+    for k in range(joints.shape[0]):
+        for i in range(joints.shape[2]):
+            for order in range(6):
+                value = joints[k, 5, i]
+                for m in range(4, order - 1, -1):
+                    value = joints[k, m, i] + value * t[k] / (m + 1 - order)
+                out[k, order, i] = value
 
 
 What = tuple[Array, Array, bool, float]
@@ -288,135 +280,107 @@ What = tuple[Array, Array, bool, float]
 sizes of the limits, whether of the rates, and the velocity of a joint at rest."""
 
 
-@compiled
-def _prove(
+def _divide(
     model: Model, ends: Ends, what: What, most: int, close: tuple[float, float, float],
     results: tuple[Array, Array, Array],
-) -> int:  # fmt: skip
-    """Bound all pieces, those with the largest values first: into results, proved, found and when (2, n).
+) -> None:  # fmt: skip
+    """Bound all pieces: into results, proved, found and when (2, n).
 
-    close: the factor, the floor and the narrowest interval. Each piece is halved until its bounds are close.
+    Intervals are halved until their bounds are close to the largest values found, or narrow, or would be too many.
+
+    close: the factor, the floor and the narrowest interval.
+    """
+    t, h, joints, left, right = ends.t0, ends.t1 - ends.t0, ends.first, ends.left, ends.right
+    proved, found, when = results
+    _note(t, joints, left, what, found, when)
+    _note(ends.t1, ends.last, right, what, found, when)
+    while True:
+        bound = np.empty((t.size, 2, found.shape[1]))
+        _between(model[2], model[3] == GRAVITY, what, h, joints, (left, right), bound)
+        loose = _loose(bound, h, found, close, most, proved)
+        if not loose.any():
+            break
+        t, h, joints, left, right = t[loose], 0.5 * h[loose], joints[loose], left[loose], right[loose]
+        most -= t.size
+        later, middle = np.empty_like(joints), np.empty_like(left)
+        _later(joints, h, later)
+        torques_at(model, later, middle)
+        _note(t + h, later, middle, what, found, when)
+        t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
+        left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
+    np.maximum(proved, found, out=proved)
+
+
+@compiled
+def _note(t: Array, joints: Array, values: Array, what: What, found: Array, when: Array) -> None:
+    """Keep the largest ratios (2, n) at instants, and their times."""
+    coulomb, weights, rate, rest = what
+    for k in range(t.shape[0]):
+        for i in range(coulomb.shape[0]):
+            value, velocity = values[k, int(rate), i], joints[k, 1, i]
+            still = abs(velocity) <= rest
+            f = coulomb[i] * np.sign(velocity)
+            low = -weights[0, i] * (value - coulomb[i] if still else value + f)
+            high = weights[1, i] * (value + (coulomb[i] if still else f))
+            if low > found[0, i]:
+                found[0, i], when[0, i] = low, t[k]
+            if high > found[1, i]:
+                found[1, i], when[1, i] = high, t[k]
+
+
+@compiled
+def _loose(bound: Array, h: Array, found: Array, close: tuple[float, float, float], room: int, proved: Array) -> Flags:
+    """Intervals (k,) that are divided: their bounds (k, 2, n) are not close to the largest values; those of others count.
 
     Returns
     -------
-    int
-        How many times an interval was halved.
+    (k,) array of bool
+        None where there were more than there is room for.
     """
-    proved, found, when = results
-    count, n, kind = ends.left.shape[0], what[0].shape[0], int(what[2])
-    peak, spare, halved = np.zeros((count, n)), np.empty(n), 0
-    for k in range(count):
-        _note(ends.t0[k], ends.first[k, 1], ends.left[k, kind], what, found, when, peak[k])
-        _note(ends.t1[k], ends.last[k, 1], ends.right[k, kind], what, found, when, peak[k])
-    span, joints, values = np.empty((DEEPEST, 2)), np.empty((DEEPEST, 6, n)), np.empty((DEEPEST, 4, n))
-    bound = np.empty((2, n))
-    work = (np.empty((8, n + 1, 4, 4)), np.empty((2, n + 1, 7)), np.empty((1, 6, n)), np.empty(n))
-    for k in _order(peak, found, close[1]):
-        top = 0
-        span[0, 0], span[0, 1] = 0.0, ends.t1[k] - ends.t0[k]
-        joints[0], values[0, :2], values[0, 2:] = ends.first[k], ends.left[k], ends.right[k]
-        while top >= 0:
-            t, h = span[top, 0], span[top, 1]
-            _within(model, what, h, joints[top : top + 1], values[top], bound, work)
-            divisible = h > close[2] and halved < most and top < DEEPEST - 1
-            if not (divisible and _loose(bound, found, close[0], close[1])):
-                for i in range(n):
-                    proved[0, i], proved[1, i] = max(proved[0, i], bound[0, i]), max(proved[1, i], bound[1, i])
-                top -= 1
-                continue
-            halved += 1
-            _halve(model, ends.first[k], (span, joints, values), top, work)
-            top += 1  # the right half lies below the left one
-            middle, at = values[top - 1, kind], ends.t0[k] + t + 0.5 * h
-            _note(at, joints[top - 1, 1], middle, what, found, when, spare)
-    for i in range(n):
-        proved[0, i], proved[1, i] = max(proved[0, i], found[0, i]), max(proved[1, i], found[1, i])
-    return halved
-
-
-@compiled
-def _note(t: float, velocity: Array, value: Array, what: What, found: Array, when: Array, peak: Array) -> None:
-    """Keep the largest ratios at an instant, and its time; the larger of both sides into peak (n,) where that is larger."""
-    coulomb, weights, _, rest = what
-    for i in range(value.shape[0]):
-        still = abs(velocity[i]) <= rest
-        f = coulomb[i] * np.sign(velocity[i])
-        low = -weights[0, i] * (value[i] - coulomb[i] if still else value[i] + f)
-        high = weights[1, i] * (value[i] + (coulomb[i] if still else f))
-        if low > found[0, i]:
-            found[0, i], when[0, i] = low, t
-        if high > found[1, i]:
-            found[1, i], when[1, i] = high, t
-        peak[i] = max(peak[i], low, high)
-
-
-@compiled
-def _order(peak: Array, found: Array, floor: float) -> Indices:
-    """Pieces, those first whose values come nearest to the largest of a joint."""
-    near = np.zeros(peak.shape[0])
-    for k in range(peak.shape[0]):
-        for i in range(peak.shape[1]):
-            near[k] = max(near[k], peak[k, i] / max(found[0, i], found[1, i], floor))
-    return np.argsort(-near)
-
-
-@compiled
-def _loose(bound: Array, found: Array, factor: float, floor: float) -> bool:
-    """Whether a bound is not yet close to the largest value of a joint."""
-    loose = False
-    for i in range(bound.shape[1]):
-        loose |= max(bound[0, i], bound[1, i]) > factor * max(found[0, i], found[1, i], floor)
+    factor, floor, narrowest = close
+    loose = np.zeros(h.shape[0], np.bool_)
+    n = found.shape[1]
+    for k in range(h.shape[0]):
+        for i in range(n):
+            target = factor * max(found[0, i], found[1, i], floor)
+            loose[k] |= h[k] > narrowest and max(bound[k, 0, i], bound[k, 1, i]) > target
+    full = loose.sum() > room
+    for k in range(h.shape[0]):
+        loose[k] = loose[k] and not full
+        if not loose[k]:
+            for i in range(n):
+                proved[0, i], proved[1, i] = max(proved[0, i], bound[k, 0, i]), max(proved[1, i], bound[k, 1, i])
     return loose
 
 
 @compiled
-def _within(
-    model: Model, what: What, h: float, joints: Array, values: Array, bound: Array,
-    work: tuple[Array, Array, Array, Array],
-) -> None:  # fmt: skip
-    """Bounds (2, n) on the ratios to both sides in an interval, from the joints' derivatives at its start (1, 6, n).
+def _between(
+    arm: Sizes, still: bool, what: What, h: Array, joints: Array, values: tuple[Array, Array], bound: Array
+) -> None:
+    """Bounds (k, 2, n) on the ratios to both sides in intervals, from the joints' derivatives at their starts (k, 6, n).
 
-    values (4, n): torque and rate at the start and at the end.
+    values: torques and rates (k, 2, n) at the starts and at the ends.
     """
-    coulomb, weights, rate, rest = what
-    _, space, D, fourth = work
-    joint_bounds(joints, np.full(1, h), D)
-    fourth_bounds(model[2], D[0], model[3] == GRAVITY, space, fourth)
-    for i in range(coulomb.shape[0]):
-        a, c, b, d = values[0, i], values[1, i], values[2, i], values[3, i]
-        if rate:
-            low, high = slope_range(a, b, c, d, h)
-            off = RATE_REMAINDER * h**3 * fourth[i]
-        else:
-            low, high = cubic_range(a, b, c, d, h)
-            off = VALUE_REMAINDER * h**4 * fourth[i]
-        low, high = low - off, high + off
-        f = coulomb[i]
-        if f > 0.0:
-            sense, start, end = direction(joints[0, 1:, i], h)
-            below, above = low - f, high + f
-            low, high = (low + sense * f, high + sense * f) if sense != 0 else (below, above)
-            if abs(start) <= rest:
-                low, high = min(low, a - f), max(high, a + f)
-            if abs(end) <= rest:
-                low, high = min(low, b - f), max(high, b + f)
-        bound[0, i], bound[1, i] = -weights[0, i] * low, weights[1, i] * high
-
-
-@compiled
-def _halve(
-    model: Model, first: Array, stack: tuple[Array, Array, Array], top: int,
-    work: tuple[Array, Array, Array, Array],
-) -> None:  # fmt: skip
-    """Put both halves of the interval on top of the stack in its place, the right one first.
-
-    first (6, n): the joints' derivatives at the start of the piece.
-    """
-    span, joints, values = stack
-    t, half = span[top, 0], 0.5 * span[top, 1]
-    span[top + 1, 0], span[top + 1, 1] = t, half
-    joints[top + 1], values[top + 1, :2] = joints[top], values[top, :2]
-    span[top, 0], span[top, 1] = t + half, half
-    _shifted(first, t + half, joints[top])
-    _torque(model, joints[top], work[0], values[top, :2])
-    values[top + 1, 2:] = values[top, :2]
+    coulomb, weights, rate, _ = what
+    left, right = values
+    n = coulomb.shape[0]
+    D, space, fourth = np.empty(joints.shape), np.empty((2, n + 1, 7)), np.empty(n)
+    joint_bounds(joints, h, D)
+    for k in range(h.shape[0]):
+        fourth_bounds(arm, D[k], still, space, fourth)
+        for i in range(n):
+            a, c, b, d = left[k, 0, i], left[k, 1, i], right[k, 0, i], right[k, 1, i]
+            if rate:
+                low, high = slope_range(a, b, c, d, h[k])
+                off = RATE_REMAINDER * h[k] ** 3 * fourth[i]
+            else:
+                low, high = cubic_range(a, b, c, d, h[k])
+                off = VALUE_REMAINDER * h[k] ** 4 * fourth[i]
+            low, high = low - off, high + off
+            f = coulomb[i]
+            if f > 0.0:
+                sense = direction(
+                    joints[k, 1:, i], h[k]
+                )  # 0: both sides; rest at an end of the interval is found there
+                low, high = low + (sense * f if sense != 0 else -f), high + (sense * f if sense != 0 else f)
+            bound[k, 0, i], bound[k, 1, i] = -weights[0, i] * low, weights[1, i] * high

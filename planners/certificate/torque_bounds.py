@@ -189,7 +189,7 @@ def slope_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float
 
 
 @compiled
-def direction(rates: Array, h: float) -> tuple[int, float, float]:
+def direction(rates: Array, h: float) -> int:
     """Sense in which a joint moves within an interval of time, proved: the Bernstein coefficients of its velocity.
 
     Parameters
@@ -201,9 +201,9 @@ def direction(rates: Array, h: float) -> tuple[int, float, float]:
 
     Returns
     -------
-    tuple of int, float and float
-        1 or −1 where the velocity has that sign everywhere inside, 0 where that is not known, or the joint rests; the
-        velocities at both ends [rad/s, m/s].
+    int
+        1 or −1 where the velocity has that sign everywhere inside, 0 where that is not known, or the joint rests. At the ends
+        it may be 0 in any case.
     """
     factor, b = 1.0, np.zeros(5)
     for k in range(5):
@@ -212,7 +212,5 @@ def direction(rates: Array, h: float) -> tuple[int, float, float]:
         factor *= h / (k + 1)
     least, most = b.min(), b.max()
     if least >= 0.0 and most > 0.0:
-        return 1, b[0], b[4]
-    if most <= 0.0 and least < 0.0:
-        return -1, b[0], b[4]
-    return 0, b[0], b[4]
+        return 1
+    return -1 if most <= 0.0 and least < 0.0 else 0

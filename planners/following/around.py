@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene, contact, examined_pairs, nearest_pairs
+from optik.arm.shapes.contact import Contact, check_scene, contact, nearest_pairs
 from optik.scene import Scene
 from optik.types import Array, Flags
 from planners.certificate.clearance import Clearance, clearance
@@ -23,14 +23,14 @@ PLACES = 401
 
 @dataclass(frozen=True)
 class Around:
-    """A scene around an arm, and the margin [m] that all distances must exceed; checked by `around`."""
+    """A scene around an arm, and the margin [m] that distances to it must exceed; checked by `around`."""
 
     robot: Robot
     scene: Scene
     margin: float
 
     def free(self, q: Array) -> Flags:
-        """Which configurations are farther than the margin from the scene and from themselves.
+        """At which configurations no links touch, and the scene is farther away than the margin.
 
         Parameters
         ----------
@@ -42,7 +42,7 @@ class Around:
         (k,) array of bool
             True where one is free.
         """
-        return np.asarray(nearest_pairs(self.robot, self.scene, q)[0] > self.margin)
+        return np.asarray(nearest_pairs(self.robot, self.scene, q, self.margin)[0] > 0.0)
 
     def keeps(self, way: Track) -> bool:
         """Whether the quintics through a tracked branch are proved to be free.
@@ -74,11 +74,11 @@ class Around:
         Stop or None
             None where it is free.
         """
-        near = contact(self.robot, self.scene, q)
-        if near.distance > self.margin:
+        near = contact(self.robot, self.scene, q, self.margin)
+        if near.room > 0.0:
             return None
-        reason = f"the start configuration touches: {self._words(near.distance, near.pair)}"
-        advice = "a start away from it; or scene.allow with this pair, where they may touch"
+        reason = f"the start configuration is not free: {self._words(near)}"
+        advice = "a start away from it, or a smaller margin; or this pair in scene.allow, where they may touch"
         return Stop(FollowStatus.CONTACT, 0.0, None, reason, advice)
 
     def stop(self, joints: JointPath) -> Stop | None:
@@ -98,21 +98,22 @@ class Around:
         if not found.touches:
             return None
         s = np.append(np.linspace(0.0, joints.end, PLACES), found.time)
-        distance, which = nearest_pairs(self.robot, self.scene, joints(s))
-        k = int(np.argmax(distance <= self.margin)) if (distance[:-1] <= self.margin).any() else PLACES
-        pair = examined_pairs(self.robot, self.scene).names[int(which[k])]
-        reason = f"{self._words(float(distance[k]), pair)} at s = {s[k]:.6g}"
+        touching = ~self.free(joints(s))
+        k = int(np.argmax(touching)) if touching[:-1].any() else PLACES
+        reason = f"{self._words(contact(self.robot, self.scene, joints(s[k]), self.margin))} at s = {s[k]:.6g}"
         return Stop(FollowStatus.CONTACT, float(s[k]), None, reason, "")
 
     def _along(self, polynomial: object) -> Clearance:
         """The clearance of a joint path: a motion with s as its time."""
         return clearance(self.robot, Trajectory(polynomial), self.scene, self.margin)
 
-    def _words(self, distance: float, pair: tuple[str, str]) -> str:
-        first, second = pair
-        if distance <= 0.0:
+    def _words(self, near: Contact) -> str:
+        first, second = near.pair
+        if near.distance <= 0.0:
             return f"{first} and {second} are in contact"
-        return f"{first} and {second} are {1e3 * distance:.4g} mm apart, and the margin is {1e3 * self.margin:.4g} mm"
+        return (
+            f"{first} and {second} are {1e3 * near.distance:.4g} mm apart, and the margin is {1e3 * self.margin:.4g} mm"
+        )
 
 
 def around(robot: Robot, scene: Scene | None, margin: float) -> Around | None:
@@ -125,7 +126,7 @@ def around(robot: Robot, scene: Scene | None, margin: float) -> Around | None:
     scene : Scene, optional
         What stands around it.
     margin : float
-        What all distances must exceed [m].
+        What all distances to it must exceed [m].
 
     Returns
     -------

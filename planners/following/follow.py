@@ -95,7 +95,7 @@ def follow(
     tolerance : Tolerance
         Bound on the tool's deviation from the path between samples [m, rad].
     scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, and what all these distances must exceed [m]:
+        What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]:
         ``"best"`` chooses among what is free.
 
     Returns

@@ -15,7 +15,7 @@ from optik.types import Array
 from planners.curve import composed, passed_at
 from planners.following.follow import JointPath
 from planners.hermite import quintic
-from planners.limits import DERIVATIVES, MotionLimits, PathPoints, check_names
+from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names
 from planners.trajectory import Trajectory
 
 NODE_APART, BRIEF_MOTION = 2e-3, 0.1
@@ -157,7 +157,9 @@ class TimeLaw(ABC):
     def promises(self, limits: MotionLimits) -> tuple[str, ...]:
         """Names of the limits that a plan of this law keeps.
 
-        A plan slows the law's motion until it keeps them, so a law that keeps any limit keeps the extra ones too.
+        A plan slows the law's motion until it keeps them, so a law that keeps any limit keeps the extra ones too. So it does
+        with the torque where the law keeps the acceleration, without which no torque is bounded, and with its rate where the
+        law keeps the jerk.
 
         Parameters
         ----------
@@ -167,9 +169,13 @@ class TimeLaw(ABC):
         Returns
         -------
         tuple of str
-            What the law keeps, and the extra limits.
+            What the law keeps, the torque and its rate where they are given, and the extra limits.
         """
-        return (*self.keeps, *(limits.extra or ())) if self.keeps else ()
+        if not self.keeps:
+            return ()
+        of = {"torque": "acceleration", "torque_rate": "jerk"}
+        slowed = [name for name in LOADED if of[name] in self.keeps and limits.value(name) is not None]
+        return (*self.keeps, *(name for name in slowed if name not in self.keeps), *(limits.extra or ()))
 
 
 def check_law(law: object) -> TimeLaw:

@@ -40,7 +40,10 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
+CONTACT = ("tests/planners/test_clearance.py", "tests/optik/test_distance.py")
 LIMITS = "tests/planners/test_motion_limits.py"
+SIDES = "tests/planners/test_limit_sides.py"
+SEGMENTS = "tests/planners/test_segment_speeds.py"
 FILES = (
     "tests/contract/test_file_formats.py",
     "tests/planners/test_export.py",
@@ -50,6 +53,10 @@ LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/
 
 TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": CERTIFICATE,
+    "planners/certificate/_clearance.py": CONTACT,
+    "planners/certificate/clearance.py": CONTACT,
+    "optik/arm/shapes/contact.py": CONTACT,
+    "optik/distance.py": CONTACT[::-1],
     "planners/certificate/continuity.py": CERTIFICATE[1:],
     "planners/certificate/coverage.py": (CERTIFICATE[3], *CERTIFICATE[1:3]),
     "planners/certificate/path_error.py": CERTIFICATE,
@@ -61,6 +68,9 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/limits/base.py": (LIMITS, *CERTIFICATE),
     "planners/limits/_derivative.py": (LIMITS, *CERTIFICATE),
     "planners/limits/_tool.py": (LIMITS, *CERTIFICATE),
+    "planners/limits/_sides.py": (SIDES,),
+    "planners/limits/_segments.py": (SEGMENTS,),
+    "planners/certificate/segment_speed.py": (SEGMENTS,),
     "planners/limits/_motion_limits.py": (LIMITS, "tests/planners/test_plan.py"),
     "planners/curve.py": (LIMITS, *LAWS[::-1]),
     "planners/fit.py": (LIMITS, *LAWS[::-1]),
@@ -105,6 +115,8 @@ DRAWN = (
     "planners/certificate/bounds.py",
     "planners/certificate/progress.py",
     "planners/certificate/tool_speed.py",
+    "planners/certificate/_clearance.py",
+    "optik/distance.py",
     "planners/limits/base.py",
     "planners/limits/_derivative.py",
     "planners/limits/_tool.py",
@@ -141,7 +153,11 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "for order in range(self.order):",
         "for order in range(self.order - 1, self.order):",
     ),
-    ("planners/limits/_tool.py", "speed = np.maximum(", "speed = np.minimum("),
+    ("planners/limits/_tool.py", "np.maximum(*speeds)", "np.minimum(*speeds)"),
+    ("planners/limits/_sides.py", "out[..., 3] -= 0.5", "out[..., 3] += 0.5"),
+    ("planners/limits/_segments.py", "return np.minimum(pieces", "return np.maximum(pieces"),
+    ("planners/certificate/segment_speed.py", "on_pieces[crossed + 1]", "on_pieces[crossed]"),
+    ("planners/certificate/segment_speed.py", "last[k] + 1].min()", "last[k] + 1].max()"),
     ("planners/certificate/singularity.py", "GRID_WIDTH = 1e-4", "GRID_WIDTH = 1e-1"),
     ("planners/following/follow.py", "np.abs(x[0] - tracked).max() <= 1e-6", "np.abs(x[0] - tracked).max() <= 0.1"),
     (

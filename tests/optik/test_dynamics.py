@@ -222,6 +222,16 @@ def test_a_payload_moves_with_the_tool_and_a_point_is_where_it_is_said_to_be() -
     assert np.abs(held - robot.jacobian(q).T @ force).max() < 1e-12
 
 
+def test_torques_are_affine_in_the_payloads_mass_so_the_ends_of_an_interval_are_the_worst() -> None:
+    robot = optik.load("panda")
+    q, dq, ddq = states(robot, 20)
+    com, tensor = (0.05, 0.0, 0.1), np.diag([0.02, 0.03, 0.015])
+    light, middle, heavy = (
+        robot.with_payload(mass, com, tensor * mass / 4.0).torques(q, dq, ddq) for mass in (1.0, 2.5, 4.0)
+    )
+    assert np.abs(0.5 * (light + heavy) - middle).max() <= 1e-13 * np.abs(heavy).max()
+
+
 # ---------------------------------------------------------------- shapes, and what is refused
 
 

@@ -83,6 +83,12 @@ class PinocchioDynamics:
         rigid = self._pin.rnea(self.model, self._data, q, dq, ddq)
         return rigid + self.robot.inertia.viscous * dq + self.robot.inertia.coulomb * np.sign(dq)
 
+    def rates(self, q: Array, dq: Array, ddq: Array, dddq: Array) -> Array:
+        """Change of the torques in time, without Coulomb friction."""
+        by_q, by_dq, _ = self._pin.computeRNEADerivatives(self.model, self._data, q, dq, ddq)
+        rigid = by_q @ dq + by_dq @ ddq
+        return rigid + self.mass_matrix(q) @ dddq + self.robot.inertia.viscous * ddq
+
     def gravity(self, q: Array) -> Array:
         return self._pin.computeGeneralizedGravity(self.model, self._data, q).copy()
 

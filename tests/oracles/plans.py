@@ -12,6 +12,7 @@ from planners import Plan
 from tests.oracles.kinematics import fk, jacobian, smallest
 from tests.oracles.motions import Joints, piece_values
 from tests.oracles.paths import nearest
+from tests.oracles.pinocchio import PinocchioDynamics
 from tests.oracles.poses import off_by
 
 Array = Any
@@ -20,6 +21,8 @@ DERIVATIVES = ("velocity", "acceleration", "jerk")
 ROUNDING = 1e-11
 """Share of the largest value that Horner's rule in another order may differ by."""
 CHUNK = 200_000
+TORQUES = 400
+"""Instants at which torques are computed: Pinocchio takes them one by one."""
 
 
 def contradictions(plan: Plan, q_start: Array | None, rate: float, most: int, seed: int = 0) -> list[str]:
@@ -179,10 +182,23 @@ def _on_the_path(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
         yield f"joints {away[k]:.3g} from the joint path at s = {s[k]:.6g}, t = {t[k]:.6g} (allowed {allowed[k]:.3g})"
 
 
+def _torques(plan: Plan, joints: Joints, t: Array) -> dict[str, float]:
+    """Largest torques and rates over their limits, for the limits that there are."""
+    bound, found = plan.limits.bounds(plan.robot.n), {"torque": 0.0, "torque_rate": 0.0}
+    if np.isinf(bound["torque"]).all() and np.isinf(bound["torque_rate"]).all():
+        return found
+    other = PinocchioDynamics(plan.robot)
+    for state in zip(*(joints(t, order) for order in range(4)), strict=True):
+        values = {"torque": other.torques(*state[:3]), "torque_rate": other.rates(*state)}
+        found = {f: max(found[f], float((np.abs(x) / bound[f]).max())) for f, x in values.items()}
+    return found
+
+
 def _verdict(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
     """`holds` against what is found for the law's promises."""
     proof, robot = plan.certificate, plan.robot
     worst = {f: 0.0 for f in ("velocity", "acceleration", "jerk", "tool_speed", "rotation_speed")}
+    worst |= _torques(plan, joints, t[:: max(1, len(t) // TORQUES)])
     bound = plan.limits.arrays(robot.n)
     for order, field in enumerate(DERIVATIVES, start=1):
         sided = np.concatenate([np.abs(joints(t, order)), *(np.abs(x) for x in joints.ends(order))])

@@ -7,24 +7,42 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tests.oracles.dynamics import path_rates, path_torques
+from tests.oracles.torques import Torques
 
 Array = Any
 
 
-def best_duration(joint_path: Any, model: Any, friction: tuple[Array, Array], limits: Any, K: int = 80) -> float:
+def path_torques(torques: Torques, joint_path: Any, s: Array) -> tuple[Array, Array, Array]:
+    """p, c and g (k, n) of τ = p s̈ + c ṡ² + g at places of a joint path, without friction."""
+    q, q1, q2 = (joint_path(s, order) for order in range(3))
+    g = np.array([torques.torque(at, 0.0 * at, 0.0 * at) for at in q])
+    p = np.array([torques.torque(at, 0.0 * at, slope) for at, slope in zip(q, q1, strict=True)])
+    c = np.array([torques.torque(at, slope, bend) for at, slope, bend in zip(q, q1, q2, strict=True)])
+    return p - g, c - g - torques.viscous * q1, g
+
+
+def path_rates(torques: Torques, joint_path: Any, s: Array, apart: float) -> tuple[Array, Array, Array]:
+    """Derivatives of p, c and g in s, by central differences of the fourth order."""
+    beside = [path_torques(torques, joint_path, s + k * apart) for k in (-2, -1, 1, 2)]
+    p, c, g = ((b[0] - 8.0 * b[1] + 8.0 * b[2] - b[3]) / (12.0 * apart) for b in zip(*beside, strict=True))
+    return p, c, g
+
+
+def best_duration(joint_path: Any, load: Any, limits: Any, K: int = 80) -> float:
     """Least duration; limits on velocity, acceleration, jerk, torque and torque rate, (n,) each, infinite where free.
 
     It keeps its limits at its places only, which stand equally spaced in the root of a quintic.
     """
     velocity, acceleration, jerk, torque, rate = limits
-    viscous, coulomb = friction
+    robot = joint_path.robot
+    torques = Torques(robot.fixed, robot.prismatic, load)
+    viscous, coulomb = load.viscous, load.coulomb
     u = np.linspace(0.0, 1.0, K + 1)
     s = joint_path.end * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
-    p, c, g = path_torques(model, joint_path, s)
+    p, c, g = path_torques(torques, joint_path, s)
     inside = np.clip(s, 2e-4 * joint_path.end, (1.0 - 2e-4) * joint_path.end)
-    dp, dc, dg = path_rates(model, joint_path, inside, 1e-4 * joint_path.end)
+    dp, dc, dg = path_rates(torques, joint_path, inside, 1e-4 * joint_path.end)
     v, a, tau, j = ca.SX.sym("v", K + 1), ca.SX.sym("a", K + 1), ca.SX.sym("t", K), ca.SX.sym("j", K)
     rows: list[Any] = [v[0], a[0], v[K], a[K]]
     low, high = [0.0] * 4, [0.0] * 4

@@ -18,7 +18,7 @@ class Torques:
     def __init__(self, fixed: Array, prismatic: Array, load: Any) -> None:
         import pinocchio as pin
 
-        self._pin, self._viscous = pin, np.array(load.viscous)
+        self._pin, self.viscous = pin, np.array(load.viscous)
         mass, com, tensor, motor, gravity = (np.array(x) for x in load.bodies)
         model, joint = pin.Model(), 0
         for i in range(len(mass)):
@@ -30,10 +30,10 @@ class Torques:
         self._model, self._data = model, model.createData()
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return self._pin.rnea(self._model, self._data, q, dq, ddq) + self._viscous * dq
+        return self._pin.rnea(self._model, self._data, q, dq, ddq) + self.viscous * dq
 
     def rate(self, q: Array, dq: Array, ddq: Array, dddq: Array) -> Array:
         """dτ/dt by the partial derivatives of the inverse dynamics."""
         by_q, by_dq, mass = self._pin.computeRNEADerivatives(self._model, self._data, q, dq, ddq)
         mass = np.triu(mass) + np.triu(mass, 1).T
-        return by_q @ dq + by_dq @ ddq + mass @ dddq + self._viscous * ddq
+        return by_q @ dq + by_dq @ ddq + mass @ dddq + self.viscous * ddq

@@ -76,10 +76,10 @@ def drawn(rng: np.random.Generator) -> Scene:
 
 def drawn_motion(rng: np.random.Generator, kind: int) -> Trajectory:
     """From near the rest to elsewhere: one quintic, several with continuous accelerations, or with jumps of the velocity."""
-    robot, pieces = panda(), (1, 6, 3)[kind % 3]
+    robot, pieces = panda(), (1, 4, 3)[kind % 3]
     limits = robot.limits
     q = np.array([limits.clip(REST + rng.uniform(-1.2, 1.2, 7) * rng.uniform(0.2, 1.0)) for _ in range(pieces + 1)])
-    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.4, 1.2, pieces))])
+    t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.25, 0.6, pieces))])
     v, a = np.zeros((2, *q.shape))
     if kind % 3 == 1:
         v[1:-1] = (q[2:] - q[:-2]) / (t[2:] - t[:-2])[:, None]
@@ -143,7 +143,8 @@ class Oracle:
         T = poses[:, self.link]
         a = np.einsum("kmij,mj->kmi", T[..., :3, :3], self.a) + T[..., :3, 3]
         b = np.einsum("kmij,mj->kmi", T[..., :3, :3], self.b) + T[..., :3, 3]
-        middle, around = 0.5 * (a + b), self.half + self.radius
+        middle, around = 0.5 * (a + b), self.half / 3.0 + self.radius
+        thirds = np.stack([a + share * (b - a) for share in (1 / 6, 1 / 2, 5 / 6)], axis=2)  # a sphere around each
         scene, own = np.full(len(q), np.inf), np.full(len(q), np.inf)
         for point, normal in self.planes:
             ends = np.minimum((a - point) @ normal, (b - point) @ normal) - self.radius
@@ -156,13 +157,14 @@ class Oracle:
             return made[k, i]
 
         for shape, there, T, half, radius in self.bodies:
-            off = np.maximum(np.abs((middle[:, self.moving] - T[:3, 3]) @ T[:3, :3]) - half, 0.0)
-            rough = np.linalg.norm(off, axis=2) - radius - around[self.moving]
+            off = np.maximum(np.abs((thirds[:, self.moving] - T[:3, 3]) @ T[:3, :3]) - half, 0.0)
+            rough = np.linalg.norm(off, axis=3).min(axis=2) - radius - around[self.moving]
             for k, m in np.argwhere(rough <= scene_within).tolist():
                 i = int(self.moving[m])
                 scene[k] = min(scene[k], self._between(self.parts[i], at(k, i), shape, there))
         for i, j in self.pairs:
-            rough = np.linalg.norm(middle[:, i] - middle[:, j], axis=1) - around[i] - around[j]
+            apart = np.linalg.norm(thirds[:, i, :, None] - thirds[:, j, None], axis=3)
+            rough = apart.min(axis=(1, 2)) - around[i] - around[j]
             for k in np.flatnonzero(rough <= own_within).tolist():
                 own[k] = min(own[k], self._between(self.parts[i], at(k, i), self.parts[j], at(k, j)))
         return Near(scene, own)

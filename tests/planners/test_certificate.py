@@ -552,13 +552,29 @@ def test_a_rate_that_tells_nothing_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("argument", "wrong"),
-    [("robot", "paper6r"), ("path", None), ("trajectory", [0.0, 1.0]), ("limits", None)],
+    [("robot", "paper6r"), ("path", "line"), ("trajectory", [0.0, 1.0]), ("limits", 2.0)],
 )
 def test_things_of_another_kind_are_refused_by_name(argument: str, wrong: Any) -> None:
     things = {"robot": ROBOT, "path": default_line(), "trajectory": paper_motion(), "limits": ROOMY}
     with pytest.raises(InvalidInput) as info:
         certify(**(things | {argument: wrong}))
     assert info.value.argument == argument
+
+
+def test_a_motion_without_a_path_is_judged_by_its_joints() -> None:
+    motion = paper_motion()
+    proof = certify(ROBOT, None, motion, ROOMY)
+    assert proof.holds
+    assert np.isnan(proof.path_error.distance)
+    assert proof.to_dict()["path_error"]["distance"] is None
+    np.testing.assert_array_equal(proof.binding.s, motion.knots)
+    assert proof.velocity.ratio.tolist() == certified(motion).velocity.ratio.tolist()
+    assert certify(ROBOT, None, motion).velocity.value.tolist() == proof.velocity.value.tolist(), (
+        "the robot's own limits"
+    )
+    for option in ({"tolerance": (1e-5, 1e-5)}, {"span": (0.0, 0.1)}):
+        with pytest.raises(InvalidInput, match="path"):
+            certify(ROBOT, None, motion, ROOMY, **option)  # type: ignore[arg-type]
 
 
 def test_certificates_can_be_compared_and_kept_in_sets() -> None:

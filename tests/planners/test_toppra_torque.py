@@ -15,7 +15,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import JointPath, MotionLimits, Trajectory, plan
 from planners.timing.toppra import Toppra
-from tests.planners.cases import START, default_joint_path, default_line, paper6r
+from tests.planners.cases import START, default_line, paper6r
 
 TORQUE = np.array([25.0, 40.0, 25.0, 9.0, 7.0, 5.0])
 VISCOUS, COULOMB = 8.0, 2.0
@@ -137,4 +137,4 @@ def test_limits_on_acceleration_may_be_left_out_only_where_torque_stands() -> No
     with pytest.raises(InvalidInput, match="velocity="):
         Toppra().run(path, MotionLimits(torque=TORQUE))
     with pytest.raises(InvalidInput, match="robot"):
-        Toppra().run(default_joint_path(), MotionLimits(2.0, torque=TORQUE))
+        Toppra().run(path_of(replace(paper6r(), inertia=None)), MotionLimits(2.0, torque=TORQUE))

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import optik
 from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import MotionLimits, Plan, certify, load_motion, plan, replan, save
+from planners import (
+    JointPath,
+    MotionLimits,
+    Plan,
+    TimeLaw,
+    Trajectory,
+    certify,
+    load_motion,
+    make_law,
+    plan,
+    replan,
+    save,
+)
 from planners.certificate.statics import static_torque
 from planners.curve import composed
-from planners.limits import PathPoints, kind_of
+from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits._torque_rows import torque_rows
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.torques import loaded, values
@@ -101,7 +115,28 @@ def test_quintic_promises_no_torque_and_is_certified() -> None:
     assert found.certificate.torque.ratio.max() * 5.0 >= needed(found, rate=False).max() * (1.0 - 1e-9)
 
 
-def test_strict_refuses_what_a_law_does_not_keep_itself() -> None:
+class Own(TimeLaw):
+    """A law that knows nothing of torques."""
+
+    keeps = DERIVATIVES
+
+    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+        only = limits.only(DERIVATIVES)
+        return make_law("smooth").run(joint_path, only)
+
+
+def test_a_law_that_knows_no_torques_is_slowed_until_it_keeps_them_or_refused() -> None:
+    free = plan(robot(), default_line(), START, limits=MotionLimits(*OUR), timing=Own())
+    torque = static(free) + 0.5 * np.maximum(needed(free, rate=False) - static(free), 1e-2)
+    limits = MotionLimits(*OUR, torque=torque, torque_rate=0.9 * needed(free, rate=True))
+    found = plan(robot(), default_line(), START, limits=limits, timing=Own())
+    assert found and found.slowed > 1.0 and {"torque", "torque_rate"} <= set(found.certificate.keeps)
+    assert found.certificate.worst("torque")[0] == pytest.approx(1.0, abs=1e-4)
+    refused = plan(robot(), default_line(), START, limits=limits, timing=Own(), strict=True)
+    assert refused.status == "limits_exceeded" and refused.stop is not None and "torque" in refused.stop.reason
+
+
+def test_a_certificate_names_the_torque_that_a_motion_passes() -> None:
     arm = robot()
     free = plan(arm, default_line(), START, limits=MotionLimits(*OUR), timing="toppra")
     torque = static(free) + 0.5 * np.maximum(needed(free, rate=False) - static(free), 1e-2)
@@ -189,19 +224,21 @@ def test_a_moving_state_is_planned_anew_within_the_torques() -> None:
 
 
 def test_an_arm_without_masses_has_no_torques() -> None:
+    bare = replace(paper6r(), inertia=None)
     with pytest.raises(InvalidInput, match="masses"):
-        plan(paper6r(), default_line(), START, limits=MotionLimits(*OUR, torque=10.0))
-    found = plan(paper6r(), default_line(), START, limits=MotionLimits(*OUR))
+        plan(bare, default_line(), START, limits=MotionLimits(*OUR, torque=10.0))
+    found = plan(bare, default_line(), START, limits=MotionLimits(*OUR))
     with pytest.raises(InvalidInput, match="masses"):
-        certify(paper6r(), default_line(), found.trajectory, MotionLimits(*OUR, torque_rate=10.0))
+        certify(bare, default_line(), found.trajectory, MotionLimits(*OUR, torque_rate=10.0))
     assert np.isnan(found.certificate.worst("torque")[0])
+    assert MotionLimits.of(bare).torque is None
 
 
 def test_limits_of_the_robot_come_with_its_masses() -> None:
-    arm = robot()
-    own = MotionLimits.of(arm)
-    assert (own.torque is None) == (arm.limits.torque is None)
-    assert MotionLimits.of(paper6r()).torque is None or paper6r().inertia is not None
+    panda = optik.load("panda")
+    own = MotionLimits.of(panda)
+    assert own.torque == pytest.approx(panda.limits.torque)
+    assert MotionLimits.of(replace(panda, inertia=None)).torque is None
 
 
 @pytest.mark.parametrize("suffix", [".json", ".npz", ".csv"])

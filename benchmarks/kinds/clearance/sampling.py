@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import BOX, OWN, PLANE, examined_pairs
+from optik.arm.shapes.contact import BOX, PLANE, SELF, examined_pairs
 from optik.scene import Scene
 from optik.types import Array
 
@@ -45,7 +45,7 @@ class CoalSampling:
         arm = [self._capsule(int(link[k]), a[k], b[k], float(radius[k]), f"arm {k}") for k in range(len(radius))]
         around = self._scene(scene)
         for k, number, kind in examined_pairs(robot, scene).bodies.tolist():
-            other = arm[number] if kind == OWN else around[kind][number]
+            other = arm[number] if kind == SELF else around[kind][number]
             self._geometry.addCollisionPair(pin.CollisionPair(arm[k], other))
         self._data, self._placed = self._model.createData(), self._geometry.createData()
         for request in self._placed.collisionRequests:

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import BOX, OWN, PLANE, distances_batch, examined_pairs
+from optik.arm.shapes.contact import BOX, PLANE, SELF, examined_pairs, rooms_batch
 from optik.distance import segment_box, segment_plane, segment_segment
 from optik.scene import Scene
 from optik.types import Array, Indices
@@ -38,11 +38,11 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
     assert robot.shapes is not None
     q, bodies = np.ascontiguousarray(planned.trajectory(t)), examined_pairs(robot, scene).bodies
     columns = {}
-    for name, chosen in (("scene", bodies[:, 2] != OWN), ("own", bodies[:, 2] == OWN)):
+    for name, chosen in (("scene", bodies[:, 2] != SELF), ("own", bodies[:, 2] == SELF)):
         distance, which = np.full(t.size, np.inf), np.empty(t.size, np.int64)
         if chosen.any():
-            distances_batch(
-                robot.chain, (robot.shapes.capsules, scene.arrays, bodies[chosen].copy()), q, distance, which
+            rooms_batch(
+                robot.chain, (robot.shapes.capsules, scene.arrays, bodies[chosen].copy()), q, 0.0, distance, which
             )
         columns[name] = [float(value) if np.isfinite(value) else None for value in distance]
     return pl.DataFrame(
@@ -80,7 +80,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
         "marks": [(kind.time, kind.found) for kind in (proof.scene, proof.own) if kind is not None],
         "points": [p.tolist() for p in nearest_points(arm, scene, one, other, kind)],
         "arm": [
-            (p.tolist(), r.tolist(), float(size), i == one or (kind == OWN and i == other))
+            (p.tolist(), r.tolist(), float(size), i == one or (kind == SELF and i == other))
             for i, (p, r, size) in enumerate(zip(*arm, strict=True))
         ],
         "boxes": [
@@ -88,7 +88,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
             for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
         ],
         "rounds": [
-            (a[i].tolist(), b[i].tolist(), float(radius[i]), kind not in (BOX, OWN, PLANE) and i == other)
+            (a[i].tolist(), b[i].tolist(), float(radius[i]), kind not in (BOX, SELF, PLANE) and i == other)
             for i in range(len(radius))
         ],
         "planes": [(p.tolist(), n.tolist()) for p, n in zip(point, normal, strict=True)],
@@ -115,7 +115,7 @@ def _nearest_body(arm: tuple[Array, Array, Array], scene: Scene, bodies: Indices
         _, off, other_radius = _witness(arm, scene, *pair)
         return float(np.linalg.norm(off)) - float(arm[2][pair[0]]) - other_radius
 
-    one, other, kind = min((pair for pair in bodies.tolist() if (pair[2] == OWN) == own), key=distance)
+    one, other, kind = min((pair for pair in bodies.tolist() if (pair[2] == SELF) == own), key=distance)
     return one, other, kind
 
 
@@ -185,7 +185,7 @@ def _witness(
     if kind == PLANE:
         _, place, w = segment_plane(p, q, point[other], normal[other])
         return place, np.array(w), 0.0
-    first, second, size = (a, b, radius) if kind == OWN else (c, d, sizes)
+    first, second, size = (a, b, radius) if kind == SELF else (c, d, sizes)
     _, place, w = segment_segment(p, q, _triple(first[other]), _triple(second[other]))
     return place, np.array(w), float(size[other])
 

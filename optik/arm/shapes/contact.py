@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics
-from optik.arm.shapes.model import Capsules
+from optik.arm.shapes.check import Capsules
 from optik.check import check_number
 from optik.compiled import compiled, inlined
 from optik.distance import Nearest, segment_box, segment_plane, segment_segment
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from optik.arm.robot import Robot
     from optik.scene import Scene
 
-BOX, ROUND, PLANE, OWN = 0, 1, 2, 3
+BOX, ROUND, PLANE, SELF = 0, 1, 2, 3
 """Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, or a capsule of the arm."""
 
 Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
@@ -69,7 +69,7 @@ def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
     examined = scene.examined(robot)
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
-    own = [(i, j, OWN) if link[i] > link[j] else (j, i, OWN) for i, j in shapes.pairs.tolist()]
+    own = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
     kinds = [(i, BOX) for i in range(len(scene.boxes))]
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
     kinds += [(i, PLANE) for i in range(len(scene.planes))]
@@ -116,14 +116,18 @@ def check_scene(robot: Robot, scene: Scene, margin: float) -> float:
 
 
 class Contact(NamedTuple):
-    """The nearest pair of shapes at a configuration: its distance [m], below 0 where they overlap, and its names."""
+    """The pair of shapes with the least room at a configuration: room [m], distance [m] and names.
 
+    The distance is below 0 where they overlap; of a pair with the scene the room is that much less as the margin is.
+    """
+
+    room: float
     distance: float
     pair: tuple[str, str]
 
 
-def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
-    """Least distances of an arm to a scene and between its links, at configurations.
+def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> tuple[Array, Indices]:
+    """Least room of an arm at configurations: its distance to a scene less the margin, and that between its links.
 
     Parameters
     ----------
@@ -133,11 +137,13 @@ def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indi
         What stands around it.
     q : (k, n) array
         Configurations [rad, m].
+    margin : float
+        What distances to the scene must exceed [m].
 
     Returns
     -------
-    distance : (k,) array
-        Of the nearest pair [m]; infinite where there is no pair.
+    room : (k,) array
+        Of the pair with the least [m]; infinite where there is no pair.
     pair : (k,) array of int
         Its index in the names of `examined_pairs`, −1 where there is none.
 
@@ -151,13 +157,13 @@ def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indi
     pairs = examined_pairs(robot, scene)
     assert robot.shapes is not None
     at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
-    distance, which = np.empty(len(at)), np.empty(len(at), np.int64)
-    distances_batch(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, distance, which)
-    return distance, which
+    room, which = np.empty(len(at)), np.empty(len(at), np.int64)
+    rooms_batch(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, margin, room, which)
+    return room, which
 
 
-def contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
-    """Find the nearest pair of shapes at one configuration.
+def contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Contact:
+    """Find the pair of shapes with the least room at one configuration.
 
     Parameters
     ----------
@@ -167,11 +173,13 @@ def contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
         What stands around it.
     q : (n,) array
         Configuration [rad, m].
+    margin : float
+        What distances to the scene must exceed [m].
 
     Returns
     -------
     Contact
-        Distance and names; infinite without pairs.
+        Room, distance and names; infinite without pairs.
 
     Raises
     ------
@@ -180,9 +188,11 @@ def contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
     UnknownName
         A link in ``scene.allow`` that the arm does not have.
     """
-    distance, which = nearest_pairs(robot, scene, q)
-    k = int(which[0])
-    return Contact(float(distance[0]), examined_pairs(robot, scene).names[k] if k >= 0 else ("", ""))
+    rooms, which = nearest_pairs(robot, scene, q, margin)
+    room, k, pairs = float(rooms[0]), int(which[0]), examined_pairs(robot, scene)
+    if k < 0:
+        return Contact(room, room, ("", ""))
+    return Contact(room, room if pairs.bodies[k, 2] == SELF else room + margin, pairs.names[k])
 
 
 # ---------------------------------------------------------------- kernels
@@ -259,14 +269,14 @@ def nearest_of(pair: tuple[int, int, int], scene: Objects, places: Array) -> Nea
         return segment_box(a, b, scene[0][i], scene[1][i])
     if kind == PLANE:
         return segment_plane(a, b, scene[5][i], scene[6][i])
-    if kind == OWN:
+    if kind == SELF:
         return segment_segment(a, b, row_of(places[i], 0), row_of(places[i], 1))
     return segment_segment(a, b, row_of(scene[2], i), row_of(scene[3], i))
 
 
 @compiled
-def distances_batch(chain: Chain, bodies: Bodies, q: Array, distance: Array, which: Indices) -> None:
-    """Least distances at configurations.
+def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Array, which: Indices) -> None:
+    """Least distances at configurations, those to the scene less a margin.
 
     Parameters
     ----------
@@ -276,8 +286,10 @@ def distances_batch(chain: Chain, bodies: Bodies, q: Array, distance: Array, whi
         Its capsules, the scene and the pairs.
     q : (k, n) array
         Configurations [rad, m].
-    distance : (k,) array
-        Filled with the least distances [m].
+    margin : float
+        What is subtracted from distances to the scene [m].
+    room : (k,) array
+        Filled with the least of these [m].
     which : (k,) array of int
         Filled with the pairs.
     """
@@ -288,10 +300,10 @@ def distances_batch(chain: Chain, bodies: Bodies, q: Array, distance: Array, whi
         for m in range(link.shape[0]):
             places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = placed(frame, link[m], row_of(a, m))
             places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = placed(frame, link[m], row_of(b, m))
-        distance[k], which[k] = np.inf, -1
+        room[k], which[k] = np.inf, -1
         for p in range(pairs.shape[0]):
             m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-            thick = radius[m] + (radius[i] if kind == OWN else (scene[4][i] if kind == ROUND else 0.0))
+            thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
             found = nearest_of((m, i, kind), scene, places)[0] - thick
-            if found < distance[k]:
-                distance[k], which[k] = found, p
+            if found < room[k]:
+                room[k], which[k] = found, p

@@ -8,13 +8,14 @@ surface, so that the capsules enclose the solid and not only its surface.
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from optik.arm.shapes.excess import Capsule, distance_to_segment, farthest, measured, points_on, right_angles
 from optik.types import Array, Flags
 
-ROUNDING = 1e-9
+ENCLOSURE_ROUNDING = 1e-9
 """Added to every radius [m]: a million times what rounding moves a point of an arm by, and too little to be seen."""
 
 WELL_ENCLOSED = 0.03
@@ -23,17 +24,7 @@ WELL_ENCLOSED = 0.03
 MOST_OF_ONE = 3
 """Most capsules that enclose one mesh: the time of a proof grows with the number of capsules."""
 
-SPACING = 60
-"""Distances to a mesh are taken to points on it, at most this part of its size apart."""
-
-MOST_POINTS = 200_000
-"""Most points on a mesh: with fewer points than `SPACING` asks for the excess is stated larger than it is, never smaller."""
-
-EXCESS_STEP = 2e-4
-"""The stated excess is at most this much larger than the distance of a point of the capsule from the mesh's points [m]."""
-
-
-LEAST_GAIN = 0.9
+WORTH_A_CUT = 0.9
 """A part is cut if the product of excess and size falls below this part of what it was: a proof takes longer with more."""
 
 FEW_TRIANGLES = 500
@@ -45,17 +36,11 @@ SAME_AXIS = 0.98
 CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Where planes across an axis are tried, as parts of the extent."""
 
-CELLS = 16
-"""Cells along the meridian of a capsule and around its axis, before they are divided."""
+CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+"""Corners of a box with edges of length 1."""
 
-
-class Capsule(NamedTuple):
-    """A capsule around a part of a mesh."""
-
-    a: Array
-    b: Array
-    radius: float
-    excess: float = np.nan
+FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Corners of the faces of a box, each around its face."""
 
 
 def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
@@ -75,9 +60,9 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
     list of Capsule
         Capsules whose union contains every triangle, each with the bound of its excess.
     """
-    tree = _points_on(triangles)
+    tree = points_on(triangles)
     parts, found = [triangles], [fitted(triangles)]
-    found = _measured(found, tree)
+    found = measured(found, tree)
     closed: set[int] = set()
     while len(parts) < most:
         open_ = [i for i, c in enumerate(found) if c.excess > excess and id(parts[i]) not in closed]
@@ -102,15 +87,32 @@ def _divided(
     if not capsules:
         return None
     before = found[i].excess * _size([found[i]])
-    if _worst(capsules, others, tree) * _size(capsules) > LEAST_GAIN * before:
+    if _worst(capsules, others, tree) * _size(capsules) > WORTH_A_CUT * before:
         return None
-    return [*parts[:i], *pieces, *parts[i + 1 :]], _measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+    return [*parts[:i], *pieces, *parts[i + 1 :]], measured([*found[:i], *capsules, *found[i + 1 :]], tree)
 
 
 def _worst(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
     """Largest excess of some capsules of a mesh."""
     rest = [[*others, *capsules[:k], *capsules[k + 1 :]] for k in range(len(capsules))]
-    return max(_farthest(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
+    return max(farthest(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
+
+
+def box_triangles(edges: Array) -> Array:
+    """Triangles of a box about the origin.
+
+    Parameters
+    ----------
+    edges : (3,) array
+        Edge lengths [m].
+
+    Returns
+    -------
+    (12, 3, 3) array
+        Corners of the triangles [m].
+    """
+    corners = CORNERS * edges
+    return np.array([corners[list(part)] for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))])
 
 
 # ---------------------------------------------------------------- one capsule
@@ -137,7 +139,7 @@ def fitted(triangles: Array) -> Capsule:
 
     best: tuple[Array, Array, float] = (*starts[0], 0.0)
     for origin, u in starts[:2]:
-        v, w = _across(u)
+        v, w = right_angles(u)
         size = float(np.ptp(corners, axis=0).max())
 
         def placed(x: Array, o: Array = origin, u: Array = u, v: Array = v, w: Array = w) -> tuple[Array, Array, float]:
@@ -152,7 +154,7 @@ def fitted(triangles: Array) -> Capsule:
         if result.fun < _volume(*_about(corners, *best)):
             best = placed(result.x)
     a, b, _ = _about(corners, *best)
-    radius = float(distance_to_segment(points, a, b).max()) * (1.0 + ROUNDING) + ROUNDING
+    radius = float(distance_to_segment(points, a, b).max()) * (1.0 + ENCLOSURE_ROUNDING) + ENCLOSURE_ROUNDING
     return Capsule(a, b, radius)
 
 
@@ -175,7 +177,12 @@ def around_cylinder(radius: float, length: float) -> Capsule:
     best = int(np.argmin(r * r * (2.0 * half + 4.0 / 3.0 * r)))
     end = np.array([0.0, 0.0, half[best]])
     excess = max(r[best] - radius, half[best] + r[best] - 0.5 * length)
-    return Capsule(-end, end, float(r[best]) * (1.0 + ROUNDING) + ROUNDING, float(excess) + 2.0 * ROUNDING)
+    return Capsule(
+        -end,
+        end,
+        float(r[best]) * (1.0 + ENCLOSURE_ROUNDING) + ENCLOSURE_ROUNDING,
+        float(excess) + 2.0 * ENCLOSURE_ROUNDING,
+    )
 
 
 def _hull(points: Array) -> Array:
@@ -192,20 +199,10 @@ def _starts(points: Array) -> list[tuple[Array, Array]]:
     """Lines along the axes of the frame and along the principal axes, through the middle of the points."""
     found = []
     for u in _axes(points):
-        v, w = _across(u)
+        v, w = right_angles(u)
         middle = sum(0.5 * ((points @ x).min() + (points @ x).max()) * x for x in (u, v, w))
         found.append((np.asarray(middle), u))
     return found
-
-
-def _across(u: Array) -> tuple[Array, Array]:
-    """Two unit vectors that make a right-angled frame with a unit vector."""
-    x, y, z = u.tolist()
-    least = int(np.argmin(np.abs(u)))
-    v = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])
-    v /= np.sqrt(v @ v)
-    a, b, c = v.tolist()
-    return v, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 def _about(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
@@ -225,27 +222,6 @@ def _about(points: Array, origin: Array, direction: Array, wider: float = 0.0) -
 
 def _volume(a: Array, b: Array, radius: float) -> float:
     return float(np.pi * radius * radius * (np.linalg.norm(b - a) + 4.0 / 3.0 * radius))
-
-
-def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
-    """Distances of points from a segment.
-
-    Parameters
-    ----------
-    points : (k, 3) array
-        The points [m].
-    a, b : (3,) arrays
-        Ends of the segment [m]; it may have length 0.
-
-    Returns
-    -------
-    (k,) array
-        Distances [m].
-    """
-    d = b - a
-    length2 = float(d @ d)
-    t = np.clip((points - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
-    return np.asarray(np.linalg.norm(points - (a + t[:, None] * d), axis=1))
 
 
 # ---------------------------------------------------------------- cutting
@@ -271,7 +247,7 @@ def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[
                 continue
             capsules = [_roughly(piece) for piece in pieces]
             worst = _worst(capsules, others, tree, coarse=True) * _size(capsules)
-            if worst < (1.0 if len(pieces) == 2 else LEAST_GAIN) * least:  # a third capsule has to pay
+            if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule has to pay
                 best, least = (u, offsets), worst
     return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
 
@@ -333,75 +309,3 @@ def clipped(triangles: Array, normal: Array, offset: float) -> tuple[Array, Arra
         sides[alone].append(np.stack((a, p, q), axis=1))
         sides[not alone] += [np.stack((p, b, c), axis=1), np.stack((p, c, q), axis=1)]
     return np.concatenate(sides[False]), np.concatenate(sides[True])
-
-
-# ---------------------------------------------------------------- excess
-
-
-def _points_on(triangles: Array) -> Any:
-    """Tree of points on the triangles, near enough to each other for distances to the mesh."""
-    from scipy.spatial import cKDTree
-
-    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    points, todo = [triangles.reshape(-1, 3)], triangles
-    count = len(points[0])
-    while len(todo):
-        edges = np.linalg.norm(todo - np.roll(todo, -1, axis=1), axis=2)
-        todo = todo[edges.max(axis=1) > size / SPACING]
-        count += len(todo)
-        if count > MOST_POINTS or not len(todo):
-            break
-        longest = np.argmax(np.linalg.norm(todo - np.roll(todo, -1, axis=1), axis=2), axis=1)
-        rows, order = np.arange(len(todo))[:, None], (longest[:, None] + np.arange(3)) % 3
-        a, b, c = np.moveaxis(todo[rows, order], 1, 0)
-        middle = 0.5 * (a + b)
-        points.append(middle)
-        todo = np.concatenate((np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)))
-    return cKDTree(np.concatenate(points))
-
-
-def _measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
-    """The capsules of a mesh, each with the bound of its excess."""
-    others = [capsules[:i] + capsules[i + 1 :] for i in range(len(capsules))]
-    return [c._replace(excess=_farthest(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
-
-
-def _farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Bound of the distance of a capsule's surface, as far as it is on the surface of the union, from points of the mesh."""
-    # The surface is covered by cells along the meridian and around the axis. No point of a cell is farther from the mesh
-    # than its centre is, plus half the cell's extent; cells that may hold the farthest point are divided. The coarse value
-    # is no bound: it takes the centres of the first cells.
-    meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
-    steps = (np.arange(CELLS) + 0.5) / CELLS
-    s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))
-    ds, dphi, bound = meridian / CELLS, 2.0 * np.pi / CELLS, 0.0
-    while len(s):
-        place, across = _on_surface(capsule, s, phi)
-        extent = 0.5 * ds + 0.5 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)
-        outside = np.ones(len(s), dtype=bool)
-        for other in others:
-            outside &= distance_to_segment(place, other.a, other.b) > other.radius - (0.0 if coarse else extent)
-        s, phi, place, extent = s[outside], phi[outside], place[outside], extent[outside]
-        distance = np.asarray(tree.query(place)[0]) if len(s) else np.zeros(0)
-        if coarse:
-            return float(distance.max(initial=0.0))
-        open_ = distance + extent > max(float(distance.max(initial=0.0)), bound) + EXCESS_STEP
-        bound = max(bound, float((distance + extent)[~open_].max(initial=0.0)))
-        ds, dphi = 0.5 * ds, 0.5 * dphi
-        s = np.concatenate([s[open_] + 0.5 * i * ds for i in (-1, -1, 1, 1)])
-        phi = np.concatenate([phi[open_] + 0.5 * i * dphi for i in (-1, 1, -1, 1)])
-    return bound
-
-
-def _on_surface(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Array]:
-    """Points of a capsule's surface by the length along the meridian and the angle, and their distances from the axis."""
-    r, d = capsule.radius, capsule.b - capsule.a
-    length = float(np.linalg.norm(d))
-    u = d / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-    v, w = _across(u)
-    cap = 0.5 * np.pi * r
-    angle = np.where(s < cap, s, np.where(s > cap + length, s - length, cap)) / r
-    along = np.clip(s - cap, 0.0, length) - r * np.cos(angle)
-    across = r * np.sin(angle)
-    around = np.cos(phi)[:, None] * v + np.sin(phi)[:, None] * w
-    return capsule.a + along[:, None] * u + across[:, None] * around, across

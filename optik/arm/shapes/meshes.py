@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 from urllib.parse import unquote
 
 import numpy as np
@@ -21,11 +22,15 @@ MOST_MESH_BYTES = 64 * 2**20
 MOST_TRIANGLES = 1_000_000
 """Most triangles of a mesh: those of an STL of `MOST_MESH_BYTES`, and few enough to be enclosed in memory."""
 
-STL_HEADER, STL_TRIANGLE = 84, 50
 # Bytes of a binary STL: 80 of text and the number of triangles; normal, three corners and two bytes for each.
+STL_HEADER, STL_TRIANGLE = 84, 50
 
 FARTHEST_CORNER = 1e4
 """Largest coordinate in a mesh [m, or its own unit before it is scaled]: millimetres of an arm are fewer."""
+
+
+Folders: TypeAlias = Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None
+"""Folders of ROS packages by their names, or folders that contain packages."""
 
 
 class MeshFolders:
@@ -47,7 +52,7 @@ class MeshFolders:
     def __init__(
         self,
         beside: Path | None = None,
-        package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+        package_dirs: Folders = None,
     ) -> None:
         given = package_dirs or ()
         if isinstance(given, str | bytes) or not isinstance(given, Mapping | Sequence):
@@ -123,7 +128,7 @@ class MeshFolders:
 
 def folders_of(
     source: str | os.PathLike[str],
-    package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None,
+    package_dirs: Folders,
 ) -> MeshFolders:
     """Return the folders below which the meshes of a description may lie.
 

@@ -12,23 +12,17 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import frozen
-from optik.check import check_count, check_number, check_words, real_array
+from optik import se3
+from optik.arm.shapes.check import Capsules, checked_capsules, checked_excess
+from optik.check import check_count, check_words, shown
 from optik.errors import InvalidInput
-from optik.types import Array, Indices
-
-Capsules: TypeAlias = tuple[Indices, Array, Array, Array]
-"""Capsules as kernels take them: link (m,), 0 for the base and i for the frame of joint i, a and b (m, 3), the ends of the
-segments in those frames [m], and radius (m,) [m]. A sphere has a = b."""
-
-LONGEST_LINK = 10.0
-"""Largest coordinate and radius of a capsule of an arm [m]: no serial arm has longer links, and millimetres are more."""
-
-MOST_CAPSULES = 4096
-"""Most capsules of an arm: four hundred times what an arm needs, and all pairs of them still fit in memory."""
+from optik.types import Array, Flags, Indices
 
 NEIGHBOURS = "neighbours"
 """Reason why capsules of one link and of two consecutive links are not examined: they always touch at their joint."""
+
+PAYLOAD = "payload"
+"""Name of the capsules of a payload, which keep their place in the tool's frame."""
 
 Apart: TypeAlias = tuple[str | int, str | int, str]
 """Two parts of an arm, each the name of capsules or the number of a link, and the reason why they are not examined."""
@@ -66,13 +60,13 @@ class Shapes:
     source: str = ""
 
     def __post_init__(self) -> None:
-        capsules = _checked_capsules(self.capsules)
+        capsules = checked_capsules(self.capsules)
         m = len(capsules[0])
         names = check_words(self.names, "shapes.names")
         if names and len(names) != m:
             raise InvalidInput("shapes.names", f"{len(names)} names", f"one for each of {m} capsules")
         if not isinstance(self.source, str):
-            raise InvalidInput("shapes.source", repr(self.source)[:60], "a word")
+            raise InvalidInput("shapes.source", shown(self.source), "a word")
         checked = {
             "capsules": capsules,
             "names": names,
@@ -160,15 +154,15 @@ class Shapes:
     def _checked_apart(self, pairs: Any) -> Iterable[Apart]:
         expected = "pairs (one, other, reason): names of capsules or numbers of links, and a word"
         if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-            raise InvalidInput("shapes.apart", repr(pairs)[:60], expected)
+            raise InvalidInput("shapes.apart", shown(pairs), expected)
         for i, pair in enumerate(pairs):
             if not isinstance(pair, list | tuple) or len(pair) != 3 or not isinstance(pair[2], str):
-                raise InvalidInput(f"shapes.apart[{i}]", repr(pair)[:80], expected)
+                raise InvalidInput(f"shapes.apart[{i}]", shown(pair), expected)
             for part in pair[:2]:
                 if isinstance(part, str):
                     if part not in self.names:
                         known = ", ".join(dict.fromkeys(self.names))
-                        raise InvalidInput(f"shapes.apart[{i}]", repr(part)[:60], f"a name of capsules: {known[:200]}")
+                        raise InvalidInput(f"shapes.apart[{i}]", shown(part), f"a name of capsules: {known[:200]}")
                 else:
                     check_count(part, f"shapes.apart[{i}]", 0)
             yield tuple(part if isinstance(part, str) else int(part) for part in pair)  # type: ignore[misc]
@@ -213,10 +207,84 @@ class Shapes:
         InvalidInput
             No such file, no XML, or no SRDF.
         """
-        from optik.arm.shapes.urdf import disabled_pairs
+        from optik.arm.shapes.srdf import disabled_pairs
 
         known = set(self.names)
         return self.with_apart(pair for pair in disabled_pairs(source) if {pair[0], pair[1]} <= known)
+
+    def with_part(self, name: str, link: int, objects: Iterable[Any], place: ArrayLike | None = None) -> Shapes:
+        """Return the shapes with one more part, in place of a present one of that name.
+
+        Parameters
+        ----------
+        name : str
+            What its capsules are called.
+        link : int
+            Number of the link that carries it.
+        objects : iterable of (T, edges), (centre, radius) or (a, b, radius)
+            Boxes, by the pose (4, 4) of their centre and full edge lengths (3,), which capsules enclose; spheres; capsules
+            [m].
+        place : (4, 4) array, optional
+            Pose in the link's frame of the frame that these are stated in [1, m].
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+
+        Raises
+        ------
+        InvalidInput
+            Objects that are none of these.
+        """
+        from optik.arm.shapes.part import capsules_of
+
+        found = capsules_of(objects, name, np.eye(4) if place is None else se3.check_pose(place, "place"))
+        kept = self.without(name) if name in self.names else self
+        rows = [*zip(*kept.capsules, strict=True), *((link, c.a, c.b, c.radius) for c in found)]
+        names = (*kept.names, *(name for _ in found))
+        excess = np.concatenate((kept.excess, [c.excess for c in found]))
+        return replace(kept, capsules=rows, names=names, excess=excess)  # type: ignore[arg-type]
+
+    def without(self, name: str) -> Shapes:
+        """Return the shapes without a part.
+
+        Parameters
+        ----------
+        name : str
+            What its capsules are called; of pairs that are not examined, those with this name go, too.
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+
+        Raises
+        ------
+        InvalidInput
+            Nothing would be left.
+        """
+        kept = [i for i, other in enumerate(self.names) if other != name]
+        rows = list(zip(*(column[kept] for column in self.capsules), strict=True))
+        apart = tuple(pair for pair in self.apart if name not in pair[:2])
+        return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source)  # type: ignore[arg-type]
+
+    def moved_part(self, name: str, T: Array) -> Shapes:
+        """Return the shapes with a part moved in its links' frames.
+
+        Parameters
+        ----------
+        name : str
+            What its capsules are called.
+        T : (4, 4) array
+            The motion: a point p of the part goes to T p [1, m].
+
+        Returns
+        -------
+        Shapes
+            The shapes.
+        """
+        return self._moved(np.array([other == name for other in self.names]), T)
 
     def moved_all(self, poses: Sequence[Array]) -> Shapes:
         """Return the shapes in other frames of the links.
@@ -251,9 +319,11 @@ class Shapes:
         Shapes
             The shapes.
         """
+        return self._moved(self.capsules[0] == link, T)
+
+    def _moved(self, here: Flags, T: Array) -> Shapes:
         links, a, b, radius = self.capsules
-        here = (links == link)[:, None]
-        a, b = (np.where(here, end @ T[:3, :3].T + T[:3, 3], end) for end in (a, b))
+        a, b = (np.where(here[:, None], end @ T[:3, :3].T + T[:3, 3], end) for end in (a, b))
         return replace(self, capsules=(links, a, b, radius))
 
     def named(self, links: Sequence[str]) -> Shapes:
@@ -270,121 +340,3 @@ class Shapes:
             The shapes.
         """
         return self if self.names else replace(self, names=tuple(links[i] for i in self.capsules[0].tolist()))
-
-
-# ---------------------------------------------------------------- checks
-
-
-def _checked_capsules(value: Any) -> Capsules:
-    if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
-        if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
-            raise InvalidInput(
-                "shapes.capsules", f"arrays of shapes {[p.shape for p in value]}", "one row for each capsule"
-            )
-        value = list(zip(*(part.tolist() for part in value), strict=True))
-    if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InvalidInput("shapes.capsules", repr(value)[:60], "a list of (link, a, b, radius)")
-    rows = [_checked_row(row, f"shapes.capsules[{i}]") for i, row in enumerate(value)]
-    if not 1 <= len(rows) <= MOST_CAPSULES:
-        raise InvalidInput("shapes.capsules", f"{len(rows)} of them", f"1 to {MOST_CAPSULES} capsules")
-    links, a, b, radii = zip(*rows, strict=True)
-    link = np.array(links, dtype=np.int64)
-    link.setflags(write=False)
-    return link, frozen(np.array(a), "a"), frozen(np.array(b), "b"), frozen(np.array(radii), "radius")
-
-
-def _checked_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
-    """Link, ends and radius of one capsule; of a sphere both ends are the centre."""
-    if not isinstance(row, list | tuple) or len(row) not in (3, 4):
-        raise InvalidInput(where, repr(row)[:80], "(link, a, b, radius), or (link, centre, radius) of a sphere")
-    check_count(row[0], f"{where}: link", 0)
-    ends = [point_of(end, where, LONGEST_LINK) for end in row[1:-1]]
-    return int(row[0]), ends[0], ends[-1], length_of(row[-1], f"{where}: radius", LONGEST_LINK)
-
-
-def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
-    """Return how far shapes stand out beyond what they enclose, checked.
-
-    Parameters
-    ----------
-    value : scalar or (count,) array
-        Lengths, NaN where unknown [m].
-    count : int
-        Number of shapes.
-    where : str
-        What an error calls them.
-
-    Returns
-    -------
-    (count,) array
-        The lengths, read-only [m].
-
-    Raises
-    ------
-    InvalidInput
-        Another number of them, negative or infinite ones.
-    """
-    excess = real_array(value, where, f"a number, or {count} of them")
-    if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
-        raise InvalidInput(where, repr(value)[:60], f"{count} lengths ≥ 0 (NaN where unknown)")
-    return frozen(np.broadcast_to(excess, (count,)), where)
-
-
-def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
-    """Return a point, checked.
-
-    Parameters
-    ----------
-    value : (3,) array
-        Coordinates [m].
-    where : str
-        What an error calls it.
-    farthest : float
-        Largest coordinate that is accepted [m]: more looks like millimetres.
-
-    Returns
-    -------
-    (3,) array
-        The point, read-only [m].
-
-    Raises
-    ------
-    InvalidInput
-        Not three finite numbers, or coordinates that look like millimetres.
-    """
-    point = frozen(value, where)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise InvalidInput(where, repr(value)[:80], "points of three finite numbers")
-    if (far := float(np.abs(point).max())) > farthest:
-        raise InvalidInput(
-            where, f"a coordinate of {far:.6g} m", f"metres (within {farthest:g}): looks like millimetres"
-        )
-    return point
-
-
-def length_of(value: Any, where: str, largest: float) -> float:
-    """Return a length above 0, checked.
-
-    Parameters
-    ----------
-    value : float
-        The length [m].
-    where : str
-        What an error calls it.
-    largest : float
-        Largest length that is accepted [m]: more looks like millimetres.
-
-    Returns
-    -------
-    float
-        The length [m].
-
-    Raises
-    ------
-    InvalidInput
-        Not a finite number above 0, or a length that looks like millimetres.
-    """
-    length = check_number(value, where, "a length above 0", above=0.0)
-    if length > largest:
-        raise InvalidInput(where, f"{length:.6g} m", f"metres (up to {largest:g}): looks like millimetres")
-    return length

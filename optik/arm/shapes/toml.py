@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from optik.arm.plain import record, word
-from optik.arm.shapes.model import LONGEST_LINK, Shapes
+from optik.arm.shapes.check import LONGEST_LINK
+from optik.arm.shapes.model import Shapes
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
 from optik.types import Array

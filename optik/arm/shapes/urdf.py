@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.enclosure import Capsule, around_cylinder, enclosing, fitted
+from optik.arm.shapes.enclosure import around_cylinder, box_triangles, enclosing, fitted
+from optik.arm.shapes.excess import Capsule
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
 from optik.arm.shapes.model import Shapes
-from optik.arm.urdf_tree import Joint, Tree, joint_origin, number, origin_pose, read_xml, triple
-from optik.errors import InvalidInput, RobotModelError
+from optik.arm.urdf_tree import Joint, Tree, joint_origin, number, origin_pose, triple
+from optik.errors import RobotModelError
 from optik.types import Array
-
-CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-"""Corners of a box with edges of length 1."""
-
-FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-"""Corners of the faces of a box, each around its face."""
 
 Axis = Callable[[Joint], Array]
 """Unit axis (3,) of a joint in its own frame."""
@@ -42,7 +36,7 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     folders : MeshFolders
         Where meshes may lie.
     axis : callable
-        Returns the unit axis of a joint.
+        Returns the unit axis (3,) of a joint in its own frame [1].
 
     Returns
     -------
@@ -64,12 +58,12 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
             if child not in chain:
                 joint = tree.above[child]
                 T = joint_origin(tree.name, joint)
-                found += [(name, _moved(_swept(tree.name, joint, c, axis), T)) for name, c in carried.pop(child)]
+                found += [(name, _swept(tree.name, joint, c, axis).moved(T)) for name, c in carried.pop(child)]
         carried[link] = found
     rows = [(0, np.eye(4), base)]
     for joint, T in placed:
         rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
-    capsules = [(i, name, _moved(c, T)) for i, T, link in rows for name, c in carried[link]]
+    capsules = [(i, name, c.moved(T)) for i, T, link in rows for name, c in carried[link]]
     if not capsules:
         raise RobotModelError(tree.name, "no <collision> on any link of the chain")
     return Shapes(
@@ -86,7 +80,7 @@ def _own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
     for element in tree.parts(link, "collision"):
         where = f"<collision> of link {link!r}"
         T = origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
-        found += [_moved(c, T) for c in read_geometry(tree, element, where, folders)]
+        found += [c.moved(T) for c in read_geometry(tree, element, where, folders)]
     return found
 
 
@@ -96,10 +90,6 @@ def _ordered(tree: Tree, base: str) -> list[str]:
     for link in found:  # grows while it is read
         found += tree.below.get(link, ())
     return found
-
-
-def _moved(c: Capsule, T: Array) -> Capsule:
-    return c._replace(a=T[:3, :3] @ c.a + T[:3, 3], b=T[:3, :3] @ c.b + T[:3, 3])
 
 
 def _swept(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
@@ -200,56 +190,3 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         scale = triple(tree.name, where, shape.get("scale", "1 1 1"), "mesh scale")
         return enclosing(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
     raise RobotModelError(tree.name, f"{where}: {kind[:40]!r}, expected a box, sphere, cylinder, capsule or mesh")
-
-
-def box_triangles(edges: Array) -> Array:
-    """Triangles of a box about the origin.
-
-    Parameters
-    ----------
-    edges : (3,) array
-        Edge lengths [m].
-
-    Returns
-    -------
-    (12, 3, 3) array
-        Corners of the triangles [m].
-    """
-    corners = CORNERS * edges
-    return np.array([corners[list(part)] for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))])
-
-
-# ---------------------------------------------------------------- SRDF
-
-
-def disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
-    """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements.
-
-    Parameters
-    ----------
-    source : str or path
-        A file, or the XML itself (text that begins with <).
-
-    Returns
-    -------
-    list of (str, str, str)
-        Two links and the reason.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, no XML, or no SRDF.
-    """
-    try:
-        root = read_xml(source)
-    except InvalidInput as error:
-        raise InvalidInput("srdf", error.got, error.expected.replace("URDF", "SRDF")) from None
-    if root.tag != "robot":
-        raise InvalidInput("srdf", f"the element <{str(root.tag)[:60]}>", "an SRDF, whose outermost element is <robot>")
-    pairs = []
-    for element in root.iter("disable_collisions"):
-        one, other = element.get("link1"), element.get("link2")
-        if not one or not other:
-            raise InvalidInput("srdf", "a <disable_collisions> without link1 or link2", "two links")
-        pairs.append((one, other, element.get("reason") or "disabled in the SRDF"))
-    return pairs

@@ -1,0 +1,156 @@
+"""Checks of capsules, points and lengths of shapes: finite, and in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.limits import frozen
+from optik.check import check_count, check_number, real_array, shown
+from optik.errors import InvalidInput
+from optik.types import Array, Indices
+
+Capsules: TypeAlias = tuple[Indices, Array, Array, Array]
+"""Capsules as kernels take them: link (m,), 0 for the base and i for the frame of joint i, a and b (m, 3), the ends of the
+segments in those frames [m], and radius (m,) [m]. A sphere has a = b."""
+
+LONGEST_LINK = 10.0
+"""Largest coordinate and radius of a capsule of an arm [m]: no serial arm has longer links, and millimetres are more."""
+
+MOST_CAPSULES = 4096
+"""Most capsules of an arm: four hundred times what an arm needs, and all pairs of them still fit in memory."""
+
+
+def checked_capsules(value: Any) -> Capsules:
+    """Return capsules as kernels take them, checked.
+
+    Parameters
+    ----------
+    value : iterable of (link, a, b, radius) or (link, centre, radius), or Capsules
+        Numbers of links, and points and lengths in their frames [m].
+
+    Returns
+    -------
+    Capsules
+        Read-only arrays (m,), (m, 3), (m, 3) and (m,) [m].
+
+    Raises
+    ------
+    InvalidInput
+        Not capsules, NaN, a radius that is not above 0, or lengths in millimetres.
+    """
+    if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
+        if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
+            raise InvalidInput(
+                "shapes.capsules", f"arrays of shapes {[p.shape for p in value]}", "one row for each capsule"
+            )
+        value = list(zip(*(part.tolist() for part in value), strict=True))
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InvalidInput("shapes.capsules", shown(value), "a list of (link, a, b, radius)")
+    rows = [_checked_row(row, f"shapes.capsules[{i}]") for i, row in enumerate(value)]
+    if not 1 <= len(rows) <= MOST_CAPSULES:
+        raise InvalidInput("shapes.capsules", f"{len(rows)} of them", f"1 to {MOST_CAPSULES} capsules")
+    links, a, b, radii = zip(*rows, strict=True)
+    link = np.array(links, dtype=np.int64)
+    link.setflags(write=False)
+    return link, frozen(np.array(a), "a"), frozen(np.array(b), "b"), frozen(np.array(radii), "radius")
+
+
+def _checked_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
+    """Link, ends and radius of one capsule; of a sphere both ends are the centre."""
+    if not isinstance(row, list | tuple) or len(row) not in (3, 4):
+        raise InvalidInput(where, shown(row), "(link, a, b, radius), or (link, centre, radius) of a sphere")
+    check_count(row[0], f"{where}: link", 0)
+    ends = [point_of(end, where, LONGEST_LINK) for end in row[1:-1]]
+    return int(row[0]), ends[0], ends[-1], length_of(row[-1], f"{where}: radius", LONGEST_LINK)
+
+
+def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
+    """Return how far shapes stand out beyond what they enclose, checked.
+
+    Parameters
+    ----------
+    value : scalar or (count,) array
+        Lengths, NaN where unknown [m].
+    count : int
+        Number of shapes.
+    where : str
+        What an error calls them.
+
+    Returns
+    -------
+    (count,) array
+        The lengths, read-only [m].
+
+    Raises
+    ------
+    InvalidInput
+        Another number of them, negative or infinite ones.
+    """
+    excess = real_array(value, where, f"a number, or {count} of them")
+    if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
+        raise InvalidInput(where, shown(value), f"{count} lengths ≥ 0 (NaN where unknown)")
+    return frozen(np.broadcast_to(excess, (count,)), where)
+
+
+def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
+    """Return a point, checked.
+
+    Parameters
+    ----------
+    value : (3,) array
+        Coordinates [m].
+    where : str
+        What an error calls it.
+    farthest : float
+        Largest coordinate that is accepted [m]: more looks like millimetres.
+
+    Returns
+    -------
+    (3,) array
+        The point, read-only [m].
+
+    Raises
+    ------
+    InvalidInput
+        Not three finite numbers, or coordinates that look like millimetres.
+    """
+    point = frozen(value, where)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InvalidInput(where, shown(value), "points of three finite numbers")
+    if (far := float(np.abs(point).max())) > farthest:
+        raise InvalidInput(
+            where, f"a coordinate of {far:.6g} m", f"metres (within {farthest:g}): looks like millimetres"
+        )
+    return point
+
+
+def length_of(value: Any, where: str, largest: float) -> float:
+    """Return a length above 0, checked.
+
+    Parameters
+    ----------
+    value : float
+        The length [m].
+    where : str
+        What an error calls it.
+    largest : float
+        Largest length that is accepted [m]: more looks like millimetres.
+
+    Returns
+    -------
+    float
+        The length [m].
+
+    Raises
+    ------
+    InvalidInput
+        Not a finite number above 0, or a length that looks like millimetres.
+    """
+    length = check_number(value, where, "a length above 0", above=0.0)
+    if length > largest:
+        raise InvalidInput(where, f"{length:.6g} m", f"metres (up to {largest:g}): looks like millimetres")
+    return length

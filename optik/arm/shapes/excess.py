@@ -1,0 +1,205 @@
+"""How far a capsule stands out beyond the mesh that it encloses: a proved bound.
+
+The surface of the capsule is covered by cells along its meridian and around its axis. No point of a cell is farther from the
+mesh than the cell's centre is, plus half the cell's extent, so that the largest such sum over all cells is a bound; cells
+that may hold the farthest point are divided. Distances to the mesh are taken to points on it, which makes them larger.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.types import Array
+
+SPACING = 60
+"""Distances to a mesh are taken to points on it, at most this part of its size apart."""
+
+MOST_POINTS = 200_000
+"""Most points on a mesh: with fewer points than `SPACING` asks for the excess is stated larger than it is, never smaller."""
+
+EXCESS_STEP = 5e-4
+"""The bound is at most this much larger than the distance of some point of the capsule from the mesh's points [m] …"""
+
+MOST_OPEN_CELLS = 100_000
+"""… unless that would take more cells: where a capsule fits its mesh everywhere, all of them stay open."""
+
+
+CELLS = 16
+"""Cells along the meridian of a capsule and around its axis, before they are divided."""
+
+
+class Capsule(NamedTuple):
+    """A capsule around a part of a mesh."""
+
+    a: Array
+    b: Array
+    radius: float
+    excess: float = np.nan
+
+    def moved(self, T: Array) -> Capsule:
+        """Return the capsule in another frame.
+
+        Parameters
+        ----------
+        T : (4, 4) array
+            Pose of the present frame in the other one [1, m].
+
+        Returns
+        -------
+        Capsule
+            The same capsule.
+        """
+        return self._replace(a=T[:3, :3] @ self.a + T[:3, 3], b=T[:3, :3] @ self.b + T[:3, 3])
+
+
+def right_angles(u: Array) -> tuple[Array, Array]:
+    """Return two unit vectors that make a right-angled frame with a unit vector.
+
+    Parameters
+    ----------
+    u : (3,) array
+        The unit vector [1].
+
+    Returns
+    -------
+    v, w : (3,) arrays
+        Unit vectors with u × v = w, up to the sign [1].
+    """
+    x, y, z = u.tolist()
+    least = int(np.argmin(np.abs(u)))
+    v = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])
+    v /= np.sqrt(v @ v)
+    a, b, c = v.tolist()
+    return v, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+
+
+def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
+    """Distances of points from a segment.
+
+    Parameters
+    ----------
+    points : (k, 3) array
+        The points [m].
+    a, b : (3,) arrays
+        Ends of the segment [m]; it may have length 0.
+
+    Returns
+    -------
+    (k,) array
+        Distances [m].
+    """
+    d = b - a
+    length2 = float(d @ d)
+    t = np.clip((points - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
+    return np.asarray(np.linalg.norm(points - (a + t[:, None] * d), axis=1))
+
+
+def points_on(triangles: Array) -> Any:
+    """Return a tree of points on triangles, near enough to each other for distances to the mesh.
+
+    Parameters
+    ----------
+    triangles : (k, 3, 3) array
+        Corners of the triangles [m].
+
+    Returns
+    -------
+    cKDTree
+        The points.
+    """
+    from scipy.spatial import cKDTree
+
+    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    points, todo = [triangles.reshape(-1, 3)], triangles
+    count = len(points[0])
+    while len(todo):
+        edges = np.linalg.norm(todo - np.roll(todo, -1, axis=1), axis=2)
+        todo = todo[edges.max(axis=1) > size / SPACING]
+        count += len(todo)
+        if count > MOST_POINTS or not len(todo):
+            break
+        longest = np.argmax(np.linalg.norm(todo - np.roll(todo, -1, axis=1), axis=2), axis=1)
+        rows, order = np.arange(len(todo))[:, None], (longest[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(todo[rows, order], 1, 0)
+        middle = 0.5 * (a + b)
+        points.append(middle)
+        todo = np.concatenate((np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)))
+    return cKDTree(np.concatenate(points))
+
+
+def measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
+    """Return the capsules of a mesh, each with the bound of its excess.
+
+    Parameters
+    ----------
+    capsules : list of Capsule
+        Capsules whose union encloses the mesh.
+    tree : cKDTree
+        Points on the mesh.
+
+    Returns
+    -------
+    list of Capsule
+        The capsules.
+    """
+    others = [capsules[:i] + capsules[i + 1 :] for i in range(len(capsules))]
+    return [c._replace(excess=farthest(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
+
+
+def farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
+    """Return a bound of the distance of a capsule's surface, as far as it is the union's surface, from points of the mesh.
+
+    Parameters
+    ----------
+    capsule : Capsule
+        The capsule.
+    others : list of Capsule
+        The other capsules of the mesh: what lies inside them is no surface of the union.
+    tree : cKDTree
+        Points on the mesh.
+    coarse : bool
+        Take the centres of the first cells only: quick, and no bound.
+
+    Returns
+    -------
+    float
+        The bound [m].
+    """
+    meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
+    steps = (np.arange(CELLS) + 0.5) / CELLS
+    s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))
+    ds, dphi, bound = meridian / CELLS, 2.0 * np.pi / CELLS, 0.0
+    while len(s):
+        place, across = _on_surface(capsule, s, phi)
+        extent = 0.5 * ds + 0.5 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)
+        outside = np.ones(len(s), dtype=bool)
+        for other in others:
+            outside &= distance_to_segment(place, other.a, other.b) > other.radius - (0.0 if coarse else extent)
+        s, phi, place, extent = s[outside], phi[outside], place[outside], extent[outside]
+        distance = np.asarray(tree.query(place)[0]) if len(s) else np.zeros(0)
+        if coarse:
+            return float(distance.max(initial=0.0))
+        open_ = distance + extent > max(float(distance.max(initial=0.0)), bound) + EXCESS_STEP
+        if np.count_nonzero(open_) > MOST_OPEN_CELLS:
+            open_[:] = False
+        bound = max(bound, float((distance + extent)[~open_].max(initial=0.0)))
+        ds, dphi = 0.5 * ds, 0.5 * dphi
+        s = np.concatenate([s[open_] + 0.5 * i * ds for i in (-1, -1, 1, 1)])
+        phi = np.concatenate([phi[open_] + 0.5 * i * dphi for i in (-1, 1, -1, 1)])
+    return bound
+
+
+def _on_surface(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Array]:
+    """Points of a capsule's surface by the length along the meridian and the angle, and their distances from the axis."""
+    r, d = capsule.radius, capsule.b - capsule.a
+    length = float(np.linalg.norm(d))
+    u = d / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    v, w = right_angles(u)
+    cap = 0.5 * np.pi * r
+    angle = np.where(s < cap, s, np.where(s > cap + length, s - length, cap)) / r
+    along = np.clip(s - cap, 0.0, length) - r * np.cos(angle)
+    across = r * np.sin(angle)
+    around = np.cos(phi)[:, None] * v + np.sin(phi)[:, None] * w
+    return capsule.a + along[:, None] * u + across[:, None] * around, across

@@ -1,0 +1,64 @@
+"""Capsules of a part that a user describes by boxes, spheres and capsules, such as a payload."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from optik import se3
+from optik.arm.shapes.check import LONGEST_LINK, length_of, point_of
+from optik.arm.shapes.enclosure import box_triangles, enclosing
+from optik.arm.shapes.excess import Capsule
+from optik.check import shown
+from optik.errors import InvalidInput
+from optik.types import Array
+
+
+def capsules_of(objects: Iterable[Any], name: str, place: Array) -> list[Capsule]:
+    """Return the capsules that enclose boxes, spheres and capsules.
+
+    Parameters
+    ----------
+    objects : iterable of (T, edges), (centre, radius) or (a, b, radius)
+        Boxes, spheres and capsules [m].
+    name : str
+        What an error calls them.
+    place : (4, 4) array
+        Pose of the frame that these are stated in [1, m].
+
+    Returns
+    -------
+    list of Capsule
+        The capsules, each with its excess.
+
+    Raises
+    ------
+    InvalidInput
+        No objects, or objects that are none of these.
+    """
+    expected = "a list of boxes (T, edges), spheres (centre, radius) or capsules (a, b, radius)"
+    if isinstance(objects, str) or not isinstance(objects, Iterable):
+        raise InvalidInput(f"{name}.shapes", shown(objects), expected)
+    found: list[Capsule] = []
+    for i, one in enumerate(objects):
+        where = f"{name}.shapes[{i}]"
+        if not isinstance(one, list | tuple) or len(one) not in (2, 3):
+            raise InvalidInput(where, shown(one), expected)
+        if len(one) == 2 and np.ndim(one[1]) == 1:
+            found += _box(one[0], one[1], where)
+        else:
+            ends = [point_of(end, where, LONGEST_LINK) for end in one[:-1]]
+            found.append(Capsule(ends[0], ends[-1], length_of(one[-1], f"{where}: radius", LONGEST_LINK), 0.0))
+    if not found:
+        raise InvalidInput(f"{name}.shapes", "none", expected)
+    return [c.moved(place) for c in found]
+
+
+def _box(pose: Any, edges: Any, where: str) -> list[Capsule]:
+    lengths = point_of(edges, f"{where}: edges", LONGEST_LINK)
+    if (lengths <= 0.0).any():
+        raise InvalidInput(f"{where}: edges", shown(edges), "three full edge lengths above 0")
+    T = se3.check_pose(pose, f"{where}: T")
+    return [c.moved(T) for c in enclosing(box_triangles(lengths))]

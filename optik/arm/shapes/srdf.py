@@ -1,0 +1,41 @@
+"""Pairs of links that an SRDF leaves out."""
+
+from __future__ import annotations
+
+import os
+
+from optik.arm.urdf_tree import read_xml
+from optik.errors import InvalidInput
+
+
+def disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
+    """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements.
+
+    Parameters
+    ----------
+    source : str or path
+        A file, or the XML itself (text that begins with <).
+
+    Returns
+    -------
+    list of (str, str, str)
+        Two links and the reason.
+
+    Raises
+    ------
+    InvalidInput
+        No such file, no XML, or no SRDF.
+    """
+    try:
+        root = read_xml(source)
+    except InvalidInput as error:
+        raise InvalidInput("srdf", error.got, error.expected.replace("URDF", "SRDF")) from None
+    if root.tag != "robot":
+        raise InvalidInput("srdf", f"the element <{str(root.tag)[:60]}>", "an SRDF, whose outermost element is <robot>")
+    pairs = []
+    for element in root.iter("disable_collisions"):
+        one, other = element.get("link1"), element.get("link2")
+        if not one or not other:
+            raise InvalidInput("srdf", "a <disable_collisions> without link1 or link2", "two links")
+        pairs.append((one, other, element.get("reason") or "disabled in the SRDF"))
+    return pairs

@@ -1,0 +1,312 @@
+"""Meshes and URDF shapes: read as trimesh reads them, enclosed whole, with an excess that is a bound."""
+
+import struct
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import optik
+from optik import se3
+from optik.arm.shapes.enclosure import around_cylinder, box_triangles, clipped, enclosing
+from optik.arm.shapes.meshes import MeshFolders, read_mesh
+from optik.errors import InvalidInput, RobotModelError
+from tests.oracles.shapes import distances
+
+RNG = np.random.default_rng(3)
+
+
+def bars():
+    """Two bars that meet at a right angle."""
+    two = [trimesh.creation.box((0.4, 0.06, 0.06)), trimesh.creation.box((0.06, 0.06, 0.3))]
+    two[1].apply_translation((0.17, 0.0, 0.12))
+    return two
+
+
+def bent():
+    """A solid that one capsule encloses badly."""
+    return trimesh.util.concatenate(bars())
+
+
+def inside(points, capsules):
+    """How far the farthest point is outside all capsules; negative inside."""
+    return np.min([distances(points, c.a, c.b, c.radius) for c in capsules], axis=0).max()
+
+
+# ---------------------------------------------------------------- files
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj"])
+def test_meshes_are_read_as_trimesh_reads_them(tmp_path, kind):
+    mesh = bent()
+    file = tmp_path / f"part.{kind.partition('_')[0]}"
+    mesh.export(file, file_type=kind)
+    assert (
+        np.abs(np.sort(read_mesh(file).reshape(-1, 9), axis=0) - np.sort(mesh.triangles.reshape(-1, 9), axis=0)).max()
+        <= 1e-7
+    )
+
+
+def test_faces_of_an_obj_may_be_polygons_with_textures_and_indices_from_the_end(tmp_path):
+    file = tmp_path / "square.obj"
+    file.write_text(
+        "# a square\nv 0 0 0\nv 1 0 0 1.0\nv 1 1 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1/1 3//1 -1\n", encoding="utf-8"
+    )
+    assert read_mesh(file).tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]]
+
+
+def binary(count, corners=(0.0, 0.0, 0.0)):
+    return (
+        b"solid like text".ljust(80)
+        + struct.pack("<I", count)
+        + (struct.pack("<12f", *(0.0,) * 3, *corners * 3) + b"\0\0")
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.stl", b"", "no STL"),
+        ("a.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid", "lacks one"),
+        ("a.stl", b"solid x\nfacet\nvertex 0 0 0 vertex 1 0 0 vertex 0 one 0\nendfacet", "numbers"),
+        ("a.stl", binary(3), "no STL"),  # says three triangles and has one
+        ("a.stl", binary(2**32 - 1), "no STL"),
+        ("a.stl", binary(1, (np.nan, 0.0, 0.0)), "NaN"),
+        ("a.stl", binary(0)[:84], "0 triangles"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "0 triangles"),
+        ("a.obj", b"v 0 0 0\nf 1 2 3\n", "defined before"),
+        ("a.obj", b"v 0 0 0\nf 1 1 -9\n", "defined before"),
+        ("a.obj", b"v 0 0\n", "three coordinates"),
+        ("a.obj", b"v 0 0 x\nf 1 1 1\n", "numbers"),
+        ("a.obj", b"v 0 0 inf\nf 1 1 1\n", "finite"),
+        ("a.obj", b"v 0 0 0\nf a b c\n", "numbers of corners"),
+    ],
+)
+def test_a_bad_mesh_is_one_clear_line(tmp_path, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidInput, match=words) as caught:
+        read_mesh(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_large_mesh_is_refused_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr("optik.arm.shapes.meshes.MOST_MESH_BYTES", 100)
+    (tmp_path / "a.stl").write_bytes(binary(1))
+    with pytest.raises(InvalidInput, match="MB"):
+        read_mesh(tmp_path / "a.stl")
+
+
+def test_meshes_are_found_below_their_folders_only(tmp_path):
+    here, package = tmp_path / "here", tmp_path / "packages" / "arm"
+    for folder in (here / "meshes", package):
+        folder.mkdir(parents=True)
+        (folder / "a.stl").write_bytes(binary(1))
+    (tmp_path / "secret.stl").write_bytes(binary(1))
+    (here / "link.stl").symlink_to(tmp_path / "secret.stl")
+    folders = MeshFolders(here, [tmp_path / "packages"])
+    assert folders.file("meshes/a.stl", "x") == (here / "meshes/a.stl").resolve()
+    assert folders.file("package://arm/a.stl", "x") == (package / "a.stl").resolve()
+    assert folders.file((here / "meshes/a.stl").as_uri(), "x") == (here / "meshes/a.stl").resolve()
+    assert MeshFolders(None, {"arm": package}).file("package://arm/a.stl", "x") == (package / "a.stl").resolve()
+    assert MeshFolders(None, [package]).file("package://arm/a.stl", "x") == (package / "a.stl").resolve()
+    for name in ("../secret.stl", str(tmp_path / "secret.stl"), "link.stl", "package://arm/../../secret.stl"):
+        with pytest.raises(InvalidInput, match="elsewhere"):
+            folders.file(name, "x")
+    with pytest.raises(InvalidInput, match="elsewhere"):
+        folders.file("file://" + str(tmp_path / "%2e" / "secret.stl"), "x")
+    for name, words in (
+        ("http://x.org/a.stl", "URL"),
+        ("ftp://x.org/a.stl", "URL"),
+        ("meshes/a.dae", "STL or OBJ"),
+        ("meshes/b.stl", "does not exist"),
+        ("package://hand/a.stl", "package_dirs|does not exist"),
+        ("meshes/a\0.stl", "name of a file"),
+        ("", "STL or OBJ"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            folders.file(name, "x")
+    for bad in (tmp_path / "none",):
+        with pytest.raises(InvalidInput, match="package_dirs"):
+            MeshFolders(None, [bad])
+    with pytest.raises(InvalidInput, match="package_dirs"):
+        MeshFolders(None, "packages")
+
+
+# ---------------------------------------------------------------- enclosure
+
+
+SOLIDS = {
+    "bent": bars(),
+    "ball": [trimesh.creation.icosphere(1, 0.1)],
+    "bar": [trimesh.creation.cylinder(0.02, 0.3, sections=9)],
+}
+"""Solids as unions of convex ones."""
+
+
+@cache
+def enclosed(name):
+    return enclosing(np.asarray(trimesh.util.concatenate(SOLIDS[name]).triangles))
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_the_solid_is_inside_and_no_point_of_the_surface_stands_out_farther_than_stated(name):
+    convex, capsules = SOLIDS[name], enclosed(name)
+    mesh = trimesh.util.concatenate(convex)
+    assert inside(np.asarray(mesh.triangles).reshape(-1, 3), capsules) <= 0.0
+    for part in convex:  # any mean of its corners is in the solid
+        weights = RNG.dirichlet(np.full(len(part.vertices), 0.3), 300)
+        assert inside(weights @ part.vertices, capsules) <= 0.0
+    for k, c in enumerate(capsules):
+        solid = trimesh.creation.capsule(np.linalg.norm(c.b - c.a), c.radius, count=[16, 16])
+        solid.apply_transform(trimesh.geometry.align_vectors((0, 0, 1), c.b - c.a) if (c.b != c.a).any() else np.eye(4))
+        middle = solid.bounds.mean(axis=0)
+        surface = solid.vertices - middle + 0.5 * (c.a + c.b)
+        others = capsules[:k] + capsules[k + 1 :]
+        surface = surface[[not others or inside(p[None], others) > 1e-6 for p in surface]]
+        if len(surface):
+            true = trimesh.proximity.closest_point_naive(mesh, surface)[1].max()
+            assert true <= c.excess + 1e-9
+            assert c.excess <= 1.25 * true + 0.01  # of use: not much above what samples show
+
+
+def test_a_bad_fit_is_cut_and_the_cut_has_less_excess():
+    one, several = enclosing(np.asarray(bent().triangles), 1), enclosed("bent")
+    assert (len(one), 2 <= len(several) <= 3) == (1, True)
+    assert max(c.excess for c in several) < 0.6 * one[0].excess
+
+
+def test_cutting_keeps_the_surface():
+    triangles = RNG.normal(size=(200, 3, 3))
+    area = trimesh.triangles.area(triangles).sum()
+    for _ in range(5):
+        normal = RNG.normal(size=3)
+        offset = float(RNG.normal() * 0.5)
+        below, above = clipped(triangles, normal, offset)
+        assert abs(trimesh.triangles.area(below).sum() + trimesh.triangles.area(above).sum() - area) <= 1e-9 * area
+        assert (below @ normal).max() <= offset + 1e-9
+        assert (above @ normal).min() >= offset - 1e-9
+
+
+@pytest.mark.parametrize(("radius", "length"), [(0.05, 0.4), (0.1, 0.02), (0.03, 0.06)])
+def test_a_cylinder_is_inside_its_capsule(radius, length):
+    c = around_cylinder(radius, length)
+    turn = RNG.uniform(0.0, 2.0 * np.pi, 200)
+    rims = np.stack((radius * np.cos(turn), radius * np.sin(turn), np.where(turn > 3.0, 0.5, -0.5) * length), axis=1)
+    assert distances(rims, c.a, c.b, c.radius).max() <= 0.0
+    assert distances(rims, c.a, c.b, c.radius).max() >= -1e-6
+    assert c.excess >= max(c.radius - radius, c.b[2] + c.radius - 0.5 * length) - 1e-15
+
+
+# ---------------------------------------------------------------- URDF
+
+URDF = """<robot name="r">
+<link name="foot"><collision><geometry><box size=".1 .04 .04"/></geometry></collision></link>
+<link name="arm"><collision><origin xyz="0 0 .2"/>
+<geometry><mesh filename="meshes/bar.stl" scale="1 1 -2"/></geometry></collision></link>
+<link name="wrist"><collision><origin xyz="0 0 .1" rpy="0 1.5707963267948966 0"/>
+<geometry><capsule radius=".03" length=".1"/></geometry></collision></link>
+<link name="hand"><collision><geometry><sphere radius=".04"/></geometry></collision></link>
+<link name="finger"><collision><origin xyz="0 0 .05"/><geometry><sphere radius=".01"/></geometry></collision></link>
+<link name="knob"><collision><origin xyz=".1 0 .02"/><geometry><sphere radius=".01"/></geometry></collision></link>
+<link name="tip"/>
+<joint name="j1" type="revolute"><parent link="foot"/><child link="arm"/><origin xyz="0 0 .1"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1"/></joint>
+<joint name="j2" type="revolute"><parent link="arm"/><child link="wrist"/><origin xyz="0 0 .4"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1"/></joint>
+<joint name="f1" type="fixed"><parent link="wrist"/><child link="tip"/><origin xyz="0 0 .3"/></joint>
+<joint name="f2" type="fixed"><parent link="tip"/><child link="hand"/><origin xyz="0 0 .02"/></joint>
+<joint name="slide" type="prismatic"><parent link="hand"/><child link="finger"/><axis xyz="0 1 0"/>
+<limit lower="-.04" upper=".04"/></joint>
+<joint name="turn" type="continuous"><parent link="hand"/><child link="knob"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    (tmp_path / "meshes").mkdir()
+    trimesh.creation.cylinder(0.03, 0.2, sections=8).export(tmp_path / "meshes/bar.stl")
+    (tmp_path / "arm.urdf").write_text(URDF, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.filterwarnings("ignore:.*read without")
+def test_collision_elements_become_capsules_of_the_links_that_move_them(folder):
+    robot = optik.Robot.from_urdf(folder / "arm.urdf", "tip", shapes=True)
+    shapes = robot.shapes
+    rows = {name: [column[shapes.of(name)] for column in (*shapes.capsules, shapes.excess)] for name in shapes.names}
+    assert {name: set(row[0].tolist()) for name, row in rows.items()} == {
+        "foot": {0}, "arm": {1}, "wrist": {2}, "hand": {2}, "finger": {2}, "knob": {2},
+    }  # fmt: skip
+    q = np.array([0.3, -0.5])
+    poses = dict(enumerate([np.eye(4), *robot.frames(q)[:-1]]))
+
+    def world(name):
+        link, a, b, radius, _ = rows[name]
+        T = poses[int(link[0])]
+        return [(T[:3, :3] @ x + T[:3, 3], T[:3, :3] @ y + T[:3, 3], r) for x, y, r in zip(a, b, radius, strict=True)]
+
+    hand = robot.fk(q) @ se3.pose(p=(0.0, 0.0, 0.02))
+    assert np.abs(world("hand")[0][0] - hand[:3, 3]).max() <= 1e-12
+    bar = trimesh.load(folder / "meshes/bar.stl").vertices * (1.0, 1.0, -2.0) + (0.0, 0.0, 0.2)
+    lower = se3.pose(p=(0.0, 0.0, 0.1)) @ se3.pose(se3.exp_so3([0.0, 0.3, 0.0]))
+    points = bar @ lower[:3, :3].T + lower[:3, 3]
+    assert np.min([distances(points, *c) for c in world("arm")], axis=0).max() <= 0.0
+    for angle in np.linspace(-3.0, 3.0, 9):  # every position of what the arm does not move
+        knob = hand @ se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, 0.0)) @ np.array([0.1, 0.0, 0.02, 1.0])
+        assert distances(knob[None, :3], *world("knob")[0])[0] <= -0.01 + 1e-9
+        finger = hand @ np.array([0.0, angle / 75.0, 0.05, 1.0])
+        assert distances(finger[None, :3], *world("finger")[0])[0] <= -0.01 + 1e-9
+    assert np.isnan(rows["knob"][4]).all()
+    assert np.isnan(rows["finger"][4]).all()
+    assert rows["hand"][4][0] == 0.0
+    assert robot.with_shapes(None) == optik.Robot.from_urdf(folder / "arm.urdf", "tip")
+
+
+@pytest.mark.filterwarnings("ignore:.*read without")
+def test_shapes_are_asked_for_also_behind_a_path_and_pairs_by_srdf(folder):
+    (folder / "arm.srdf").write_text(
+        '<robot name="r"><disable_collisions link1="foot" link2="wrist" reason="Never"/></robot>', encoding="utf-8"
+    )
+    robot = optik.load(f"{folder}/arm.urdf#tip=tip&srdf={folder}/arm.srdf")
+    assert ("foot", "wrist", "Never") in robot.shapes.left_out
+    assert optik.load(f"{folder}/arm.urdf#tip=tip").shapes is None
+    for options in ({"package_dirs": [folder]}, {"srdf": folder / "arm.srdf"}):
+        with pytest.raises(InvalidInput, match="shapes=True"):
+            optik.Robot.from_urdf(folder / "arm.urdf", "tip", **options)
+    with pytest.raises(InvalidInput, match="shapes=yes"):
+        optik.load(f"{folder}/arm.urdf#shapes=perhaps")
+
+
+@pytest.mark.filterwarnings("ignore:.*read without")
+@pytest.mark.parametrize(
+    ("old", "new", "kind", "words"),
+    [
+        ("meshes/bar.stl", "../bar.stl", InvalidInput, "arm'.*does not exist|elsewhere"),
+        ("meshes/bar.stl", "https://x.org/bar.stl", InvalidInput, "URL"),
+        ('scale="1 1 -2"', 'scale="1 1"', RobotModelError, "mesh scale"),
+        ('size=".1 .04 .04"', 'size=".1 .04 0"', RobotModelError, "box size"),
+        ('<sphere radius=".04"/>', "<sphere/>", RobotModelError, "sphere radius"),
+        ('<sphere radius=".04"/>', '<cone radius=".04"/>', RobotModelError, "cone"),
+        ('<sphere radius=".04"/>', '<sphere radius="40"/>', InvalidInput, "millimetres"),
+        ('<limit lower="-.04" upper=".04"/>', "", RobotModelError, "slide.*without limits"),
+    ],
+)
+def test_a_bad_collision_element_is_named_and_matters_only_where_shapes_are_read(folder, old, new, kind, words):
+    text = URDF.replace(old, new)
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    assert optik.Robot.from_urdf(folder / "arm.urdf", "tip").n == 2
+    with pytest.raises(kind, match=words):
+        optik.Robot.from_urdf(folder / "arm.urdf", "tip", shapes=True)
+
+
+def test_an_arm_without_collision_elements_has_no_shapes():
+    with pytest.raises(RobotModelError, match="no <collision>"):
+        optik.Robot.from_urdf(optik.load("panda").with_shapes(None).to_urdf(), shapes=True)
+
+
+def test_a_box_is_closed():
+    box = trimesh.Trimesh(*trimesh.triangles.to_kwargs(box_triangles(np.array([0.1, 0.2, 0.3]))).values(), process=True)
+    box.merge_vertices()
+    assert (abs(abs(box.volume) - 0.006) <= 1e-12, abs(box.area - 0.22) <= 1e-12) == (True, True)

@@ -1,0 +1,185 @@
+"""Scenes: checks of what is around an arm, what may be touched, and files."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import optik
+import planners
+from optik import se3
+from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
+from optik.scene import files
+
+T = se3.from_xyz_rpy((0.4, 0.0, -0.025), (0.0, 0.0, 30.0))
+SCENE = optik.Scene(
+    boxes=[(T, (0.8, 1.2, 0.05))],
+    spheres=[((0.5, 0.0, 0.3), 0.06)],
+    capsules=[((0.6, 0.3, 0.0), (0.6, 0.3, 0.9), 0.03)],
+    planes=[((0.0, 0.0, -0.7), (0.0, 0.0, 2.0))],
+    allow=[("base", "box1")],
+)
+EXAMPLE = "\n".join(line[4:] for line in (files.__doc__ or "").splitlines() if line.startswith("    "))
+
+
+def test_planners_offers_scenes_too():
+    assert planners.Scene is optik.Scene
+
+
+def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
+    pose, half, a, b, radius, point, normal = SCENE.arrays
+    assert np.abs(pose - T).max() <= 1e-15
+    assert half.tolist() == [[0.4, 0.6, 0.025]]
+    assert a.tolist() == [[0.5, 0.0, 0.3], [0.6, 0.3, 0.0]]
+    assert b.tolist() == [[0.5, 0.0, 0.3], [0.6, 0.3, 0.9]]
+    assert radius.tolist() == [0.06, 0.03]
+    assert point.tolist() == [[0.0, 0.0, -0.7]]
+    assert normal.tolist() == [[0.0, 0.0, 1.0]]
+    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1")
+    empty = optik.Scene().arrays
+    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 3), (0, 3)]
+    for x, none in zip(SCENE.arrays, empty, strict=True):
+        assert x.flags.c_contiguous
+        assert not x.flags.writeable
+        assert (x.dtype, x.ndim) == (none.dtype, none.ndim)  # one layout, so that kernels are compiled once
+
+
+def test_a_scene_is_equal_by_content_through_pickle_json_and_toml(tmp_path):
+    assert pickle.loads(pickle.dumps(SCENE)) == SCENE
+    assert optik.Scene.from_dict(json.loads(json.dumps(SCENE.to_dict()))) == SCENE
+    assert hash(SCENE) == hash(pickle.loads(pickle.dumps(SCENE)))
+    assert optik.Scene(spheres=SCENE.spheres) != optik.Scene(spheres=SCENE.spheres, allow=[("base", "sphere1")])
+    (tmp_path / "cell.toml").write_text(EXAMPLE, encoding="utf-8")
+    (tmp_path / "cell.json").write_text(json.dumps(SCENE.to_dict()), encoding="utf-8")
+    read = optik.Scene.load(tmp_path / "cell.toml")
+    assert read.names == ("table", "sphere1", "capsule1", "floor")
+    assert read.allow == (("base", "table"),)
+    for mine, theirs in zip(read.arrays, SCENE.arrays, strict=True):
+        assert np.abs(mine - theirs).max() <= 1e-15
+    assert optik.Scene.load(tmp_path / "cell.json") == SCENE
+
+
+def test_what_is_allowed_is_a_link_by_its_joint_or_capsules_by_their_name():
+    shapes = optik.Shapes(
+        [(0, (0, 0, 0), 0.1), (3, (0, 0, 0), 0.1), (3, (0, 0, 0.1), 0.1)], names=("foot", "arm", "lamp"), excess=0.0
+    )
+    robot = optik.load("panda").with_shapes(shapes)
+
+    def touching(*allow):
+        return (~optik.Scene(spheres=SCENE.spheres, planes=SCENE.planes, allow=allow).examined(robot)).tolist()
+
+    assert touching() == [[False, False]] * 3
+    assert touching(("base", "sphere1")) == touching(("foot", "sphere1")) == [[True, False], [False] * 2, [False] * 2]
+    assert touching(("joint3", "plane1")) == [[False, False], [False, True], [False, True]]
+    assert touching(("lamp", "plane1")) == [[False, False], [False, False], [False, True]]
+    with pytest.raises(UnknownName, match="did you mean lamp"):
+        touching(("lump", "plane1"))
+    with pytest.raises(InvalidInput, match="without shapes"):
+        optik.Scene().examined(robot.with_shapes(None))
+
+
+BAD = [
+    (dict(boxes=[(T, (1.0, 1.0, 0.0))]), "edge"),
+    (dict(boxes=[(T, (1.0, 1.0))]), "edge"),
+    (dict(boxes=[(T[:3, :3], (1.0, 1.0, 1.0))]), "pose"),
+    (dict(boxes=[(2.0 * T, (1.0, 1.0, 1.0))]), "boxes\\[0\\]: T"),
+    (dict(boxes=[(T, (300.0, 200.0, 100.0))]), "millimetres"),
+    (dict(boxes=3), "a list of boxes"),
+    (dict(boxes=[T]), "edge lengths"),
+    (dict(spheres=[((0.0, 500.0, 0.0), 0.1)]), "millimetres"),
+    (dict(spheres=[((0.0, 0.0, 0.0), 150.0)]), "millimetres"),
+    (dict(spheres=[((0.0, np.nan, 0.0), 0.1)]), "finite"),
+    (dict(spheres=[((0.0, 0.0, 0.0), -0.1)]), "above 0"),
+    (dict(spheres=[((0.0, 0.0, 0.0), True)]), "above 0"),
+    (dict(capsules=[((0.0, 0.0, 0.0), (0.0, 0.0), 0.1)]), "three finite"),
+    (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]), "not all 0"),
+    (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, np.inf))]), "direction"),
+    (dict(spheres=SCENE.spheres * 2, names=("a", "a")), "different names"),
+    (dict(spheres=SCENE.spheres, names=("a", "b")), "different names"),
+    (dict(spheres=SCENE.spheres, allow=[("base", "box1")]), "unknown object"),
+    (dict(spheres=SCENE.spheres, allow=[("base",)]), "pairs"),
+    (dict(spheres=SCENE.spheres, allow="base"), "pairs"),
+    (dict(spheres=SCENE.spheres, excess=-1.0), "excess"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD)
+def test_bad_input_is_one_clear_line(arguments, words):
+    with pytest.raises(OptikError, match=words) as caught:
+        optik.Scene(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("boxes = 3", "tables"),
+        ("[[boxes]]\nxyz_mm = [0, 0, 0]", "edges_mm missing"),
+        ("[[boxes]]\nxyz_mm = [0, 0, 0]\nedges_mm = [1, 2, 0]", "bad.toml: scene.boxes"),
+        ("[[spheres]]\ncentre_mm = [0, 0, nan]\nradius_mm = 3", "centre_mm"),
+        ("[[spheres]]\ncentre_m = [0, 0, 0]\nradius_mm = 3", "centre_m unknown"),
+        ("x =", "TOML"),
+        ("allow = 3", "allow"),
+    ],
+)
+def test_a_bad_file_is_named_with_the_key(tmp_path, text, words):
+    (tmp_path / "bad.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput, match=words):
+        optik.Scene.load(tmp_path / "bad.toml")
+
+
+def test_files_that_are_no_scenes_are_refused(tmp_path):
+    (tmp_path / "a.json").write_text("[]", encoding="utf-8")
+    for name in ("a.json", "missing.toml", "a.step"):
+        with pytest.raises(InvalidInput):
+            optik.Scene.load(tmp_path / name)
+    with pytest.raises(InvalidInput, match="package_dirs"):
+        optik.Scene.load(tmp_path / "a.json", package_dirs=[tmp_path])
+
+
+CELL = """<robot name="cell"><link name="world"/>
+<link name="table"><collision><geometry><box size="1 2 .1"/></geometry></collision>
+<collision><origin xyz="0 0 1"/><geometry><sphere radius=".1"/></geometry></collision></link>
+<link name="post"><collision><geometry><cylinder radius=".05" length="1"/></geometry></collision></link>
+<joint name="a" type="fixed"><parent link="world"/><child link="table"/>
+<origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
+<joint name="b" type="revolute"><parent link="table"/><child link="post"/>
+<origin xyz="0 1 0"/><limit lower="-1" upper="1"/></joint>
+</robot>"""
+
+
+def test_a_static_urdf_is_a_scene_with_its_joints_at_0(tmp_path):
+    (tmp_path / "cell.urdf").write_text(CELL, encoding="utf-8")
+    scene = optik.Scene.load(tmp_path / "cell.urdf")
+    assert scene.names == ("table", "table#2", "post")
+    (pose, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.capsules[0]
+    assert np.abs(pose - se3.from_xyz_rpy((1, 0, 0), (0, 0, 90))).max() <= 1e-15
+    assert edges.tolist() == [1.0, 2.0, 0.1]
+    assert (np.abs(centre - (1, 0, 1)).max() <= 1e-15, radius) == (True, 0.1)
+    assert np.abs(0.5 * (a + b) - (0, 0, 0)).max() <= 1e-15  # a metre along y of the table, which is −x of the world
+    corner = np.hypot(0.05, 0.5 - abs(b[2]))  # the rim of the cylinder's face
+    assert corner <= thick <= corner + 1e-6
+    assert scene.excess[2] >= max(thick - 0.05, abs(b[2]) + thick - 0.5) - 1e-15
+    with pytest.raises(RobotModelError, match="no <collision>"):
+        (tmp_path / "empty.urdf").write_text('<robot name="x"><link name="a"/></robot>', encoding="utf-8")
+        optik.Scene.load(tmp_path / "empty.urdf")
+
+
+part = st.none() | st.booleans() | st.floats() | st.text(max_size=3) | st.lists(st.floats(-1.0, 9.0), max_size=4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(files.SCENE_KEYS),
+    part | st.lists(part, max_size=3) | st.lists(st.lists(part, max_size=3), max_size=2),
+)
+def test_plain_data_fails_with_our_errors_only(key, value):
+    try:
+        scene = optik.Scene.from_dict(SCENE.to_dict() | {key: value})
+    except OptikError as error:
+        assert "\n" not in str(error)
+    else:
+        assert optik.Scene.from_dict(scene.to_dict()) == scene
