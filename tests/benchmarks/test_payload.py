@@ -18,7 +18,7 @@ from benchmarks.kinds.laws.run import check_laws, line_rows
 from benchmarks.kinds.laws.settings import LawBlock, read_block
 from benchmarks.kinds.plans.nearest import nearest_points, placed
 from benchmarks.settings import Target
-from optik.arm.shapes.contact import OWN, examined_pairs, nearest_pairs
+from optik.arm.shapes.contact import SELF, examined_pairs, nearest_pairs
 from optik.errors import InvalidInput
 from planners import MotionLimits
 
@@ -134,7 +134,7 @@ def test_the_nearest_points_are_as_far_apart_as_the_compiled_distances_say(name:
         one, other, kind = bodies[k].tolist()
         ends = nearest_points(placed(arm, at), scene, one, other, kind)
         assert distance <= 0.0 or np.linalg.norm(ends[1] - ends[0]) == pytest.approx(distance, abs=1e-9)
-        if kind != OWN and distance > 0.0:
+        if kind != SELF and distance > 0.0:
             T, edges = scene.boxes[other]
             assert np.abs((ends[1] - T[:3, 3]) @ T[:3, :3] / (0.5 * edges)).max() == pytest.approx(1.0)
 

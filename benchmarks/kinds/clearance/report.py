@@ -123,7 +123,7 @@ def _table(b: BlockRows) -> Table:
     note = (
         f"{b.rows['motion'].n_unique():,} motions of {b.block.robot}. Shares have Wilson's 95 % intervals. "
         "Motions that are free take longest: sampling stops at the first contact."
-        + (f" Closer than {1e3 * b.block.margin:g} mm counts as contact." if b.block.margin else "")
+        + (f" Closer to the scene than {1e3 * b.block.margin:g} mm counts as contact." if b.block.margin else "")
         + ("" if len(rows) > 1 else " Without coal and Pinocchio (pip install coal pin) there is no sampling.")
     )
     return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
