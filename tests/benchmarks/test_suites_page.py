@@ -19,6 +19,7 @@ from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.running import _warn
 from benchmarks.kinds.answers.run import ANSWER_TYPES
 from benchmarks.kinds.batch.process import measure
+from benchmarks.kinds.clearance.run import ROW_TYPES
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
 from benchmarks.suite import SUITES, load_suite
@@ -208,6 +209,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         "`speed/BLOCK--": set(pl.read_parquet(own / "run/speed/ik--*.parquet").columns),
         "`speed/BLOCK.batch": set(measure(settings)[0]),
         "`kinds/answers/": {*ANSWER_TYPES, "problem", "method", "solved"},
+        "`kinds/clearance/": set(ROW_TYPES),
         "`timing/BLOCK--": set(pl.read_parquet(own / "run/timing/laws--*.parquet").columns),
     }
     tables = ("samples", "motion", "tool", "frames")

@@ -28,7 +28,7 @@ from benchmarks.kinds.laws.rows import read_rows
 from benchmarks.kinds.laws.run import example_file, facts_file, line_rows, part_files
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.peers.laws.base import TimingPeer, build_timing_peer
+from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import RunFolder
 from benchmarks.report.numbers import ratio
 from benchmarks.report.run import Run
@@ -323,18 +323,19 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
 
 @pytest.mark.parametrize("name", names(TIMING_PEERS))
 def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: str) -> None:
-    peer = build_timing_peer(name, LIMITS.arrays(6))
+    line = draw_line("paper6r", "regular", 1, seed=4)
+    limits = replace(LIMITS, torque=line.robot.limits.torque) if name.endswith("torque") else LIMITS
+    peer = build_timing_peer(name, peer_limits(limits, 6))
     if isinstance(peer, Absent):
         pytest.skip(peer.why)
-    line = draw_line("paper6r", "regular", 1, seed=4)
     joints = joints_of(line)
     motion = peer.trajectory(joints, peer.call(joints))
-    proof = certify(line.robot, line.path, motion, LIMITS, keeps=peer.keeps)
+    proof = certify(line.robot, line.path, motion, limits, keeps=peer.keeps)
     assert all(proof.worst(field)[0] < 1.3 for field in peer.keeps)
     assert (proof.path_error.distance < 1e-6) == (name != "ruckig_joints")
     np.testing.assert_allclose(motion(0.0), joints(0.0), atol=1e-9)
     np.testing.assert_allclose(motion(motion.end), joints(joints.end), atol=1e-9)
-    best = make_law("optimal").run(joints, LIMITS).duration
+    best = make_law("optimal").run(joints, limits).duration
     assert (0.98 if "jerk" in peer.keeps and name != "ruckig_joints" else 0.5) * best < motion.duration < 1.1 * best
 
 

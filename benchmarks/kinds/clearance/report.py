@@ -28,7 +28,7 @@ TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 CLEARANCE_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("missed", "contacts called free", "%", "less", "share"),
-    Column("count", "of them", show="count"),
+    Column("count", "contacts", show="count"),
     Column("free", "called free", "%", "", "share"),
     Column("undecided", "undecided", "%", "less", "share"),
     Column("ms", "median time", "ms", "less"),
@@ -123,7 +123,7 @@ def _table(b: BlockRows) -> Table:
     note = (
         f"{b.rows['motion'].n_unique():,} motions of {b.block.robot}. Shares have Wilson's 95 % intervals. "
         "Motions that are free take longest: sampling stops at the first contact."
-        + (f" Closer than {1e3 * b.block.margin:g} mm counts as contact." if b.block.margin else "")
+        + (f" Closer to the scene than {1e3 * b.block.margin:g} mm counts as contact." if b.block.margin else "")
         + ("" if len(rows) > 1 else " Without coal and Pinocchio (pip install coal pin) there is no sampling.")
     )
     return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
@@ -137,9 +137,14 @@ def _share(count: int, of: int) -> tuple[float, float, float]:
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     """Contacts called free against the time of a motion; and how times are distributed."""
     ticks = {"type": "log", "tickvals": list(TIME_TICKS), "ticktext": [f"{x:g}" for x in TIME_TICKS]}
+    each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
+    most = max((_share(*pair)[2] for pair in each if pair[1]), default=100.0)
     missed = Plot(
         "clearance-missed", "Contacts called free, against the time of a motion",
-        {"xaxis": axis("median time of a motion [ms]", **ticks), "yaxis": axis("contacts called free [%]", rangemode="tozero")},
+        {
+            "xaxis": axis("median time of a motion [ms]", **ticks),
+            "yaxis": axis("contacts called free [%]", range=[-0.04 * most, 1.05 * most]),
+        },
         400,
     )  # fmt: skip
     times = Plot(

@@ -112,7 +112,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
     ends: list[Array] = []
     for _ in range(MOST_END_DRAWS):
         q = arm.limits.draw(rng, 1)
-        if nearest_pairs(arm, scene, q)[0][0] > block.margin + END_CLEARANCE:
+        if nearest_pairs(arm, scene, q, block.margin)[0][0] > END_CLEARANCE:
             ends.append(q[0])
         if len(ends) == 2:
             break
@@ -164,7 +164,7 @@ def judged(
         rows += [_sampled(coal, motion, label, count) for label, count in _counts(block, motion)]
         contact = any(row["says"] == "contact" for row in rows[1:])
         if proof.touches and not contact:
-            contact = coal.distance(motion(proof.time)) <= block.margin + TOUCHING
+            contact = coal.room(motion(proof.time)) <= TOUCHING
     else:
         contact = proof.touches
     for row in rows:

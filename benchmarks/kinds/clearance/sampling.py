@@ -22,7 +22,7 @@ class CoalSampling:
     scene : Scene
         What stands around it.
     margin : float
-        Distance that counts as contact [m].
+        Distance to the scene that counts as contact [m]; links may come as near to each other as they do not touch.
 
     Raises
     ------
@@ -44,13 +44,14 @@ class CoalSampling:
         link, a, b, radius = robot.shapes.capsules
         arm = [self._capsule(int(link[k]), a[k], b[k], float(radius[k]), f"arm {k}") for k in range(len(radius))]
         around = self._scene(scene)
-        for k, number, kind in examined_pairs(robot, scene).bodies.tolist():
+        bodies = examined_pairs(robot, scene).bodies
+        for k, number, kind in bodies.tolist():
             other = arm[number] if kind == SELF else around[kind][number]
             self._geometry.addCollisionPair(pin.CollisionPair(arm[k], other))
         self._data, self._placed = self._model.createData(), self._geometry.createData()
-        for request in self._placed.collisionRequests:
-            request.security_margin = margin
-        self._margin = margin
+        self._margins = np.where(bodies[:, 2] == SELF, 0.0, margin)
+        for request, least in zip(self._placed.collisionRequests, self._margins, strict=True):
+            request.security_margin = float(least)
 
     def touches(self, q: Array) -> int:
         """Index of the first configuration with a contact.
@@ -71,8 +72,8 @@ class CoalSampling:
                 return k
         return -1
 
-    def distance(self, q: Array) -> float:
-        """Least distance of all pairs at a configuration.
+    def room(self, q: Array) -> float:
+        """Least distance of all pairs at a configuration, those to the scene less the margin.
 
         Parameters
         ----------
@@ -85,7 +86,8 @@ class CoalSampling:
             [m]; below 0 where shapes overlap.
         """
         self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, q)
-        return min((found.min_distance for found in self._placed.distanceResults), default=float("inf"))
+        found = [result.min_distance for result in self._placed.distanceResults]
+        return float(np.min(found - self._margins, initial=np.inf))
 
     def _add(self, joint: int, T: Array, shape: Any, name: str) -> int:
         pin = self._pin

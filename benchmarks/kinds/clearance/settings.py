@@ -34,7 +34,7 @@ class ClearanceBlock(Block):
     rates : tuple of float
         Sampling: samples a second [Hz].
     margin : float
-        Distance that all shapes shall keep [m].
+        Distance that the arm shall keep from the scene [m].
     """
 
     robot: str

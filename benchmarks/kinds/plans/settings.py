@@ -34,7 +34,7 @@ class LineTask(Block):
     scene : str
         File of what stands around the arm, or a scene of ours (``shelf``, ``table``, ``plates``); empty for none.
     margin : float
-        Distance that the arm keeps from the scene and its links from each other [m].
+        Distance that the arm keeps from the scene [m].
     """
 
     robot: str

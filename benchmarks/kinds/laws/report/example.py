@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._active import ACTIVE, active_plot, limit_colour
 from benchmarks.kinds._arms import arm_label
 from benchmarks.kinds._torques import JOINT_LIMITS
 from benchmarks.kinds.laws.rows import LawRows
@@ -14,14 +15,6 @@ from benchmarks.report.run import Run
 from benchmarks.report.words import quoted
 from optik.registry import short_name
 from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED
-
-ACTIVE = 0.99
-"""A constraint counts as active where the motion comes this near to its limit [1]."""
-
-LIMIT_COLOURS = {
-    "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
-}  # fmt: skip
-"""Number of the colour of each limit."""
 
 _METRES, _RADIANS = (1e3, "mm"), (1.0, "rad")
 """Scale and unit of the places on a path, of the tool and in joint space."""
@@ -114,44 +107,17 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     near = binding.filter(pl.col("ratio") >= ACTIVE)
     drawn = [name for name in LOADED if name in motions.columns and motions[name].is_not_nan().any()]
     used = [name for name in ALL_LIMITS if name in DERIVATIVES or name in drawn or name in set(near["limit"])]
-    legend = [Key(field.replace("_", " "), _colour(field)) for field in used] + [
+    legend = [Key(field.replace("_", " "), limit_colour(field)) for field in used] + [
         Key("beyond the limit", BAND_COLOUR, "fill")
     ]
     initial = next((law for law in laws if law == b.block.plan), laws[0])
     return Board(
-        f"{b.block.id}-who", (_active(near, laws, of), _ratios(motions, laws, of)),
+        f"{b.block.id}-who", (active_plot("timing-who", near, laws, *of), _ratios(motions, laws, of)),
         (Control.of("law", "Time law", laws, initial),), tuple(legend),
         f"The {words}. First: where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
         "Then: the jerk of a law that does not limit it stands far above 1, drawn between the jumps of its acceleration, where "
         "it is infinite.",
     )  # fmt: skip
-
-
-def _active(near: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Plot:
-    """Where which joint is at which of its limits, one row of the plot for each joint and limit."""
-    scale, unit = of
-    rows = sorted(
-        {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
-        key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
-    )
-    names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
-    across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
-    plot = Plot(
-        "timing-who", "Active constraint along the path", {"xaxis": axis(f"s [{unit}]"), "yaxis": across},
-        max(220, 90 + 26 * len(names)),
-    )  # fmt: skip
-    for law in laws:
-        for (joint, limit), part in near.filter(pl.col("law") == law).group_by("joint", "limit", maintain_order=True):
-            x: list[float | None] = []
-            for start, end in part.select("from", "to").iter_rows():
-                x += [scale * start, scale * end, None]
-            name = f"{joint} {str(limit).replace('_', ' ')}"
-            trace = line(
-                x=lean(x, 5), y=[name] * len(x), name=name, line={"color": _colour(str(limit)), "width": 9},
-                hovertemplate=f"{name} at %{{x:.4g}} {unit}{HOVER}",
-            )  # fmt: skip
-            plot.add(trace, {"law": [law]})
-    return plot
 
 
 def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Plot:
@@ -173,12 +139,8 @@ def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Pl
             words = field.replace("_", " ")
             trace = line(
                 x=lean(scale * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=words,
-                line={"color": _colour(field), "width": 1.6},
+                line={"color": limit_colour(field), "width": 1.6},
                 hovertemplate=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} {unit}{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"law": [law]})
     return plot
-
-
-def _colour(limit: str) -> str:
-    return f"var(--c{LIMIT_COLOURS[limit]})"

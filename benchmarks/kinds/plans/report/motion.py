@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.kinds._active import ACTIVE, active_plot, limit_colour
 from benchmarks.kinds.plans.report.laws import worst
 from benchmarks.kinds.plans.report.look import line_plans
 from benchmarks.kinds.plans.rows import LinePlans
@@ -17,6 +18,7 @@ from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from optik.arm.robot import Robot
 from optik.types import Array
+from planners.limits import ALL_LIMITS
 
 ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
 """Choices of the controls of laws and joints."""
@@ -68,12 +70,34 @@ def motion(run: Run) -> dict[str, Any] | None:
     if rows is None or found is None or not found.solved:
         return None
     rows = rows.filter(pl.col("ik") == pl.col("ik").first().over("law"))
-    boards = [_joint_board(found, rows, run)]
+    boards = [_joint_board(found, rows, run), _active_board(found)]
     tool = run.folder.read("line/tool.parquet")
     if tool is not None:
         tool = tool.filter(pl.col("ik") == pl.col("ik").first().over("law"))
         boards.append(_tool_board(found, tool, run))
     return {"boards": boards, "beyond": _beyond(found)}
+
+
+def _active_board(found: LinePlans) -> Board:
+    """The active constraint along the path, of every law."""
+    plans = list({p["law"]: p for p in reversed(found.solved)}.values())[::-1]
+    frames = []
+    for p in plans:
+        b = p["certificate"]["binding"]
+        frame = pl.DataFrame(
+            {"from": b["s"][:-1], "to": b["s"][1:], "ratio": b["ratio"], "limit": b["limit"], "joint": b["joint"]},
+            schema_overrides={"ratio": pl.Float64},
+        )
+        frames.append(frame.with_columns(pl.col("ratio").fill_null(np.inf), law=pl.lit(p["law"])))
+    near = pl.concat(frames).filter((pl.col("ratio") >= ACTIVE) & pl.col("limit").is_in(ALL_LIMITS))
+    laws = [p["law"] for p in plans]
+    used = [name for name in ALL_LIMITS if name in set(near["limit"])]
+    return Board(
+        "active-board", (active_plot("motion-active", near, laws, 1e3, "mm"),),
+        (Control.of("law", "Time law", laws),) if laws[1:] else (),
+        tuple(Key(name.replace("_", " "), limit_colour(name)) for name in used),
+        f"Where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, or beyond it, from the certificate.",
+    )  # fmt: skip
 
 
 def _beyond(found: LinePlans) -> list[str]:

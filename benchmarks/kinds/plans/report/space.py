@@ -113,7 +113,7 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
     legend += [
         Key("arm and scene", MUTED_COLOUR), Key("between links", MUTED_COLOUR, "dashed"),
         Key("least, from the certificate", MARK_COLOUR, "dot"),
-        Key("contact" if not margin else "nearer than the margin", BAND_COLOUR, "fill"),
+        Key("contact" if not margin else "nearer to the scene than the margin", BAND_COLOUR, "fill"),
     ]  # fmt: skip
     return Board(
         "clearance-time-board", (plot,), (Control.of("law", "Time law", laws),) if laws[1:] else (), tuple(legend),

@@ -1,0 +1,80 @@
+"""Which limit of which joint is active where on a path: the plot that lines in detail share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import polars as pl
+
+from benchmarks.report.board import Plot
+from benchmarks.report.figures import HOVER, axis, lean, line
+from planners.limits import ALL_LIMITS
+
+ACTIVE = 0.99
+"""A constraint counts as active where the motion comes this near to its limit [1]."""
+
+LIMIT_COLOURS = {
+    "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
+}  # fmt: skip
+"""Number of the colour of each limit."""
+
+
+def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Plot:
+    """Where which joint is at which of its limits, one row of the plot for each joint and limit.
+
+    Parameters
+    ----------
+    name : str
+        Of the plot.
+    near : DataFrame
+        Pieces of motions that are near a limit: ``law``, ``joint``, ``limit``, ``from`` and ``to`` on the path.
+    laws : sequence of str
+        The laws.
+    scale : float
+        From places on the path to what the axis shows.
+    unit : str
+        Of the axis.
+
+    Returns
+    -------
+    Plot
+        With a choice of the law.
+    """
+    rows = sorted(
+        {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
+        key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
+    )
+    names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
+    across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
+    plot = Plot(
+        name, "Active constraint along the path", {"xaxis": axis(f"s [{unit}]"), "yaxis": across},
+        max(220, 90 + 26 * len(names)),
+    )  # fmt: skip
+    for law in laws:
+        for (joint, limit), part in near.filter(pl.col("law") == law).group_by("joint", "limit", maintain_order=True):
+            x: list[float | None] = []
+            for start, end in part.select("from", "to").iter_rows():
+                x += [scale * start, scale * end, None]
+            words = f"{joint} {str(limit).replace('_', ' ')}"
+            trace = line(
+                x=lean(x, 5), y=[words] * len(x), name=words, line={"color": limit_colour(str(limit)), "width": 9},
+                hovertemplate=f"{words} at %{{x:.4g}} {unit}{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, {"law": [law]})
+    return plot
+
+
+def limit_colour(limit: str) -> str:
+    """Colour of a limit.
+
+    Parameters
+    ----------
+    limit : str
+        Its name.
+
+    Returns
+    -------
+    str
+        A variable of the page's style.
+    """
+    return f"var(--c{LIMIT_COLOURS[limit]})"
