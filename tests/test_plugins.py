@@ -368,7 +368,7 @@ def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
     [
         ("ur5e", {"tip": "tool"}, "tip: expected none: 'ur5e' is no URDF"),
         ("{examples}/arm.toml", {"base": "base"}, "base: expected none"),
-        ("{examples}/arm.urdf#end=tool", {}, "links of a URDF"),
+        ("{examples}/arm.urdf#end=tool", {}, "options of a URDF"),
         ("{examples}/arm.urdf", {"tip": "no_link"}, "no_link"),
         ("{examples}/jt.py", {}, "a Robot, a function that returns one"),
         ("{examples}/arm.step", {}, "no file"),
