@@ -95,21 +95,23 @@ MEASURES = (
 
 
 def in_group(rows: pl.DataFrame, group: str) -> pl.DataFrame:
-    """Rows of a kind of line or of a robot.
+    """Rows of a kind of line, of a robot, or within a set of limits.
 
     Parameters
     ----------
     rows : DataFrame
         Of a block.
     group : str
-        The kind or robot; empty for all.
+        The kind, the robot, or the label of the limits; empty for all.
 
     Returns
     -------
     DataFrame
         A part of the rows.
     """
-    return rows.filter((pl.col("kind") == group) | (pl.col("robot") == group)) if group else rows
+    if not group:
+        return rows
+    return rows.filter(pl.any_horizontal(pl.col(name) == group for name in ("kind", "robot", "limits")))
 
 
 def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
