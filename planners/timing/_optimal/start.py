@@ -28,7 +28,7 @@ SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
 line has four such changes."""
-STRAIGHT_LOADED, CURVED_LOADED = (50, (15.0, 5.0, 20.0)), (80, (20.0, 7.0, 20.0))
+STRAIGHT_LOADED, CURVED_LOADED = (50, (15.0, 5.0, 20.0)), (100, (20.0, 7.0, 20.0))
 """The same two where torques are limited, on a straight line in joint space and on any other path: ramps of torque are longer
 than those of acceleration, and speeds peak inside them."""
 STRAIGHT = 1e-6
