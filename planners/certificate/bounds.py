@@ -145,10 +145,16 @@ class MotionBounds:
         self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
 
     @cached_property
+    def joint_ends(self) -> tuple[Array, Array]:
+        """Derivatives (m, 6, n) of the joints at the first and at the last instant of every piece [rad/s^i, m/s^i]."""
+        piece = np.arange(self.knots.size - 1)
+        return self.joints_at(piece, self.knots[:-1]), self.joints_at(piece, self.knots[1:])
+
+    @cached_property
     def ends(self) -> tuple[Instants, Instants]:
         """The motion at the first and at the last instant of every piece."""
-        piece = np.arange(self.knots.size - 1)
-        return self.at(piece, self.knots[:-1]), self.at(piece, self.knots[1:])
+        first, last = self.joint_ends
+        return self._moving(self.knots[:-1], first), self._moving(self.knots[1:], last)
 
     def joints_at(self, piece: Indices, t: Array) -> Array:
         """Derivatives of the joints at instants of given pieces.
@@ -184,7 +190,10 @@ class MotionBounds:
         Instants
             Joints and tool.
         """
-        joints = self.joints_at(piece, t)
+        return self._moving(t, self.joints_at(piece, t))
+
+    def _moving(self, t: Array, joints: Array) -> Instants:
+        """The motion at instants, from the joints' derivatives (k, 6, n) there."""
         robot = self.robot
         poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
         q = np.ascontiguousarray(joints[:, 0])

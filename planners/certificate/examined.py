@@ -70,8 +70,7 @@ class Examined:
     @cached_property
     def torques(self) -> TorqueBounds:
         """Its torques, and proved bounds on them; raises `InvalidInput` where the arm's masses are unknown."""
-        first, last = self.bounds.ends
-        return TorqueBounds(self.robot, self.bounds.knots, first.joints, last.joints)
+        return TorqueBounds(self.robot, self.bounds.knots, *self.bounds.joint_ends)
 
     @cached_property
     def jumps(self) -> Flags:

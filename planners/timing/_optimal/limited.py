@@ -330,5 +330,7 @@ def swept_rows(
     if len(most) == 1:
         return none, none, none, most[0]
     columns = (np.concatenate(x[1:], axis=1) for x in (first, second, third))
-    q1, q2, q3 = (np.stack([np.interp(s, s[every], x) for x in one.T], axis=1) for one in columns)
+    before = np.minimum(np.arange(s.size) // SWEPT_EVERY, every.size - 2)
+    share = ((s - s[every][before]) / (s[every][before + 1] - s[every][before]))[:, None]
+    q1, q2, q3 = ((1.0 - share) * x[before] + share * x[before + 1] for x in columns)
     return q1, q2, q3, np.concatenate(most, axis=1)

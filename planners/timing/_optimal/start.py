@@ -28,8 +28,11 @@ SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
 line has four such changes."""
-EVEN_LOADED, PER_CHANGE_LOADED = 50, (15.0, 5.0, 20.0)
-"""The same where torques are limited: their ramps are longer than those of accelerations, and speeds peak inside them."""
+STRAIGHT_LOADED, CURVED_LOADED = (50, (15.0, 5.0, 20.0)), (100, (20.0, 7.0, 20.0))
+"""The same two where torques are limited, on a straight line in joint space and on any other path: ramps of torque are longer
+than those of acceleration, and speeds peak inside them."""
+STRAIGHT = 1e-6
+"""Change of q' over the path, over the largest q', below which the joint path is straight."""
 
 FASTEST = 1e4
 """Largest ratio of speeds and accelerations to the mean ones: no initial guess needs more."""
@@ -76,7 +79,11 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     t = motion[0]
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
     least = min(briefest(jerk), t[-1] / FEWEST)
-    even, per_change = (EVEN, PER_CHANGE) if along.jerk.size == jerk.size else (EVEN_LOADED, PER_CHANGE_LOADED)
+    even, per_change = EVEN, PER_CHANGE
+    if along.jerk.size > jerk.size:
+        bend = joint_path.end * np.abs(along.q2[:, : jerk.size]).max()
+        straight = bend < STRAIGHT * np.abs(along.q1[:, : jerk.size]).max()
+        even, per_change = STRAIGHT_LOADED if straight else CURVED_LOADED
     usual = round(_sweep.spread(along, motion, even, per_change, least, share))
     count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
