@@ -40,7 +40,11 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
-TORQUE = ("tests/planners/test_torque.py", "tests/planners/test_torque_limits.py", "tests/planners/test_optimal_torque.py")
+TORQUE = (
+    "tests/planners/test_torque.py",
+    "tests/planners/test_torque_limits.py",
+    "tests/planners/test_optimal_torque.py",
+)
 CONTACT = ("tests/planners/test_clearance.py", "tests/optik/test_distance.py")
 LIMITS = "tests/planners/test_motion_limits.py"
 SIDES = "tests/planners/test_limit_sides.py"
@@ -162,7 +166,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ),
     ("planners/limits/_tool.py", "np.maximum(*speeds)", "np.minimum(*speeds)"),
     ("optik/dynamics.py", "dp + 2.0 * c, dc, dg", "dp + c, dc, dg"),
-    ("planners/timing/_optimal/limited.py", "high - load.coulomb * forth", "high + load.coulomb * forth"),
+    ("planners/timing/_optimal/limited.py", "load.coulomb * np.where(forth, 1.0, -1.0)", "load.coulomb * forth"),
     ("planners/timing/_optimal/limited.py", "back[:-1] | back[1:]", "back[:-1] & back[1:]"),
     ("planners/timing/_optimal/newton.py", "+ 2.0 * y) * v", "+ y) * v"),
     ("planners/limits/_sides.py", "out[..., 3] -= 0.5", "out[..., 3] += 0.5"),

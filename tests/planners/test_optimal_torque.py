@@ -14,7 +14,10 @@ from optik.errors import NoSolution
 from optik.ik import make_solver
 from optik.types import Array
 from planners import JointPath, Line, MotionLimits, certify, follow
+from planners.limits import PathPoints
 from planners.paths.joint_line import JointLine
+from planners.timing._optimal import iteration, limited, newton
+from planners.timing._optimal.derivatives import derivatives
 from planners.timing.optimal import Optimal
 from tests.oracles import moved
 from tests.oracles.time_optimum import best_duration
@@ -176,3 +179,40 @@ def test_sliding_joints_keep_their_forces(seed: int) -> None:
     static: Array = np.abs(robot.gravity_torques(joint_path(np.linspace(0.0, joint_path.end, 100)))).max(axis=0)
     limits = MotionLimits(2.0, None, 200.0, torque=1.3 * static + 2.0, torque_rate=20.0 * static + 50.0)
     assert judged(joint_path, limits) <= 1.005
+
+
+def test_rows_of_the_programme_are_those_of_the_limits() -> None:
+    """Friction included: as a joint moves, and on both sides where it reverses between two places."""
+    robot = arm("puma560", 2.5)
+    joint_path = next(path for path in joint_paths(robot, 3, lines=True) if reverses(path))
+    limits = MotionLimits(2.0, None, 500.0, torque=(-0.9 * robot.limits.torque, robot.limits.torque), torque_rate=900.0)
+    s = np.linspace(0.0, joint_path.end, 41) + 1e-4 * joint_path.end
+    found = derivatives(joint_path, s[:-1])
+    places = s[:-1]
+    given = limited.rows(joint_path, limits, places, found, (found[3, :-1], found[3, 1:]))
+    at = PathPoints(joint_path, places, tuple(found))
+    assert given.node.shape[1] == given.static.shape[1] == robot.n
+    np.testing.assert_allclose(given.node[1:], limits.rows("torque", at)[1:], rtol=1e-9, atol=1e-9)
+    rates = limits.rows("torque_rate", at)
+    for end, rows in enumerate((rates[:-1], rates[1:])):
+        np.testing.assert_allclose(given.edge[:, end, robot.n :], rows, rtol=1e-9, atol=1e-9)
+
+
+def reverses(joint_path: JointPath) -> bool:
+    """Whether a joint reverses well inside the path."""
+    slopes = joint_path(np.linspace(0.1, 0.9, 50) * joint_path.end, 1)
+    return bool((slopes.min(axis=0) * slopes.max(axis=0) < 0.0).any())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_slopes_of_the_programme_are_those_of_its_values(seed: int) -> None:
+    """Of rows with all their coefficients, by central differences."""
+    rng, K, m, e = np.random.default_rng(seed), 6, 5, 4
+    node, edge = rng.normal(size=(K + 1, m, 4)), rng.normal(size=(K, 2, e, 6))
+    problem = newton.Problem(np.ones(K), np.ones(K), np.full(K, 0.1), np.full(K + 1, 9.0), node, edge, np.zeros(2))
+    z, d = rng.uniform(0.5, 2.0, (K + 1, 4)), rng.normal(size=(K + 1, 4))
+    (slope, above, below), g = np.zeros((3, K + 1, m + 2 * e)), np.zeros((K, 3))
+    iteration._slopes(problem, z, d, slope)
+    iteration.values(problem, z + 1e-5 * d, g, above)
+    iteration.values(problem, z - 1e-5 * d, g, below)
+    np.testing.assert_allclose(slope, (above - below) / 2e-5, rtol=0.0, atol=1e-7)
