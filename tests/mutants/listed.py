@@ -40,6 +40,11 @@ JUDGE = (
     "tests/optik/test_ik_dls.py",
     "tests/contract/test_ik_methods.py",
 )
+TORQUE = (
+    "tests/planners/test_torque.py",
+    "tests/planners/test_torque_limits.py",
+    "tests/planners/test_optimal_torque.py",
+)
 CONTACT = ("tests/planners/test_clearance.py", "tests/optik/test_distance.py")
 LIMITS = "tests/planners/test_motion_limits.py"
 SIDES = "tests/planners/test_limit_sides.py"
@@ -97,6 +102,12 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/files/_ros/export.py": FILES[::-1],
     "planners/files/_ros/pace.py": FILES[::-1],
     "planners/files/_ros/message.py": FILES[::-1],
+    "optik/dynamics.py": ("tests/optik/test_dynamics.py", *TORQUE[1:]),
+    "planners/limits/_torque_rows.py": TORQUE[1:],
+    "planners/certificate/torque.py": TORQUE,
+    "planners/certificate/torque_bounds.py": TORQUE,
+    "planners/certificate/torque_slowing.py": TORQUE,
+    "planners/timing/_optimal/limited.py": TORQUE[::-1],
     "planners/timing/_optimal/newton.py": LAWS,
     "planners/timing/_optimal/iteration.py": LAWS,
     "planners/timing/base.py": LAWS[::-1],
@@ -154,6 +165,10 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "for order in range(self.order - 1, self.order):",
     ),
     ("planners/limits/_tool.py", "np.maximum(*speeds)", "np.minimum(*speeds)"),
+    ("optik/dynamics.py", "dp + 2.0 * c, dc, dg", "dp + c, dc, dg"),
+    ("planners/timing/_optimal/limited.py", "load.coulomb * np.where(forth, 1.0, -1.0)", "load.coulomb * forth"),
+    ("planners/timing/_optimal/limited.py", "back[:-1] | back[1:]", "back[:-1] & back[1:]"),
+    ("planners/timing/_optimal/newton.py", "+ 2.0 * y) * v", "+ y) * v"),
     ("planners/limits/_sides.py", "out[..., 3] -= 0.5", "out[..., 3] += 0.5"),
     ("planners/limits/_segments.py", "return np.minimum(pieces", "return np.maximum(pieces"),
     ("planners/certificate/segment_speed.py", "on_pieces[crossed + 1]", "on_pieces[crossed]"),

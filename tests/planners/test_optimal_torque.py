@@ -14,7 +14,10 @@ from optik.errors import NoSolution
 from optik.ik import make_solver
 from optik.types import Array
 from planners import JointPath, Line, MotionLimits, certify, follow
+from planners.limits import PathPoints
 from planners.paths.joint_line import JointLine
+from planners.timing._optimal import iteration, limited, newton
+from planners.timing._optimal.derivatives import derivatives
 from planners.timing.optimal import Optimal
 from tests.oracles import moved
 from tests.oracles.time_optimum import best_duration
@@ -95,9 +98,8 @@ def test_torque_is_kept_at_the_least_duration_by_many(name: str, payload: int, l
     assert max(ratios) <= 1.01
 
 
-def against_ipopt(robot: Robot, joint_path: JointPath, K: int) -> float:
+def against_ipopt(robot: Robot, joint_path: JointPath, K: int, limits: MotionLimits) -> float:
     """Our duration over that of an independent programme."""
-    limits = limits_of(robot, acceleration=False)
     bounds = limits.arrays(robot.n)
     torque, rate = limits.bounds(robot.n)["torque"], limits.bounds(robot.n)["torque_rate"]
     asked = (bounds["velocity"], np.full(robot.n, np.inf), bounds["jerk"], torque, rate)
@@ -106,10 +108,14 @@ def against_ipopt(robot: Robot, joint_path: JointPath, K: int) -> float:
 
 
 def test_the_duration_is_that_of_an_independent_programme() -> None:
-    """Theirs keeps its limits at its places only."""
-    robot = arm("panda", 3.0)
-    ratio = against_ipopt(robot, next(joint_paths(robot, 1, lines=False)), 40)
-    assert 0.99 <= ratio <= 1.005
+    """Of motors that are so weak that torque limits the motion, friction included; theirs keeps limits at its places only."""
+    robot = arm("puma560", 2.5)
+    joint_path = next(joint_paths(robot, 1, lines=False))
+    static = np.abs(robot.gravity_torques(joint_path(np.linspace(0.0, joint_path.end, 100)))).max(axis=0)
+    limits = MotionLimits(3.0, None, 500.0, torque=1.5 * (static + robot.inertia.coulomb), torque_rate=1000.0)
+    ratio = against_ipopt(robot, joint_path, 40, limits)
+    assert 0.995 <= ratio <= 1.005
+    assert certify(robot, joint_path.path, Optimal().run(joint_path, limits), limits).worst("torque")[0] > 0.999
 
 
 @pytest.mark.soak
@@ -121,7 +127,7 @@ def test_the_durations_are_those_of_an_independent_programme(name: str) -> None:
         paths = joint_paths(robot, 7, lines=lines)
         for _ in range(5):
             try:
-                ratios.append(against_ipopt(robot, next(paths), 120))
+                ratios.append(against_ipopt(robot, next(paths), 120, limits_of(robot, acceleration=False)))
             except AssertionError:  # IPOPT did not converge
                 continue
     print(f"{name}: ours over IPOPT's, median {np.median(ratios):.5f}, worst {max(ratios):.5f}, of {len(ratios)}")
@@ -173,3 +179,40 @@ def test_sliding_joints_keep_their_forces(seed: int) -> None:
     static: Array = np.abs(robot.gravity_torques(joint_path(np.linspace(0.0, joint_path.end, 100)))).max(axis=0)
     limits = MotionLimits(2.0, None, 200.0, torque=1.3 * static + 2.0, torque_rate=20.0 * static + 50.0)
     assert judged(joint_path, limits) <= 1.005
+
+
+def test_rows_of_the_programme_are_those_of_the_limits() -> None:
+    """Friction included: as a joint moves, and on both sides where it reverses between two places."""
+    robot = arm("puma560", 2.5)
+    joint_path = next(path for path in joint_paths(robot, 3, lines=True) if reverses(path))
+    limits = MotionLimits(2.0, None, 500.0, torque=(-0.9 * robot.limits.torque, robot.limits.torque), torque_rate=900.0)
+    s = np.linspace(0.0, joint_path.end, 41) + 1e-4 * joint_path.end
+    found = derivatives(joint_path, s[:-1])
+    places = s[:-1]
+    given = limited.rows(joint_path, limits, places, found, (found[3, :-1], found[3, 1:]))
+    at = PathPoints(joint_path, places, tuple(found))
+    assert given.node.shape[1] == given.static.shape[1] == robot.n
+    np.testing.assert_allclose(given.node[1:], limits.rows("torque", at)[1:], rtol=1e-9, atol=1e-9)
+    rates = limits.rows("torque_rate", at)
+    for end, rows in enumerate((rates[:-1], rates[1:])):
+        np.testing.assert_allclose(given.edge[:, end, robot.n :], rows, rtol=1e-9, atol=1e-9)
+
+
+def reverses(joint_path: JointPath) -> bool:
+    """Whether a joint reverses well inside the path."""
+    slopes = joint_path(np.linspace(0.1, 0.9, 50) * joint_path.end, 1)
+    return bool((slopes.min(axis=0) * slopes.max(axis=0) < 0.0).any())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_slopes_of_the_programme_are_those_of_its_values(seed: int) -> None:
+    """Of rows with all their coefficients, by central differences."""
+    rng, K, m, e = np.random.default_rng(seed), 6, 5, 4
+    node, edge = rng.normal(size=(K + 1, m, 4)), rng.normal(size=(K, 2, e, 6))
+    problem = newton.Problem(np.ones(K), np.ones(K), np.full(K, 0.1), np.full(K + 1, 9.0), node, edge, np.zeros(2))
+    z, d = rng.uniform(0.5, 2.0, (K + 1, 4)), rng.normal(size=(K + 1, 4))
+    (slope, above, below), g = np.zeros((3, K + 1, m + 2 * e)), np.zeros((K, 3))
+    iteration._slopes(problem, z, d, slope)
+    iteration.values(problem, z + 1e-5 * d, g, above)
+    iteration.values(problem, z - 1e-5 * d, g, below)
+    np.testing.assert_allclose(slope, (above - below) / 2e-5, rtol=0.0, atol=1e-7)

@@ -114,8 +114,8 @@ def _torques(at: PathPoints, bound: Array) -> tuple[Array, Array, Array]:
     found, lower, upper = [], [], []
     for load in loads:
         found.append(torque_rows(at, load))
-        lower.append(low + load.coulomb * back)
-        upper.append(high - load.coulomb * forth)
+        lower.append(low - load.coulomb * np.where(back, -1.0, 1.0))  # it helps to brake a joint that only moves forth
+        upper.append(high - load.coulomb * np.where(forth, 1.0, -1.0))
     return tuple(np.concatenate(x, axis=1) for x in (found, lower, upper))  # type: ignore[return-value]
 
 
