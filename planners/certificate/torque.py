@@ -69,6 +69,8 @@ class Ends(NamedTuple):
         Times [s].
     first, last : (m, 6, n) array
         The joints' derivatives [rad/s^i, m/s^i].
+    fourths : (m, n) array
+        Bounds on the fourth derivatives of the torques within the pieces [N·m/s⁴, N/s⁴].
     left, right : (m, 2, n) array
         Torques and their rates, without Coulomb friction [N·m, N, N·m/s, N/s].
     """
@@ -79,6 +81,7 @@ class Ends(NamedTuple):
     last: Array
     left: Array
     right: Array
+    fourths: Array
 
 
 ALL, GRAVITY, MOTION = 0, 1, 2
@@ -116,7 +119,9 @@ class TorqueBounds:
             left, right = (np.empty((len(first), 2, robot.n)) for _ in range(2))
             torques_at(model, first, left)
             torques_at(model, last, right)
-            self.ends.append(Ends(knots[:-1], knots[1:], first, last, left, right))
+            fourths = np.empty(first[:, 0].shape)
+            _fourths(model[2], model[3] == GRAVITY, np.diff(knots), first, fourths)
+            self.ends.append(Ends(knots[:-1], knots[1:], first, last, left, right, fourths))
         self._kept: dict[tuple[bool, bytes], Proved] = {}
 
     def proved(
@@ -292,11 +297,12 @@ def _divide(
     """
     t, h, joints, left, right = ends.t0, ends.t1 - ends.t0, ends.first, ends.left, ends.right
     proved, found, when = results
+    fourths = ends.fourths
     _note(t, joints, left, what, found, when)
     _note(ends.t1, ends.last, right, what, found, when)
     while True:
         bound = np.empty((t.size, 2, found.shape[1]))
-        _between(model[2], model[3] == GRAVITY, what, h, joints, (left, right), bound)
+        _between(what, h, joints, fourths, (left, right), bound)
         loose = _loose(bound, h, found, close, most, proved)
         if not loose.any():
             break
@@ -308,6 +314,8 @@ def _divide(
         _note(t + h, later, middle, what, found, when)
         t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
+        fourths = np.empty(joints[:, 0].shape)
+        _fourths(model[2], model[3] == GRAVITY, h, joints, fourths)
     np.maximum(proved, found, out=proved)
 
 
@@ -354,28 +362,31 @@ def _loose(bound: Array, h: Array, found: Array, close: tuple[float, float, floa
 
 
 @compiled
-def _between(
-    arm: Sizes, still: bool, what: What, h: Array, joints: Array, values: tuple[Array, Array], bound: Array
-) -> None:
+def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> None:
+    """Bounds (k, n) on the fourth derivatives in intervals, from the joints' derivatives at their starts (k, 6, n)."""
+    D, space = np.empty(joints.shape), np.empty((2, joints.shape[2] + 1, 7))
+    joint_bounds(joints, h, D)
+    for k in range(h.shape[0]):
+        fourth_bounds(arm, D[k], still, space, out[k])
+
+
+@compiled
+def _between(what: What, h: Array, joints: Array, fourths: Array, values: tuple[Array, Array], bound: Array) -> None:
     """Bounds (k, 2, n) on the ratios to both sides in intervals, from the joints' derivatives at their starts (k, 6, n).
 
-    values: torques and rates (k, 2, n) at the starts and at the ends.
+    fourths: bounds (k, n) on the fourth derivatives; values: torques and rates (k, 2, n) at the starts and at the ends.
     """
     coulomb, weights, rate, _ = what
     left, right = values
-    n = coulomb.shape[0]
-    D, space, fourth = np.empty(joints.shape), np.empty((2, n + 1, 7)), np.empty(n)
-    joint_bounds(joints, h, D)
     for k in range(h.shape[0]):
-        fourth_bounds(arm, D[k], still, space, fourth)
-        for i in range(n):
+        for i in range(coulomb.shape[0]):
             a, c, b, d = left[k, 0, i], left[k, 1, i], right[k, 0, i], right[k, 1, i]
             if rate:
                 low, high = slope_range(a, b, c, d, h[k])
-                off = RATE_REMAINDER * h[k] ** 3 * fourth[i]
+                off = RATE_REMAINDER * h[k] ** 3 * fourths[k, i]
             else:
                 low, high = cubic_range(a, b, c, d, h[k])
-                off = VALUE_REMAINDER * h[k] ** 4 * fourth[i]
+                off = VALUE_REMAINDER * h[k] ** 4 * fourths[k, i]
             low, high = low - off, high + off
             f = coulomb[i]
             if f > 0.0:

@@ -12,7 +12,7 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.curve import composed
-from planners.fit import fitted, keeps_all
+from planners.fit import FIRST_MARGIN, fitted, keeps_all
 from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
@@ -118,7 +118,7 @@ class Optimal(TimeLaw):
             if found is None:
                 continue
             if loaded:  # slowed by what was found, one proof is enough as a rule
-                slowed = found.motion.slowed(max(found.slower, 1.0))
+                slowed = found.motion.slowed(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
                 if keeps_all(robot, slowed, limits, promised, joint_path.path):
                     return slowed
             return fitted(robot, found.motion, limits, promised, joint_path.path)

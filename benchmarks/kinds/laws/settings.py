@@ -146,9 +146,7 @@ def read_block(data: Any) -> LawBlock:
     method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
     check_count(data.get("samples", 151), f"{where}: samples", 2)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    groups = [
-        *dict.fromkeys([part.label for part in lines] + [part.arm for part in lines] + [part.label for part in limits])
-    ]
+    groups = [*dict.fromkeys([x.label for x in lines] + [x.arm for x in lines] + [x.label for x in limits])]
 
     def target(one: Any) -> Any:
         return read_target(one, where, MEASURES, labels=labels, groups=groups, key="law", required=True)
