@@ -111,7 +111,7 @@ class Optimal(TimeLaw):
         """
         self.need(limits, joint_path.robot)
         robot, promised = joint_path.robot, self.promises(limits)
-        inside = limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
+        inside = limits if _unloaded(limits) else limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals):
             loaded = problem.rows.loaded
             found = _solved(joint_path, problem, inside, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
@@ -173,6 +173,11 @@ class Optimal(TimeLaw):
             s=state.s,
             advice="higher limits" if stop else "stop=True, or higher limits",
         )
+
+
+def _unloaded(limits: MotionLimits) -> bool:
+    """Whether neither torques nor their rates are limited."""
+    return limits.torque is None and limits.torque_rate is None
 
 
 def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
@@ -346,6 +351,8 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     speed, acceleration, jerk = (
         _pieces_over(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
     )
+    if not given.rows.loaded:
+        return _Excess(speed, acceleration[:, : given.rows.node.shape[1]], jerk)
     m, c = given.problem.node.shape[1], _values(given.problem, z)
     torque, rate = torque_excess(joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
     if not np.isfinite(bounds["acceleration"]).any():

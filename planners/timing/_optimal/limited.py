@@ -313,6 +313,8 @@ def swept_rows(
     """
     bounds = limits.bounds(joint_path.robot.n)
     none = np.empty((s.size, 0))
+    if limits.torque is None and limits.torque_rate is None:
+        return none, none, none, np.empty((2, 0))
     first, second, third, most = [none], [none], [none], [np.empty((2, 0))]
     every = np.unique(np.append(np.arange(0, s.size, SWEPT_EVERY), s.size - 1))
     at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
