@@ -159,6 +159,8 @@ def test_motors_that_cannot_hold_the_arm_are_named() -> None:
     with pytest.raises(NoSolution, match=rf"gravity.*{robot.joint_names[weak]}") as caught:
         Optimal().run(joint_path, MotionLimits(2.0, 10.0, 1000.0, torque=torque))
     assert caught.value.joint == robot.joint_names[weak]
+    at = robot.gravity_torques(joint_path(caught.value.s))
+    assert abs(at[weak]) >= torque[weak]
 
 
 def test_acceleration_limits_may_be_left_out_where_torques_are_limited() -> None:

@@ -92,7 +92,7 @@ def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, ar
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
         static = row[..., 3]
-        node.append(_centred(row, lower, upper, joint_path))
+        node.append(_centred(row, lower, upper, at))
     if np.isfinite(bounds["torque_rate"]).any():
         edge.append(_rates(at, before, bounds["torque_rate"]))
     nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))
@@ -137,7 +137,7 @@ def moves(q1: Array) -> tuple[Flags, Flags]:
     return back[:-1] | back[1:], forth[:-1] | forth[1:]
 
 
-def _centred(row: Array, lower: Array, upper: Array, joint_path: JointPath) -> Array:
+def _centred(row: Array, lower: Array, upper: Array, at: PathPoints) -> Array:
     """Rows of torques (K + 1, m, 4), limited to [−1, 1] by the limits of both intervals at each place."""
     low = np.maximum(np.vstack([lower[:1], lower]), np.vstack([lower, lower[-1:]]))
     high = np.minimum(np.vstack([upper[:1], upper]), np.vstack([upper, upper[-1:]]))
@@ -149,17 +149,18 @@ def _centred(row: Array, lower: Array, upper: Array, joint_path: JointPath) -> A
         centred /= np.where(free, np.inf, half)[..., None]
     over = np.where(free, 0.0, np.where(half > 0.0, np.abs(centred[..., 3]), np.inf))
     if over.max() >= 1.0:
-        _refuse(over, row[..., 3], joint_path)
+        _refuse(over, row[..., 3], at)
     return centred
 
 
-def _refuse(over: Array, static: Array, joint_path: JointPath) -> None:
+def _refuse(over: Array, static: Array, at: PathPoints) -> None:
     """Raise NoSolution for the place and the joint at which gravity and friction leave nothing of a torque limit."""
     k, i = np.unravel_index(int(over.argmax()), over.shape)
-    joint = joint_path.robot.joint_names[i % joint_path.robot.n]
+    robot, s = at.joint_path.robot, float(at.s[k])
+    joint = robot.joint_names[i % robot.n]
     raise NoSolution(
-        f"gravity needs a torque of {static[k, i]:.6g} at {joint}, which with its Coulomb friction is beyond the limit",
-        joint=joint, advice="a lighter payload, another branch or path, or a higher torque limit",
+        f"gravity needs a torque of {static[k, i]:.6g} at {joint} at s = {s:.6g}, with its Coulomb friction beyond the limit",
+        s=s, joint=joint, advice="a lighter payload, another branch or path, or a higher torque limit",
     )  # fmt: skip
 
 
@@ -320,7 +321,7 @@ def swept_rows(
     at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
-        row = _centred(row, lower, upper, joint_path)
+        row = _centred(row, lower, upper, at)
         room = np.maximum(1.0 - np.abs(row[..., 3]), LEAST_ROOM)
         first, second, third = [*first, row[..., 0] / room], [*second, row[..., 1] / room], [*third, 0.0 * room]
         most.append(np.vstack([np.ones(room.shape[1]), np.full(room.shape[1], NO_LIMIT)]))
