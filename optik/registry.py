@@ -24,6 +24,7 @@ GROUPS = (
     "planners.timing",
     "planners.paths",
     "planners.files",
+    "planners.cell.drives",
     "benchmarks.problems",
     "benchmarks.peers.ik",
     "benchmarks.peers.laws",

@@ -13,8 +13,8 @@ from tests.oracles import REPOSITORY
 
 PACKAGES = ("optik", "planners", "benchmarks")
 FILES = sorted(f for package in PACKAGES for f in (REPOSITORY / package).rglob("*.py"))
-MOST_AT_TOP = {"optik": 20, "planners": 16, "benchmarks": 16}
-"""Files and folders of a package besides ``__init__.py`` and ``py.typed``; the next package inside planners needs one more."""
+MOST_AT_TOP = {"optik": 20, "planners": 17, "benchmarks": 16}
+"""Files and folders of a package besides ``__init__.py`` and ``py.typed``."""
 LONGEST_FILE, LONGEST_FUNCTION, MOST_POSITIONAL = 450, 60, 8
 SUFFIXES = {".py", ".toml", ".typed", ".j2", ".css", ".js"}
 """What may lie in a package: anything else would be in the wheel, too."""

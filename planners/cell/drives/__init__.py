@@ -1,0 +1,47 @@
+"""Drives: one module a drive, found by its name; each executes certified plans on one arm."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from optik.arm.robot import Robot
+from optik.registry import build_method, names
+from planners.cell.drives.base import Drive
+
+__all__ = ["Drive", "drives", "make_drive"]
+
+
+def drives() -> tuple[str, ...]:
+    """Names of all drives."""
+    return names("planners.cell.drives")
+
+
+def make_drive(drive: str | os.PathLike[str], robot: Robot, **options: Any) -> Drive:
+    """Build a drive by its name, or from a file that is given as a path.
+
+    Parameters
+    ----------
+    drive : str or path
+        A name from `drives`, or a Python file, which is run.
+    robot : Robot
+        The arm that it drives.
+    **options
+        Options of the drive.
+
+    Returns
+    -------
+    Drive
+        The drive.
+
+    Raises
+    ------
+    UnknownName
+        No such drive; the nearest names are offered.
+    InvalidInput
+        An option that the drive does not have, or out of range.
+    MissingDependency
+        The drive needs a package that is not installed.
+    """
+    built: Drive = build_method("planners.cell.drives", drive, "drive", robot, **options)
+    return built

@@ -1,0 +1,209 @@
+"""Drive: what executes a certified plan on an arm, simulated or real, and the record of what the arm did."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import ClassVar, NamedTuple
+
+from optik.arm.robot import Robot
+from optik.types import Array
+from planners.cell.setpoints import Setpoints
+from planners.plan import Plan
+from planners.trajectory import Trajectory
+
+
+class ExecutionStatus(StrEnum):
+    """How an execution ended. Only DONE is success; the arm is at rest in all of them as far as the drive knows.
+
+    DONE: the arm was taken to the end of the plan. STOPPED: it was stopped on request, on the path. FAULT: a fault stopped
+    it. REFUSED: nothing was sent, because a check before the start failed. DRY_RUN: all checks passed, and nothing was sent.
+    """
+
+    DONE = "done"
+    STOPPED = "stopped"
+    FAULT = "fault"
+    REFUSED = "refused"
+    DRY_RUN = "dry_run"
+
+
+class FaultKind(StrEnum):
+    """What stopped an execution.
+
+    A set-point outside the limits, a joint that does not follow, a lost encoder, a late host, a connection that failed.
+    """
+
+    SETPOINT = "setpoint"
+    STALL = "stall"
+    ENCODER = "encoder"
+    LATE_HOST = "late_host"
+    CONNECTION = "connection"
+
+
+class Fault(NamedTuple):
+    """What went wrong, when, at which joint (None for all), and what to do before going on."""
+
+    kind: FaultKind
+    t: float
+    joint: str | None
+    reason: str
+    advice: str
+
+
+class Moment(NamedTuple):
+    """What a watcher of an execution is told at every tick.
+
+    Time since its start [s]; set-point, measured and actual configuration (n,) [rad, m]: the actual one is that of the
+    simulated plant, and the measured one on a real arm.
+    """
+
+    t: float
+    setpoint: Array
+    measured: Array
+    actual: Array
+
+
+StopRequest = float | Callable[[float], bool]
+"""When to stop: a time since the start [s], or a function that is asked at every tick with that time."""
+Watcher = Callable[[Moment], None]
+"""Called at every tick; a viewer, for example."""
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """What a drive did with a plan. ``bool(execution)`` is success: the arm was taken to the plan's end.
+
+    Attributes
+    ----------
+    drive : str
+        Name of the drive.
+    robot : Robot
+        The arm, as it was planned for.
+    status : ExecutionStatus
+        How it ended.
+    reason, advice : str
+        Why it did not end with DONE, and what to try; empty where it did.
+    plan : Plan
+        What was sent: the plan, slowed to a whole number of periods where its law has no speed to keep.
+    stop : Plan or None
+        The certified stop that replaced the rest of it.
+    motion : Trajectory or None
+        The continuous motion whose set-points were sent: that of the plan, or up to the stop and the stop; None where
+        nothing was sent.
+    setpoints : Setpoints or None
+        What was sent at each tick.
+    t : (m,) array
+        Times of the plant's steps since the start, 0 first [s]; the ticks, for a real drive.
+    q, dq : (m, n) arrays
+        What the arm really did at them [rad, m], [rad/s, m/s]; as measured, for a real drive.
+    torque : (m, n) array or None
+        Torques of the motors at them [N·m, N], where the plant has torques.
+    measured : (k, n) array
+        Encoder readings at the ticks [rad, m].
+    late : int
+        Ticks at which the next set-point had not arrived in time.
+    fault : Fault or None
+        What stopped it, where the status is FAULT.
+    notes : tuple of str
+        What the reader must know: defaults that stand in for unknown values, and what the drive does not promise.
+    """
+
+    drive: str
+    robot: Robot
+    status: ExecutionStatus
+    reason: str
+    advice: str
+    plan: Plan
+    stop: Plan | None
+    motion: Trajectory | None
+    setpoints: Setpoints | None
+    t: Array
+    q: Array
+    dq: Array
+    torque: Array | None
+    measured: Array
+    late: int = 0
+    fault: Fault | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def __bool__(self) -> bool:
+        return self.status is ExecutionStatus.DONE
+
+
+class Drive(ABC):
+    """What executes plans on one arm. A drive is a subclass in a file of its own that names itself ``METHOD``.
+
+    Attributes
+    ----------
+    name : str
+        By which it is found: that of its file.
+    simulated : bool
+        Whether it moves nothing real.
+    robot : Robot
+        The arm that it drives.
+    period : float
+        Of its servo [s].
+    """
+
+    name: ClassVar[str]
+    simulated: ClassVar[bool] = False
+    robot: Robot
+    period: float
+
+    @abstractmethod
+    def measure(self) -> Array:
+        """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
+
+    @abstractmethod
+    def execute(self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None) -> Execution:
+        """Take the arm along a plan whose certificate holds.
+
+        Parameters
+        ----------
+        plan : Plan
+            Starts at rest where the arm stands.
+        stop : float or callable, optional
+            When to stop on the path: a time [s], or a function that is asked at every tick.
+        watch : callable, optional
+            Told of every tick.
+
+        Returns
+        -------
+        Execution
+            What the arm did, up to its rest.
+
+        Raises
+        ------
+        InvalidInput
+            A plan of another arm, or one that is shorter than the period.
+        """
+
+    @abstractmethod
+    def resume(
+        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
+    ) -> Execution:
+        """Go on to the goal of an execution that was stopped, from where the arm stands now.
+
+        Parameters
+        ----------
+        execution : Execution
+            One of this drive's that ended with STOPPED or FAULT.
+        stop, watch
+            As in `execute`.
+
+        Returns
+        -------
+        Execution
+            Of the rest of the way; REFUSED where the arm no longer stands where it was stopped.
+
+        Raises
+        ------
+        InvalidInput
+            An execution that was not stopped.
+        """
+
+
+METHOD_BASE = Drive
+"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
