@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -173,6 +173,25 @@ class Plan:
             self.speed, self.scene, self.margin,
         )  # fmt: skip
 
+    def moved(self, trajectory: Trajectory, slowed: float) -> Plan:
+        """Return the same plan with another motion along its joint path, certified as this one was.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            The other motion.
+        slowed : float
+            Factor by which the law's motion was slowed [1].
+
+        Returns
+        -------
+        Plan
+            SOLVED, CONTACT or NOT_PROVED.
+        """
+        proof = replace(self.motion, trajectory=trajectory).certify(rate=self.certificate.rate)
+        status, stop = _verdict(proof)
+        return replace(self, status=status, stop=stop, _trajectory=trajectory, _certificate=proof, slowed=slowed)
+
     def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
@@ -290,6 +309,19 @@ def _check_wishes(duration: float | None, strict: bool) -> None:
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
 
 
+def _verdict(proof: Certificate) -> tuple[PlanStatus, Stop | None]:
+    """The status of a plan with this certificate, and where and why it does not hold."""
+    if not proof.failures:
+        return PlanStatus.SOLVED, None
+    first = proof.failures[0]
+    place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
+    touches = proof.clearance is not None and proof.clearance.touches
+    status = PlanStatus.CONTACT if touches else PlanStatus.NOT_PROVED
+    return status, Stop(
+        status, place, first.joint, f"the certificate does not hold: {'; '.join(proof.broken)}", UNPROVED
+    )
+
+
 @dataclass(frozen=True)
 class Asked:
     """What was asked of a plan, and how planning can end."""
@@ -327,15 +359,7 @@ class Asked:
             law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
             span=self.span, scene=self.scene, margin=self.margin,
         )  # fmt: skip
-        status, stop = PlanStatus.SOLVED, None
-        if proof.failures:
-            first = proof.failures[0]
-            place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
-            touches = proof.clearance is not None and proof.clearance.touches
-            status = PlanStatus.CONTACT if touches else PlanStatus.NOT_PROVED
-            stop = Stop(
-                status, place, first.joint, f"the certificate does not hold: {'; '.join(proof.broken)}", UNPROVED
-            )
+        status, stop = _verdict(proof)
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
             self.span, self.law.speed, self.scene, self.margin,
