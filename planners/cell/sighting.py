@@ -1,4 +1,4 @@
-"""What a pan-tilt laser measures: a plane that the beam meets, a spot as the unit reads it, and a sighting with its status."""
+"""What a pan-tilt laser measures: a plane that its beam meets, a spot as it is read, and a sighting with its status."""
 
 from __future__ import annotations
 
