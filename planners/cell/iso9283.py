@@ -27,7 +27,7 @@ POSE_SHARE = 0.8
 EDGE_STEP = 0.01
 """Step in which the edge of the cube is searched [m]."""
 
-LIMIT_MARGIN = 0.02
+POSE_MARGIN = 0.02
 """Distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion stay inside."""
 
 NO_NOISE = "not applicable: without noise all cycles are the same"
@@ -281,7 +281,7 @@ def _planes(up: int) -> list[Array]:
 
 def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | None:
     """Configurations that reach all poses with the margin, each solved from the centre; None where one has none."""
-    lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
+    lower, upper = robot.limits.lower + POSE_MARGIN, robot.limits.upper - LIMIT_MARGIN
     found = [q]
     for T in poses[1:]:
         result = solver.solve(T, q)
