@@ -281,7 +281,7 @@ def _planes(up: int) -> list[Array]:
 
 def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | None:
     """Configurations that reach all poses with the margin, each solved from the centre; None where one has none."""
-    lower, upper = robot.limits.lower + POSE_MARGIN, robot.limits.upper - LIMIT_MARGIN
+    lower, upper = robot.limits.lower + POSE_MARGIN, robot.limits.upper - POSE_MARGIN
     found = [q]
     for T in poses[1:]:
         result = solver.solve(T, q)
