@@ -22,9 +22,9 @@ SCALE = 1e-6
 FOLLOWING = (0.05, 0.005)
 """Largest difference of set-point and reading by default [rad, m]: far above the lag of a servo that works, far below what
 a blocked joint reaches in a quarter of a second."""
-START = (1e-3, 1e-4)
+START_AWAY = (1e-3, 1e-4)
 """Largest difference of the arm's reading and a plan's start by default [rad, m]: what a servo may leave under gravity."""
-AHEAD = 10
+HELD_AHEAD = 10
 """How many set-points are sent ahead by default: 40 ms at 4 ms, more than the usual delays of an operating system that is
 not made for real time."""
 
@@ -64,7 +64,7 @@ class Options(NamedTuple):
 
 
 def options(
-    robot: Robot, *, period: float = PERIOD, ahead: int = AHEAD, hold: bool = False,
+    robot: Robot, *, period: float = PERIOD, ahead: int = HELD_AHEAD, hold: bool = False,
     encoder: float | ArrayLike = ENCODER, encoder_noise: float = 0.0,
     following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
     pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
@@ -113,7 +113,7 @@ def options(
     return Options(
         period, ahead, check_flag(hold, "hold"), _resolution(robot, encoder), noise,
         _by_joint(robot, following, FOLLOWING, "following"),
-        _by_joint(robot, start_tolerance, START, "start_tolerance"),
+        _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
         pace, _checked(robot, disturbances),
     )  # fmt: skip
 

@@ -15,8 +15,7 @@ from planners.replan import replan
 from planners.splice import joined, start_of
 from planners.trajectory import Trajectory
 
-
-GOAL = 1e-9
+END_SHARE = 1e-9
 """Share of a path before its end that counts as its end: rounding."""
 
 
@@ -102,7 +101,7 @@ def ends_at_goal(plan: Plan) -> bool:
     bool
         True for a whole path.
     """
-    return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - GOAL)
+    return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
 
 
 @dataclass
