@@ -1,4 +1,4 @@
-"""What a simulated drive checks: the plan before the start, set-points as they arrive, encoders and the host at every tick."""
+"""What a simulated drive checks: the plan before its start; set-points, encoders and the host at every tick."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
 from planners.plan import Plan
 
-LARGEST_STEP = 1.0 + 1e-6
+GREATEST_STEP = 1.0 + 1e-6
 """Largest step between set-points, over what the velocity limit allows in a period: a motion at its limit is accepted."""
 
 Refusal = tuple[str, str]
@@ -98,7 +98,7 @@ def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
             f"{away}, more than {options.start[i]:g} away",
             "a plan that begins where the arm stands (drive.measure())",
         )
-    fastest, most = plan.trajectory.extrema(1).worst, _velocity(plan.robot) * LARGEST_STEP
+    fastest, most = plan.trajectory.extrema(1).worst, _velocity(plan.robot) * GREATEST_STEP
     i = int((fastest / most).argmax())
     if fastest[i] > most[i]:
         what = f"{names[i]} moves at {fastest[i]:.6g}, and the arm's own limit is {most[i]:.6g}"
@@ -278,7 +278,7 @@ def _wrong(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
     joint, before = int(wrong.joint), run.stream.q[row - 1]
     value = run.stream.q[row, joint] + wrong.by
     low, high = robot.limits.lower[joint], robot.limits.upper[joint]
-    step, most = abs(value - before[joint]), _velocity(robot)[joint] * run.stream.period * LARGEST_STEP
+    step, most = abs(value - before[joint]), _velocity(robot)[joint] * run.stream.period * GREATEST_STEP
     if low <= value <= high and step <= most:
         run.stream.q[row, joint] = value
         run.notes.append(f"the set-point {row} of {robot.joint_names[joint]} was {wrong.by:g} off, within the limits")
