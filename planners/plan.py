@@ -268,10 +268,13 @@ def plan(
     followed = follow(
         solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene, margin=margin
     )
-    between = perf_counter()
-    found = _timed(asked, followed, duration, strict)
+    return _clocked(started, perf_counter(), _timed(asked, followed, duration, strict))
+
+
+def _clocked(started: float, followed: float, found: Plan) -> Plan:
+    """The plan with how long its parts took, from the times when following the path began and ended."""
     proof = found.seconds.certificate
-    return replace(found, seconds=PlanSeconds(between - started, perf_counter() - between - proof, proof))
+    return replace(found, seconds=PlanSeconds(followed - started, perf_counter() - followed - proof, proof))
 
 
 def _asked(

@@ -48,4 +48,3 @@ def split_along(execution: Execution, solver: IKSolver, true_spot: Array, sample
     desired = poses[:, :3, 3] + (s / path.end)[:, None] * off
     split = split_configurations(robot, desired, poses[:, :3, 3], answers, planned, execution.q[chosen])
     return PathSplit(t[chosen], s, split)
-

@@ -69,8 +69,8 @@ class Wishes:
     watch: Watcher | None
 
 
-class Ended(Exception):  # noqa: N818 # not an error: how a task ends early
-    """A step failed, which ends the task with a status."""
+class Ended(Exception):
+    """A step failed, which ends the task with a status; never seen outside of the task."""
 
     def __init__(self, status: CellStatus) -> None:
         self.status = status
@@ -181,6 +181,7 @@ class Task:
         """Step "target": the pose that the tool shall have."""
         since, asked = perf_counter(), self.wishes.orientation
         R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
+        assert self.spot is not None
         self.target = se3.pose(R, self.spot)
         said = "the tool keeps its orientation" if asked is None else "the tool turns to the orientation that was asked"
         self._add("target", said, self.target, since)
@@ -325,7 +326,7 @@ class Task:
             seen = self.cell.sighting(self.wishes.follow(self.clock if t is None else t), self.wishes.plane)
         except InvalidInput:
             return True
-        return not seen or float(np.linalg.norm(seen.point - self.spot)) > self.wishes.moved
+        return seen.point is None or float(np.linalg.norm(seen.point - self.spot)) > self.wishes.moved
 
     def _correct(self) -> None:
         """Move the target by the rest that was measured, and go there."""

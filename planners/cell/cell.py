@@ -19,17 +19,19 @@ from optik.errors import InvalidInput
 from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
+from planners.cell._checks import vectors
+from planners.cell._seeing import seen_from
 from planners.cell._task import Follow, Look, Task, wishes_of
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, Held
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
-from planners.cell.sighting import Plane, Sighting, Spot, vectors
+from planners.cell.sighting import Plane, Sighting, Spot
 from planners.limits import MotionLimits
 from planners.timing import TimeLaw
 
-MOST_CORRECTIONS = 100
+MOST_ROUNDS = 100
 """Most corrections of one task: noise keeps them from getting better after two or three."""
 
 
@@ -85,7 +87,13 @@ class Cell:
         *, base: ArrayLike | None = None, gripper: Gripper | None = None, unit: PanTiltLaser | None = None,
         seed: int = 0, scene: Scene | None = None, margin: float = 0.0, q: ArrayLike | None = None,
     ) -> None:  # fmt: skip
-        kinds = {"robot": Robot, "laser": PanTiltLaser, "limits": MotionLimits, "gripper": Gripper, "unit": PanTiltLaser}
+        kinds = {
+            "robot": Robot,
+            "laser": PanTiltLaser,
+            "limits": MotionLimits,
+            "gripper": Gripper,
+            "unit": PanTiltLaser,
+        }
         given = {"robot": robot, "laser": laser, "limits": limits, "gripper": gripper, "unit": unit}
         for name, kind in kinds.items():
             if not isinstance(given[name], kind) and (given[name] is not None or name in ("robot", "laser")):
@@ -301,7 +309,7 @@ class Cell:
             Asked for a reading of the spot at every tick, with the time for which the arm has been moving [s]. A spot that
             has moved stops the motion on its path, and a new line goes to where it is then.
         moved : float
-            Distance beyond which the spot has moved [m]; choose it above the noise of a reading.
+            Distance beyond which the spot has moved [m], above the noise of a reading.
         most_replans : int
             How many new lines a spot that moves may ask for.
         look : callable, optional
@@ -317,15 +325,9 @@ class Cell:
         Raises
         ------
         InvalidInput
-            An argument that cannot be meant; corrections on a real drive without ``look``.
-        UnknownName
-            No such law or method.
+            An argument that cannot be meant; corrections on a real drive without ``look``; no such law or method.
         """
-        check_count(corrections, "corrections", 0, MOST_CORRECTIONS)
-        check_count(readings, "readings", 1)
-        check_count(most_replans, "most_replans", 0)
-        if corrections and look is None and not self.drive.simulated:
-            raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
+        self._check_counts(corrections, readings, most_replans, look)
         if not isinstance(spot, Spot):
             raise InvalidInput("spot", shown(spot), "a planners.cell.Spot(pan, tilt, range)")
         wishes = wishes_of(
@@ -335,6 +337,14 @@ class Cell:
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
         )  # fmt: skip
         return Task(self, wishes).run(spot)
+
+    def _check_counts(self, corrections: int, readings: int, most_replans: int, look: Look | None) -> None:
+        """Counts are whole numbers, and corrections on a real arm need someone who reads its tool."""
+        check_count(corrections, "corrections", 0, MOST_ROUNDS)
+        check_count(readings, "readings", 1)
+        check_count(most_replans, "most_replans", 0)
+        if corrections and look is None and not self.drive.simulated:
+            raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
 
     def open(self, width: float | None = None) -> Outcome:
         """Open the gripper; what it held stays where it is.
@@ -405,46 +415,6 @@ class Cell:
         good = status is CellStatus.ARRIVED
         step = Step(name, good, said, advice, self.robot if good else None, perf_counter() - since)
         return Outcome(self.robot, status, (step,), base=self.base, scene=self.scene, notes=tuple(self.notes))
-
-
-def seen_from(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Sighting:
-    """Where a unit says that a spot is: the mean of its readings.
-
-    Parameters
-    ----------
-    unit : PanTiltLaser
-        The unit.
-    spot : Spot
-        A reading, or several.
-    plane : Plane or None
-        On which the spot is.
-
-    Returns
-    -------
-    Sighting
-        The point, or why there is none.
-
-    Raises
-    ------
-    InvalidInput
-        No reading, NaN in it, or a negative range.
-    """
-    try:
-        rows = np.atleast_2d(np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in spot)), axis=-1))
-    except (TypeError, ValueError):
-        raise InvalidInput("spot", shown(spot), "pan, tilt [rad] and range [m]") from None
-    for name, values in zip(Spot._fields, rows.T, strict=True):
-        if not np.isfinite(values).all() and (plane is None or name != "range"):
-            raise InvalidInput("spot", f"{name} = {values[~np.isfinite(values)][0]}", "finite pan, tilt and range")
-    found = []
-    for pan, tilt, distance in rows.tolist():
-        seen = unit.angles(unit.point(pan, tilt, distance)) if plane is None else unit.on_plane(pan, tilt, plane)
-        if not seen:
-            return seen
-        found.append(seen)
-    if len(found) == 1:
-        return found[0]
-    return unit.angles(np.mean([seen.point for seen in found], axis=0))
 
 
 def _rotation(value: ArrayLike) -> Array:

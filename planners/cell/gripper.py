@@ -1,4 +1,4 @@
-"""Gripper: what the arm carries at its tool. The point between its fingers becomes the tool, and what it holds the payload."""
+"""Gripper at the arm's tool: the point between its fingers becomes the tool, and what it holds part of the payload."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
 
-GRIPPER = "gripper"
-"""What the gripper's capsules are called in ``robot.shapes``."""
-HELD = "held"
-"""What the capsules of a held object are called there."""
+PARTS = ("gripper", "held")
+"""What the capsules of the gripper and of a held object are called in ``robot.shapes``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +168,8 @@ class Gripper:
 
     def _shapes(self, robot: Robot, grasp: Array, held: Held | None) -> Any:
         """The arm's shapes with those of gripper and object."""
-        parts = [(GRIPPER, self.shapes, robot.tool), (HELD, () if held is None else held.shapes, grasp)]
-        shapes = robot.shapes
-        for name, objects, place in parts:
+        shapes, given = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
+        for name, (objects, place) in zip(PARTS, given, strict=True):
             if not len(objects):
                 continue
             if shapes is None:
