@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 from typing import NamedTuple
 
@@ -12,8 +13,9 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.controller import SAME_INSTANT, states
+from planners.following.follow import Stop
 from planners.motion import Motion
-from planners.plan import Plan
+from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory
 
 PERIOD = 0.004
@@ -70,10 +72,19 @@ def whole_periods(plan: Plan, period: float = PERIOD) -> Plan:
     duration = count * period
     if plan.speed is not None or not proof.rest[0] or motion.end == duration:
         return plan
-    slower = motion.slowed(max(duration / motion.duration, 1.0))  # a period of rounding less is cut to it below
-    knots = slower.knots.copy()
+    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # a period of rounding less is cut to it below
+    knots = stretched.knots.copy()
     knots[-1] = duration
-    return plan.moved(Trajectory(PPoly(slower.coefficients, knots)), plan.slowed * duration / motion.duration)
+    moved = replace(plan.motion, trajectory=Trajectory(PPoly(stretched.coefficients, knots)))
+    again = moved.certify(rate=proof.rate)
+    slower = replace(
+        plan, _trajectory=moved.trajectory, _certificate=again, slowed=plan.slowed * duration / motion.duration
+    )
+    if not plan or again.holds:
+        return slower
+    why = f"the certificate of the motion slowed to {duration:.9g} s does not hold: {'; '.join(again.broken)}"
+    stop = Stop(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
+    return replace(slower, status=PlanStatus.NOT_PROVED, stop=stop)
 
 
 def setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
