@@ -15,8 +15,8 @@ from planners.replan import replan
 from planners.splice import joined, start_of
 from planners.trajectory import Trajectory
 
-END_SHARE = 1e-9
-"""Share of a path before its end that counts as its end: rounding."""
+END_SHARE = 2e-9
+"""Share of a path before its end that counts as its end: `replan` plans nothing from half of that."""
 
 
 class Commands(NamedTuple):
