@@ -1,0 +1,324 @@
+"""Accuracy and repeatability in the manner of ISO 9283, of poses and of a path; computed from simulated cycles."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import se3
+from optik.arm.robot import Robot
+from optik.check import check_number, real_array
+from optik.errors import InvalidInput
+from optik.ik import IKSolver, make_solver
+from optik.types import Array
+
+SIMULATED = "simulated"
+"""Word that stands beside every figure of this module: none of them was measured on an arm."""
+
+POSE_CYCLES, PATH_CYCLES = 30, 10
+"""Cycles of the test of poses and of the test of a path, as the standard has them."""
+
+POSE_SHARE = 0.8
+"""Place of the outer four poses on the half diagonals of the measuring plane [1]: a tenth of the diagonal from its ends."""
+
+EDGE_STEP = 0.01
+"""Step in which the edge of the cube is searched [m]."""
+
+POSE_MARGIN = 0.02
+"""Distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion stay inside."""
+
+NO_NOISE = "not applicable: without noise all cycles are the same"
+"""Why there is no repeatability where nothing varies from cycle to cycle."""
+
+
+class PoseFigures(NamedTuple):
+    """Accuracy and repeatability of one pose, simulated.
+
+    Attributes
+    ----------
+    cycles : int
+        How often it was approached.
+    offset : (3,) array
+        Mean of the reached positions minus the commanded one, in the base frame [m].
+    accuracy : float
+        AP, the length of the offset [m].
+    turn : (3,) array
+        Mean of the rotations from the commanded to the reached orientation, as rotation vectors in the base frame [rad].
+    repeatability : float or None
+        RP = l̄ + 3 S of the distances l from the mean position, S with n − 1 [m]; None where it is not applicable.
+    turn_repeatability : (3,) array or None
+        3 S of each component of the rotations [rad]; None where it is not applicable.
+    reason : str
+        Why there is no repeatability; empty where there is one.
+    """
+
+    cycles: int
+    offset: Array
+    accuracy: float
+    turn: Array
+    repeatability: float | None
+    turn_repeatability: Array | None
+    reason: str
+
+
+class PathFigures(NamedTuple):
+    """Accuracy and repeatability of a path, simulated: the largest of its points.
+
+    Attributes
+    ----------
+    cycles : int
+        How often it was followed.
+    accuracy : float
+        AT, the largest distance between the mean position and the commanded point [m].
+    at : int
+        The point where that is.
+    repeatability : float or None
+        RT, the largest l̄ + 3 S of all points [m]; None where it is not applicable.
+    repeatability_at : int or None
+        The point where that is.
+    reason : str
+        Why there is no repeatability; empty where there is one.
+    """
+
+    cycles: int
+    accuracy: float
+    at: int
+    repeatability: float | None
+    repeatability_at: int | None
+    reason: str
+
+
+class Cube(NamedTuple):
+    """The five poses of the standard in a diagonal plane of a cube.
+
+    Attributes
+    ----------
+    poses : (5, 4, 4) array
+        P1, the centre, then P2 to P5 around it, in the base frame [1, m].
+    q : (5, n) array
+        Configurations that reach them [rad, m].
+    edge : float
+        Of the cube [m].
+    words : str
+        How it was chosen.
+    """
+
+    poses: Array
+    q: Array
+    edge: float
+    words: str
+
+
+def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) -> PoseFigures:
+    """Accuracy AP and repeatability RP of one pose.
+
+    Parameters
+    ----------
+    command : (4, 4) array
+        The commanded pose in the base frame [1, m].
+    reached : (k, 4, 4) array
+        The poses that were reached, one for each cycle [1, m].
+    noise : bool, optional
+        Whether anything varied from cycle to cycle; without it there is no repeatability.
+
+    Returns
+    -------
+    PoseFigures
+        The figures.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, numbers that are not finite, or no cycle.
+    """
+    T = _finite(command, "command", (4, 4), "a pose (4, 4)")
+    poses = _finite(reached, "reached", (-1, 4, 4), "poses (k, 4, 4), one a cycle")
+    at, turns = poses[:, :3, 3], se3.error(np.broadcast_to(T, poses.shape), poses)[:, 3:]
+    mean = at.mean(axis=0)
+    reason = _no_spread(at, noise)
+    rp, three = (None, None) if reason else (float(_repeatability(at)), 3.0 * turns.std(axis=0, ddof=1))
+    offset = mean - T[:3, 3]
+    return PoseFigures(len(at), offset, float(np.linalg.norm(offset)), turns.mean(axis=0), rp, three, reason)
+
+
+def path_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) -> PathFigures:
+    """Accuracy AT and repeatability RT of a path.
+
+    Parameters
+    ----------
+    command : (m, 3) array
+        Points of the commanded path [m].
+    reached : (k, m, 3) array
+        For each cycle, where the followed path meets the planes through these points normal to the path [m]: see
+        `crossings`.
+    noise : bool, optional
+        Whether anything varied from cycle to cycle; without it there is no repeatability.
+
+    Returns
+    -------
+    PathFigures
+        The figures.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, numbers that are not finite, or no cycle.
+    """
+    points = _finite(command, "command", (-1, 3), "points (m, 3)")
+    cycles = _finite(reached, "reached", (-1, len(points), 3), f"points (k, {len(points)}, 3), one row a cycle")
+    off = np.linalg.norm(cycles.mean(axis=0) - points, axis=1)
+    at, reason = int(off.argmax()), _no_spread(cycles, noise)
+    if reason:
+        return PathFigures(len(cycles), float(off[at]), at, None, None, reason)
+    spread = _repeatability(cycles)
+    worst = int(spread.argmax())
+    return PathFigures(len(cycles), float(off[at]), at, float(spread[worst]), worst, "")
+
+
+def crossings(command: ArrayLike, tangents: ArrayLike, followed: ArrayLike) -> Array:
+    """Where a followed path meets the normal planes of a commanded one, by straight lines between its samples.
+
+    Parameters
+    ----------
+    command : (m, 3) array
+        Points of the commanded path, in order [m].
+    tangents : (m, 3) array
+        Directions of the commanded path at these points, of any length [m].
+    followed : (k, 3) array
+        Positions of the tool over time [m].
+
+    Returns
+    -------
+    (m, 3) array
+        The crossing of each plane that is nearest to its point; where the path ends before a plane, its nearest sample [m].
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, numbers that are not finite, a tangent of no length, or less than two samples.
+    """
+    points = _finite(command, "command", (-1, 3), "points (m, 3)")
+    along = _finite(tangents, "tangents", points.shape, "a direction for each point")
+    path = _finite(followed, "followed", (-1, 3), "positions (k, 3)")
+    length = np.linalg.norm(along, axis=1)
+    if len(path) < 2 or not length.all():
+        raise InvalidInput(
+            "followed, tangents", f"{len(path)} samples", "two samples or more, and tangents with a length"
+        )
+    return np.array([_crossing(p, t, path) for p, t in zip(points, along / length[:, None], strict=True)])
+
+
+def _crossing(point: Array, tangent: Array, path: Array) -> Array:
+    """The crossing of one plane that is nearest to its point."""
+    height = (path - point) @ tangent
+    change = np.diff(height)
+    crossed = np.flatnonzero((height[:-1] * height[1:] <= 0.0) & (change != 0.0))
+    if not crossed.size:
+        return np.asarray(path[np.linalg.norm(path - point, axis=1).argmin()])
+    share = -height[crossed] / change[crossed]
+    found = path[crossed] + share[:, None] * np.diff(path, axis=0)[crossed]
+    return np.asarray(found[np.linalg.norm(found - point, axis=1).argmin()])
+
+
+def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
+    """Choose the five poses: the largest cube around the tool at a configuration that the arm can serve.
+
+    The cube's edges are parallel to the base axes and its centre is the tool at `q`, where the arm is used. Each of the
+    four planes of the standard goes through two opposite horizontal edges. The edge is as large as possible, in steps of
+    10 mm, such that for one of them all five poses are reached from `q` with its orientation and a margin of 0.02 rad (m)
+    from every joint limit. The plane with the largest edge is taken, the first among equals.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q : (n,) array
+        Configuration at the centre [rad, m].
+    most_edge : float, optional
+        Largest edge that is tried [m].
+
+    Returns
+    -------
+    Cube
+        Poses and configurations.
+
+    Raises
+    ------
+    InvalidInput
+        A configuration with another length or outside the limits, or around which no cube of 10 mm can be served.
+    """
+    centre = robot.configuration(q, "q")
+    check_number(most_edge, "most_edge", "metres above 0", above=0.0)
+    solver, T = make_solver(robot, "lm", max_restarts=0), robot.fk(centre)  # one attempt: it stays on the branch
+    up = int(np.abs(robot.gravity).argmax())
+    for edge in np.arange(round(most_edge / EDGE_STEP), 0, -1) * EDGE_STEP:
+        for plane in _planes(up):
+            poses = np.repeat(T[None], 5, axis=0)
+            poses[1:, :3, 3] += POSE_SHARE * 0.5 * edge * plane
+            found = _reached(robot, solver, poses, centre)
+            if found is not None:
+                return Cube(poses, found, float(edge), _cube_words(float(edge)))
+    raise InvalidInput(
+        "q", np.round(centre, 4).tolist(), "a configuration with room for a cube of 10 mm around its tool"
+    )
+
+
+def _planes(up: int) -> list[Array]:
+    """Corners (4, 3) of the four inclined planes of the cube, in half edges, in turn around the centre."""
+    planes = []
+    for side, lean in product([i for i in range(3) if i != up], (1.0, -1.0)):
+        other = 3 - up - side
+        corners = np.zeros((4, 3))
+        corners[:, side] = [1.0, 1.0, -1.0, -1.0]
+        corners[:, other] = [1.0, -1.0, -1.0, 1.0]
+        corners[:, up] = lean * corners[:, other]
+        planes.append(corners)
+    return planes
+
+
+def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | None:
+    """Configurations that reach all poses with the margin, each solved from the centre; None where one has none."""
+    lower, upper = robot.limits.lower + POSE_MARGIN, robot.limits.upper - POSE_MARGIN
+    found = [q]
+    for T in poses[1:]:
+        result = solver.solve(T, q)
+        if not result:
+            return None
+        found.append(result.q)
+    inside = all((x >= lower).all() and (x <= upper).all() for x in found)
+    return np.array(found) if inside else None
+
+
+def _cube_words(edge: float) -> str:
+    return (
+        f"Five poses in a diagonal plane of a cube of {1e3 * edge:.0f} mm around the tool at the start: its centre, and a "
+        "tenth of the diagonal from each end of the plane's diagonals; the orientation is that of the start. The cube is "
+        "the largest, in steps of 10 mm, at whose poses all joints stay 0.02 rad inside their limits."
+    )
+
+
+def _repeatability(positions: Array) -> Array:
+    """The mean distance from the mean and three standard deviations of it, over the cycles, the first axis."""
+    distance = np.linalg.norm(positions - positions.mean(axis=0), axis=-1)
+    return np.asarray(distance.mean(axis=0) + 3.0 * distance.std(axis=0, ddof=1))
+
+
+def _no_spread(positions: Array, noise: bool) -> str:
+    """Why the cycles have no spread; empty where they have one."""
+    if len(positions) < 2:
+        return "not applicable: there is only one cycle"
+    return "" if noise and (positions != positions[0]).any() else NO_NOISE
+
+
+def _finite(values: ArrayLike, name: str, shape: tuple[int, ...], expected: str) -> Array:
+    """Finite numbers of a shape, −1 for any number above 0."""
+    found = real_array(values, name, expected)
+    fits = found.ndim == len(shape) and all(
+        n == m or (m == -1 and n > 0) for n, m in zip(found.shape, shape, strict=True)
+    )
+    if not fits or not np.isfinite(found).all():
+        raise InvalidInput(name, f"shape {found.shape}" if not fits else "numbers that are not finite", expected)
+    return found

@@ -1,0 +1,192 @@
+"""Outcome: what came of a task of the cell, step by step, with the error of each correction and where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.scene import Scene
+from optik.types import Array
+from planners.cell.drives.base import Execution
+from planners.cell.errors import ErrorSplit
+from planners.plan import Plan
+
+
+class CellStatus(StrEnum):
+    """How a task ended. Only ARRIVED is success; the arm is at rest in all of them as far as the drive knows.
+
+    NO_SPOT: the laser unit gives no point. NO_PLAN: no motion to it was found whose certificate holds. REFUSED: the drive or
+    the gripper refused, and nothing was sent. STOPPED: the drive was stopped on request. FAULT: a fault of the drive
+    stopped it. NOT_MEASURED: the tool could not be measured, so that nothing could be corrected. SPOT_MOVES: the spot moved
+    on more often than allowed. DRY_RUN: the drive checked the motion and sent nothing.
+    """
+
+    ARRIVED = "arrived"
+    NO_SPOT = "no_spot"
+    NO_PLAN = "no_plan"
+    REFUSED = "refused"
+    STOPPED = "stopped"
+    FAULT = "fault"
+    NOT_MEASURED = "not_measured"
+    SPOT_MOVES = "spot_moves"
+    DRY_RUN = "dry_run"
+
+
+class Step(NamedTuple):
+    """One step of a task.
+
+    Attributes
+    ----------
+    name : str
+        ``laser``, ``target``, ``line``, ``joints``, ``timing``, ``certificate``, ``execution``, ``tool``, ``open``,
+        ``close``, ``stop`` or ``replan``.
+    ok : bool
+        Whether it succeeded.
+    reason : str
+        What it found, or why it failed.
+    advice : str
+        What to try where it failed.
+    result : object
+        What it made, in the order of the names: Sighting, target pose (4, 4), Line, JointPath, Trajectory, Certificate,
+        Execution, true tool pose (4, 4), Robot, Robot, Execution, pose (4, 4) of the new target; None where it made none.
+    seconds : float
+        How long it took [s].
+    """
+
+    name: str
+    ok: bool
+    reason: str
+    advice: str
+    result: Any
+    seconds: float
+
+
+class Round(NamedTuple):
+    """One execution to the spot and what was found after it; the first is the motion itself, those after it corrections.
+
+    Attributes
+    ----------
+    plan : Plan
+        What was planned.
+    execution : Execution
+        What the drive did.
+    tool : (3,) array
+        Where the tool really was at its end, in the base frame [m].
+    rest : (3,) array or None
+        Measured spot minus measured tool, both by the laser unit [m]; None where it was not measured.
+    error : (3,) array
+        Executed tool minus true spot [m].
+    """
+
+    plan: Plan
+    execution: Execution
+    tool: Array
+    rest: Array | None
+    error: Array
+
+
+class PathSplit(NamedTuple):
+    """The error split along the path: instants (k,) [s], places (k,) [m, or rad], and a split whose vectors are (k, 3)."""
+
+    t: Array
+    s: Array
+    error: ErrorSplit
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The result of a task of the cell. ``bool(outcome)`` is success; everything is in the arm's base frame.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm with what it carries, whose tool is the grasp point.
+    status : CellStatus
+        How it ended.
+    steps : tuple of Step
+        All steps in order; the last one failed where the task did.
+    rounds : tuple of Round
+        The motion and its corrections.
+    error : ErrorSplit or None
+        Of the last round at its end; None where nothing was executed.
+    along : PathSplit or None
+        Of the first round, along its path.
+    target : (4, 4) array or None
+        Pose that the tool was sent to at last [1, m].
+    spot : (3,) array or None
+        Where the laser unit says that the spot is [m].
+    true_spot : (3,) array or None
+        Where it truly is, as far as a simulation knows [m].
+    beam : ((3,), (3,)) tuple of arrays, or None
+        The laser's origin and the spot, to be drawn [m].
+    base : (4, 4) array
+        T_world_platform, the pose of the base frame in the world [1, m].
+    scene : Scene or None
+        What must not be touched.
+    notes : tuple of str
+        What the reader must know, those of the drive among it.
+    """
+
+    robot: Robot
+    status: CellStatus
+    steps: tuple[Step, ...]
+    rounds: tuple[Round, ...] = ()
+    error: ErrorSplit | None = None
+    along: PathSplit | None = None
+    target: Array | None = None
+    spot: Array | None = None
+    true_spot: Array | None = None
+    beam: tuple[Array, Array] | None = None
+    base: Array | None = None
+    scene: Scene | None = None
+    notes: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.status is CellStatus.ARRIVED
+
+    @property
+    def failed(self) -> Step | None:
+        """The step that failed, or None."""
+        return next((step for step in reversed(self.steps) if not step.ok), None) if not self else None
+
+    @property
+    def reason(self) -> str:
+        """Why the task failed; empty where it did not."""
+        return self.failed.reason if self.failed is not None else ""
+
+    @property
+    def advice(self) -> str:
+        """What to try where it failed; empty where it did not."""
+        return self.failed.advice if self.failed is not None else ""
+
+    @property
+    def executions(self) -> tuple[Execution, ...]:
+        """What the drive did, in order, stops on the way to a spot that moved among it."""
+        return tuple(step.result for step in self.steps if isinstance(step.result, Execution))
+
+    @property
+    def tool(self) -> Array | None:
+        """Where the tool really is at the end (3,) [m]; None where nothing was executed."""
+        return self.rounds[-1].tool if self.rounds else None
+
+    def in_world(self, points: Array) -> Array:
+        """Return points of the arm's base frame in the world.
+
+        Parameters
+        ----------
+        points : (..., 3) array
+            In the base frame [m].
+
+        Returns
+        -------
+        (..., 3) array
+            In the world [m].
+        """
+        if self.base is None:
+            return np.array(points)
+        moved: Array = points @ self.base[:3, :3].T + self.base[:3, 3]
+        return moved

@@ -1,0 +1,270 @@
+"""What a viewer draws: the arm's motion as planned and as executed, the path, the scene, the laser's beam, and facts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.scene import Scene
+from optik.types import Array
+from planners.cell.drives.base import Execution
+from planners.certificate.certificate import Certificate
+from planners.limits import ALL_LIMITS
+from planners.motion import HasMotion, Motion, motion_of
+from planners.paths.base import Path
+from planners.trajectory import Trajectory
+
+MOST_INSTANTS = 2000
+"""Instants that a viewer is given of a motion: between them it interpolates cubics, at 60 pictures a second 33 s long."""
+SAMPLE_PERIOD = 0.004
+"""Time between the instants of a shorter motion [s], the servo's: a cubic is then within 1e-7 rad at usual jerks."""
+PATH_POINTS = 400
+"""Points that are drawn of a path."""
+
+
+class Track(NamedTuple):
+    """A motion at instants, between which a viewer interpolates a cubic through positions and velocities.
+
+    Attributes
+    ----------
+    t : (k,) array
+        Times, 0 first [s].
+    q, dq : (k, n) arrays
+        Configurations [rad, m] and their velocities [rad/s, m/s].
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+
+
+class Beam(NamedTuple):
+    """A laser beam: where it leaves the unit, and the spot that it lights, (3,) each, in the arm's base frame [m]."""
+
+    origin: Array
+    spot: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Show:
+    """What a viewer draws, all in the arm's base frame.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm, with its shapes where it has any; up is against its gravity.
+    title : str
+        What is shown.
+    planned : Track
+        The motion as it was planned, or as its set-points were sent.
+    path : (m, 3) array
+        Points of the path that the tool should follow [m].
+    executed : Track or None
+        What the arm did, where it was executed.
+    scene : Scene or None
+        What stands around it.
+    beam : Beam or None
+        The laser's, where a spot was the target.
+    facts : tuple of (name, text)
+        Rows of a table.
+    """
+
+    robot: Robot
+    title: str
+    planned: Track
+    path: Array
+    executed: Track | None = None
+    scene: Scene | None = None
+    beam: Beam | None = None
+    facts: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """When the later of both motions ends [s]."""
+        ends = [track.t[-1] for track in (self.planned, self.executed) if track is not None]
+        return float(max(ends))
+
+
+def show_of(motion: Motion | HasMotion) -> Show:
+    """Show a motion.
+
+    Parameters
+    ----------
+    motion : Motion or Plan
+        Such as `planners.load_motion` reads.
+
+    Returns
+    -------
+    Show
+        With the certificate, found anew, among the facts.
+
+    Raises
+    ------
+    NoSolution
+        A plan that failed.
+    InvalidInput
+        Neither of them.
+    """
+    found = motion_of(motion)
+    proof = getattr(motion, "certificate", None)
+    if not isinstance(proof, Certificate):
+        proof = found.certify()
+    return Show(
+        found.robot, f"{found.robot.name}: {found.law or 'a motion'}", track_of(found.trajectory),
+        path_points(found.path), scene=found.scene, facts=(*_motion_facts(found), *certificate_facts(proof)),
+    )  # fmt: skip
+
+
+def show_of_execution(execution: Execution) -> Show:
+    """Show what a drive did beside what was sent to it.
+
+    Parameters
+    ----------
+    execution : Execution
+        Of a drive.
+
+    Returns
+    -------
+    Show
+        Where nothing was sent, of the plan alone, with the reason among the facts.
+
+    Raises
+    ------
+    NoSolution
+        The execution of a plan that failed.
+    """
+    plan = execution.plan
+    planned = plan.trajectory if execution.motion is None else execution.motion
+    executed, unread = executed_track(execution.t, execution.q, execution.dq)
+    title = f"{execution.robot.name}: {plan.law} on the drive {execution.drive}"
+    facts = (*_motion_facts(plan.motion), *certificate_facts(plan.certificate), *_execution_facts(execution, unread))
+    return Show(
+        execution.robot, title, track_of(planned), path_points(plan.path), executed, plan.scene, facts=facts
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- motions at instants
+
+
+def track_of(trajectory: Trajectory) -> Track:
+    """Sample a motion for a viewer.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+
+    Returns
+    -------
+    Track
+        At instants of equal distance, both ends included.
+    """
+    count = int(np.clip(np.ceil(trajectory.duration / SAMPLE_PERIOD), 1, MOST_INSTANTS - 1)) + 1
+    t = np.linspace(0.0, trajectory.duration, count)
+    return Track(t, trajectory(t), trajectory(t, 1))
+
+
+def executed_track(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
+    """Thin out what an arm did for a viewer.
+
+    Parameters
+    ----------
+    t : (m,) array
+        Times of the plant's steps or of the ticks [s].
+    q, dq : (m, n) arrays
+        Configurations [rad, m] and velocities [rad/s, m/s].
+
+    Returns
+    -------
+    track : Track or None
+        At most 2000 of the instants, the last one included; None where there are none.
+    unread : int
+        Instants that were left out, because an encoder gave no reading then.
+    """
+    read = np.isfinite(q).all(axis=1) & np.isfinite(dq).all(axis=1)
+    t, q, dq = t[read], q[read], dq[read]
+    unread = int(read.size - read.sum())
+    if not t.size:
+        return None, unread
+    kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
+    return Track(t[kept], q[kept], dq[kept]), unread
+
+
+def path_points(path: Path) -> Array:
+    """Points of a path to draw.
+
+    Parameters
+    ----------
+    path : Path
+        What the tool should follow.
+
+    Returns
+    -------
+    (m, 3) array
+        From its start to its end [m].
+    """
+    s = np.union1d(np.linspace(0.0, path.end, PATH_POINTS), path.breaks)
+    return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
+
+
+# ---------------------------------------------------------------- facts
+
+
+def _motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
+    """Arm, law, path and scene in words."""
+    robot, path = motion.robot, motion.path
+    shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
+    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else f"{np.degrees(path.end):.4g}° of rotation"
+    rows = [
+        ("Arm", f"{robot.name}, {robot.n} joints, {shapes}"),
+        ("Path", f"{path.name}, {way}"),
+        ("Law", motion.law or "not stated"),
+        ("Duration", f"{motion.trajectory.duration:.4f} s"),
+    ]
+    if motion.speed is not None:
+        unit = "rad/s" if path.turns_only else "m/s"
+        rows.append(("Tool speed asked", f"{motion.speed:.4g} {unit}"))
+    if motion.scene is not None:
+        rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.margin:.4g} mm"))
+    return tuple(rows)
+
+
+def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
+    """Say what a motion keeps.
+
+    Parameters
+    ----------
+    proof : Certificate
+        Of the motion.
+
+    Returns
+    -------
+    tuple of (name, text)
+        Rows of the table.
+    """
+    rows = [("Certificate", "holds" if proof.holds else f"does NOT hold: {'; '.join(proof.broken)}")]
+    for name in ALL_LIMITS:
+        ratio, joint, t = proof.worst(name)
+        if not np.isnan(ratio):
+            promised = "" if name in proof.keeps else ", not promised by the law"
+            words = f"{100 * ratio:.4g} % of its limit at {t:.3f} s, {joint}{promised}"
+            rows.append((f"Largest {name.replace('_', ' ')}", words))
+    return tuple(rows)
+
+
+def _execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
+    """How an execution ended."""
+    rows = [("Drive", execution.drive), ("Execution", str(execution.status).replace("_", " "))]
+    if execution.reason:
+        rows.append(("Reason", execution.reason))
+    if execution.advice:
+        rows.append(("Advice", execution.advice))
+    if execution.late:
+        rows.append(("Late set-points", str(execution.late)))
+    if unread:
+        rows.append(("Not drawn", f"{unread} instants without an encoder reading of every joint"))
+    rows += [("Note", note) for note in execution.notes]
+    return tuple(rows)
