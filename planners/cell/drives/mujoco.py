@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
 from optik.check import check_flag
+from optik.dynamics import joint_torques
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell._masses import with_masses
 from planners.cell.disturbances import LostEncoder
 from planners.cell.drives._run import Commands, Run, Steps
-from planners.cell.drives._servo import BANDWIDTH, DAMPING, FILTER_SHARE, Gains, Tuning, gains, servo
+from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, gains, servo, tuning
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
 from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model
@@ -134,15 +135,11 @@ class MujocoDrive(SimulatedDrive):
         assert model.inertia is not None and self.plant.inertia is not None
         self.gains = gains(model, *self._wishes)
         self.settling = SETTLED / float(self.gains.frequency.min())
-        self._smooth, self._coulomb = model.with_inertia(coulomb=0.0), model.inertia.coulomb
+        self._chain, self._load = model.chain, model.loads[0]
         self._friction = np.array(self.plant.inertia.coulomb)
-        torque = model.limits.torque
-        self._most = np.full(robot.n, np.inf) if torque is None else np.broadcast_to(torque, (robot.n,)).astype(float)
+        self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
         self._step = self.period / self.steps
-        share = self._step / (FILTER_SHARE / self.gains.frequency + self._step)
-        self._tuning = Tuning(
-            self.gains.stiffness, self.gains.damping, share, self.options.resolution, self.options.following, self._most
-        )
+        self._tuned = tuning(self.gains, self._step, self.options.resolution, self.options.following, self._most)
         self._model = mujoco_model(self.plant, step=self._step)
         self._data = self._mujoco.MjData(self._model)
 
@@ -175,11 +172,12 @@ class MujocoDrive(SimulatedDrive):
         )
         clean = self.options.noise == 0.0 and not (lost | frozen).any()
         q, dq, torque = np.empty((3, m, n))
-        for j in range(m):
-            read = data.qpos if clean else np.where(lost | frozen, instead, data.qpos + off[j])
-            servo(self._tuning, rows[j], read, self._state, self._step, data.ctrl)
+        tuned, state, h, at, motors = self._tuned, self._state, self._step, data.qpos, data.ctrl
+        for j, row in enumerate(rows):
+            read = at if clean else np.where(lost | frozen, instead, at + off[j])
+            servo(tuned, row, read, state, h, motors)
             self._mujoco.mj_step(self._model, data)
-            q[j], dq[j], torque[j] = data.qpos, data.qvel, data.actuator_force
+            q[j], dq[j], torque[j] = at, data.qvel, motors
         self._now = torque[-1].copy()
         return Steps(q, dq, torque)
 
@@ -204,7 +202,9 @@ class MujocoDrive(SimulatedDrive):
 
     def _feed_forward(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Torques of the model at set-points, with Coulomb friction that begins smoothly."""
-        return np.asarray(self._smooth.torques(q, dq, ddq) + self._coulomb * np.tanh(dq / CREEP))
+        torque, smooth = np.empty_like(q), (self._load.viscous, np.zeros(q.shape[1]))
+        joint_torques(self._chain, self._load.bodies, smooth, np.stack([q, dq, ddq], axis=1), torque)
+        return torque + self._load.coulomb * np.tanh(dq / CREEP)
 
     # ------------------------------------------------------------ the report
 
@@ -240,6 +240,12 @@ def _checked_plant(robot: Robot, plant: Robot | None) -> Robot:
     if not same or not np.array_equal(plant.prismatic, robot.prismatic):
         raise InvalidInput("plant", f"{plant.name!r}, whose joints are others", wanted)
     return _of_one_mass(plant, middle=False)
+
+
+def _torque_limits(robot: Robot) -> Array:
+    """Torque limits (n,), infinite where unknown."""
+    known = robot.limits.torque
+    return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,)).astype(float)
 
 
 def _of_one_mass(robot: Robot, *, middle: bool) -> Robot:
