@@ -302,8 +302,11 @@ def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, Arra
     acceleration = float(q1 @ (ddq - q2 * speed**2)) / size
     if not of_it:
         _check_on_path(plan, s, (speed, acceleration), given)
+    standing = speed <= STANDING and abs(acceleration) <= STANDING
+    still = standing if measured else not (left and dq.any())
+    if standing and (measured or not left):  # rounding and noise only
+        speed = acceleration = 0.0
     at = PathState(s, max(speed, 0.0), acceleration, given)
-    still = speed <= STANDING and abs(acceleration) <= STANDING if measured else not (left and dq.any())
     return _Start(at, begun(rest_of(running, t), given, plan.limits) if left else None, still)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._run import ends_at_goal
+from planners.cell.drives._run import ends_at_goal, speed_kept
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import slowed_to
 from planners.limits import MotionLimits
@@ -73,7 +73,8 @@ def resumed(
     if execution.stop is None or ends_at_goal(execution.stop):
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    onward = long_enough(replan(execution.stop, execution.stop.trajectory.end), drive.period)
+    limits = speed_kept(execution.plan)
+    onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
     return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
 
 
