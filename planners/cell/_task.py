@@ -96,8 +96,10 @@ class Task:
         self.spot: Array | None = None
         self.true_spot: Array | None = None
         self.target: Array | None = None
+        self.variance = 0.0
+        self.floor: float | None = None
         self.clock = 0.0
-        self.lost: Sighting | InvalidInput | None = None
+        self._stopped_by_spot = False
 
     # ------------------------------------------------------------ steps
 
@@ -138,11 +140,12 @@ class Task:
     def _outcome(self, status: CellStatus) -> Outcome:
         cell = self.cell
         beam = None if self.spot is None else (cell.laser.pose[:3, 3], self.spot)
-        notes = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
+        said = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
+        notes = tuple(dict.fromkeys(cell.notes + said))
         return Outcome(
             cell.robot, status, tuple(self.steps), tuple(self.rounds),
             self.along[-1].error.at(-1) if self.along else None, self.along[0] if self.along else None,
-            self.target, self.spot, self.true_spot, beam, cell.base, cell.scene, tuple(dict.fromkeys(cell.notes + notes)),
+            self.target, self.spot, self.true_spot, beam, self.floor, cell.base, cell.scene, notes,
         )  # fmt: skip
 
     # ------------------------------------------------------------ laser and target
@@ -156,7 +159,7 @@ class Task:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
         if not seen:
             raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
-        self.spot = seen.point
+        self.spot, self.variance = seen.point, self.cell.noise(reading, self.wishes.plane)
         given = self.wishes.true_spot
         self.true_spot = self.cell.truth(reading, self.wishes.plane) if given is None else given
         noise = "" if seen.covariance is None else f", ± {_mm(np.sqrt(np.trace(seen.covariance)))}"
@@ -268,13 +271,15 @@ class Task:
     def _rest(self, tool: Array) -> Array:
         """Measured spot minus measured tool."""
         try:
-            seen = self.cell.seen_tool(tool, self.wishes.readings, self.wishes.look)
+            read = self.cell.read_tool(tool, self.wishes.readings, self.wishes.look)
+            seen = read if isinstance(read, Sighting) else self.cell.sighting(read)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
             reason = f"the laser unit cannot measure the tool: {seen.status}: {seen.reason}"
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, seen.advice, seen)
-        assert seen.point is not None and self.spot is not None
+        assert seen.point is not None and self.spot is not None and isinstance(read, Spot)
+        self.floor = float(np.sqrt(self.variance + self.cell.noise(read)))
         return self.spot - seen.point
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections

@@ -20,7 +20,7 @@ from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell._checks import vectors
-from planners.cell._seeing import seen_from
+from planners.cell._seeing import reading_variance, seen_from
 from planners.cell._task import Follow, Look, Task, wishes_of
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
@@ -250,8 +250,25 @@ class Cell:
         """
         return seen_from(self.laser, spot, plane)
 
-    def seen_tool(self, tool: Array, readings: int, look: Look | None) -> Sighting:
-        """Return where the calibrated unit says that the tool is.
+    def noise(self, spot: Spot, plane: Plane | None = None) -> float:
+        """Return the variance of a measured point by the noise of its readings alone, summed over the three axes.
+
+        Parameters
+        ----------
+        spot : Spot
+            A reading, or several.
+        plane : Plane, optional
+            On which the spot is.
+
+        Returns
+        -------
+        float
+            The variance [m²], by the stated noise of the calibrated unit.
+        """
+        return reading_variance(self.laser, spot, plane)
+
+    def read_tool(self, tool: Array, readings: int, look: Look | None) -> Spot | Sighting:
+        """Return a reading of the tool, or why the true unit cannot see it.
 
         Parameters
         ----------
@@ -264,18 +281,13 @@ class Cell:
 
         Returns
         -------
-        Sighting
-            The point, or why the unit cannot see it.
-
-        Raises
-        ------
-        InvalidInput
-            A reading that is none.
+        Spot or Sighting
+            The reading; a sighting that is not found where the unit cannot see the tool.
         """
         if look is not None:
-            return self.sighting(look())
+            return look()
         visible = self.unit.angles(tool)
-        return self.sighting(self.read(tool, readings)) if visible else visible
+        return self.read(tool, readings) if visible else visible
 
     # ------------------------------------------------------------ tasks
 
