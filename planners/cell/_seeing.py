@@ -8,6 +8,7 @@ import numpy as np
 
 from optik.check import shown
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Plane, Sighting, Spot
 
@@ -34,13 +35,7 @@ def seen_from(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Sighting:
     InvalidInput
         No reading, NaN in it, or a negative range.
     """
-    try:
-        rows = np.atleast_2d(np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in spot)), axis=-1))
-    except (TypeError, ValueError):
-        raise InvalidInput("spot", shown(spot), "pan, tilt [rad] and range [m]") from None
-    for name, values in zip(Spot._fields, rows.T, strict=True):
-        if not np.isfinite(values).all() and (plane is None or name != "range"):
-            raise InvalidInput("spot", f"{name} = {values[~np.isfinite(values)][0]}", "finite pan, tilt and range")
+    rows = _rows(spot, plane)
     found = []
     for row in rows.tolist():
         seen = _sighted(unit, row, plane)
@@ -55,6 +50,18 @@ def seen_from(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Sighting:
     if not mean or noise is None or found[0].covariance is None:
         return mean
     return replace(mean, covariance=found[0].covariance - noise * (1.0 - 1.0 / len(found)))
+
+
+def _rows(spot: Spot, plane: Plane | None) -> Array:
+    """Readings (k, 3), checked; on a plane the range does not count."""
+    try:
+        rows: Array = np.atleast_2d(np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in spot)), axis=-1))
+    except (TypeError, ValueError):
+        raise InvalidInput("spot", shown(spot), "pan, tilt [rad] and range [m]") from None
+    for name, values in zip(Spot._fields, rows.T, strict=True):
+        if not np.isfinite(values).all() and (plane is None or name != "range"):
+            raise InvalidInput("spot", f"{name} = {values[~np.isfinite(values)][0]}", "finite pan, tilt and range")
+    return rows
 
 
 def _sighted(unit: PanTiltLaser, row: list[float], plane: Plane | None) -> Sighting:
@@ -80,5 +87,35 @@ def reading_variance(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> flo
     float
         Its variance [m²]; 0 where the unit sees no point.
     """
-    covariance = seen_from(unit.with_pose(unit.pose), spot, plane).covariance
-    return 0.0 if covariance is None else float(np.trace(covariance))
+    rows = _rows(spot, plane)
+    covariance = _sighted(unit.with_pose(unit.pose), rows[0].tolist(), plane).covariance
+    return 0.0 if covariance is None else float(np.trace(covariance)) / len(rows)
+
+
+def meant(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Array:
+    """Where the beam of a unit points with a reading, or the mean of several, whatever the unit's limits.
+
+    Parameters
+    ----------
+    unit : PanTiltLaser
+        The unit.
+    spot : Spot
+        A reading, or several.
+    plane : Plane or None
+        On which the spot is.
+
+    Returns
+    -------
+    (3,) array
+        The point [m]; NaN where the beam does not meet the plane.
+
+    Raises
+    ------
+    InvalidInput
+        NaN in the reading.
+    """
+    if plane is None:
+        points: Array = np.atleast_2d(unit.point(*spot)).mean(axis=0)
+        return points
+    seen = seen_from(unit, spot, plane)
+    return np.full(3, np.nan) if seen.point is None else seen.point

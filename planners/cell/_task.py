@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optik import se3
+from optik.arm.reach import outside_reach, reach_bound
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, solver_for
+from optik.task import POSE
 from optik.types import Array
 from planners.cell._along import split_along
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
@@ -162,7 +164,8 @@ class Task:
         self.spot, self.variance = seen.point, self.cell.noise(reading, self.wishes.plane)
         given = self.wishes.true_spot
         self.true_spot = self.cell.truth(reading, self.wishes.plane) if given is None else given
-        noise = "" if seen.covariance is None else f", ± {_mm(np.sqrt(np.trace(seen.covariance)))}"
+        off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
+        noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
 
     def _measured_start(self) -> Array:
@@ -186,6 +189,13 @@ class Task:
         R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
         assert self.spot is not None
         self.target = se3.pose(R, self.spot)
+        reach = reach_bound(self.cell.robot, POSE)
+        away = float(outside_reach(reach, self.target, 0.0, 0.0))
+        if away >= 0.0:
+            reason = (
+                f"out of reach: {away:.4g} m away, where the arm's own parts span {reach[6]:.4g} to {reach[7]:.4g} m"
+            )
+            raise self._fail("target", CellStatus.NO_PLAN, reason, "a spot nearer to the arm", self.target, since)
         said = "the tool keeps its orientation" if asked is None else "the tool turns to the orientation that was asked"
         self._add("target", said, self.target, since)
 
@@ -370,7 +380,7 @@ def wishes_of(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> Wishes:
 
 
 def _mm(metres: Any) -> str:
-    return f"{1e3 * float(metres):.3g} mm"
+    return f"{1e3 * float(metres):.3g} mm" if metres >= 1e-9 else "less than 1e-6 mm"
 
 
 def _metres(point: Any) -> str:

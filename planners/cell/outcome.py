@@ -188,10 +188,10 @@ class Outcome:
             rows = self.error.to_dict().items()
             lines.append("  error [mm]" + "".join(f"{axis:>11}" for axis in ("x", "y", "z", "length")))
             for name, part in rows:
-                numbers = "".join(f"{1e3 * x:11.4f}" for x in (*part, float(np.linalg.norm(part))))
+                numbers = "".join(f"{round(1e3 * x, 4) + 0.0:11.4f}" for x in (*part, float(np.linalg.norm(part))))
                 lines.append(f"    {name:<8}{numbers}")
         if len(self.rounds) > 1:
-            off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4g}" for each in self.rounds)
+            off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in self.rounds)
             lines.append(
                 f"  round by round: {off} mm; the readings' noise leaves {1e3 * (self.floor or 0.0):.3g} mm (RMS)"
             )
