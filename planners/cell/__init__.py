@@ -1,11 +1,14 @@
 """The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
 
+from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
 from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
 
 __all__ = [
+    "Calibration",
+    "CalibrationStatus",
     "CellStatus",
     "Cube",
     "ErrorSplit",
@@ -20,6 +23,7 @@ __all__ = [
     "Sighting",
     "Spot",
     "Step",
+    "calibrate",
     "crossings",
     "cube_poses",
     "path_figures",

@@ -15,8 +15,11 @@ LEVER = 30.0
 """Distance from the pan axis, over the noise of the point, from which on a pan is used [1], and from the unit for a tilt:
 nearer, the arctangent is not linear over the noise. At 30 its second-order term is below 0.1 % of a radian."""
 
-MOST_TRIPLES = 500
-"""Most triples of pairs of which starts are made: with 40 % outliers one in five has none, so that 500 miss with 10⁻⁵²."""
+TINY = 1e-150
+"""Stands for a distance of 0 in a denominator [m]: its square is still a number, and what it divides has the weight 0."""
+
+MOST_TRIPLES = 100
+"""Most triples of pairs of which starts are made: with a quarter of outliers, all of 100 have one with a chance of 10⁻²³."""
 
 MOST_FIT_STEPS = 50
 """Most Gauss–Newton steps; from the closed-form start three to five are enough."""
@@ -80,6 +83,9 @@ def readings_of(spots: Array, points: Array, angle_noise: float, range_noise: fl
 def residuals(readings: Readings, T: Array) -> Array:
     """Readings minus what the unit would read of the known points at one pose or at several.
 
+    Where the pan is not used, the tilt is that of the point in the vertical plane of the pan that was read: it goes on
+    smoothly across the pan axis, where the tilt itself has a corner.
+
     Parameters
     ----------
     readings : Readings
@@ -90,14 +96,27 @@ def residuals(readings: Readings, T: Array) -> Array:
     Returns
     -------
     (m, 3) or (..., m, 3) array
-        Pan in [−π, π], tilt [rad], range [m].
+        Pan and tilt in [−π, π] [rad], range [m].
     """
     y = (readings.points - T[..., None, :3, 3]) @ T[..., :3, :3]
-    flat = np.hypot(y[..., 0], y[..., 1])
-    predicted = np.stack([np.arctan2(y[..., 1], y[..., 0]), np.arctan2(y[..., 2], flat), np.hypot(flat, y[..., 2])], -1)
+    flat = _along(readings, y)[0]
+    distance = np.linalg.norm(y, axis=-1)
+    predicted = np.stack([np.arctan2(y[..., 1], y[..., 0]), np.arctan2(y[..., 2], flat), distance], axis=-1)
     e = readings.spots - predicted
-    e[..., 0] = np.remainder(e[..., 0] + np.pi, 2 * np.pi) - np.pi
+    e[..., :2] = np.remainder(e[..., :2] + np.pi, 2 * np.pi) - np.pi
     return np.asarray(e)
+
+
+def _along(readings: Readings, y: Array) -> tuple[Array, Array]:
+    """Horizontal distances of points y (..., m, 3) in the unit's frame, and the directions (..., m, 2) they are measured in."""
+    level = np.hypot(y[..., 0], y[..., 1])
+    pan = readings.spots[:, 0]
+    direction = np.where(
+        readings.weights[:, :1] > 0.0,
+        y[..., :2] / np.maximum(level, TINY)[..., None],
+        np.stack([np.cos(pan), np.sin(pan)], axis=-1),
+    )
+    return np.sum(y[..., :2] * direction, axis=-1), direction
 
 
 def standardised(readings: Readings, T: Array) -> tuple[Array, Array]:
@@ -119,15 +138,15 @@ def standardised(readings: Readings, T: Array) -> tuple[Array, Array]:
     """
     R, arm = T[:3, :3], readings.points - T[:3, 3]
     y = arm @ R
-    tiny = np.finfo(np.float64).tiny
-    flat = np.maximum(np.hypot(y[:, 0], y[:, 1]), tiny)
-    distance = np.maximum(np.hypot(flat, y[:, 2]), tiny)
+    flat, direction = _along(readings, y)
+    level, distance = np.maximum(np.hypot(y[:, 0], y[:, 1]), TINY), np.maximum(np.linalg.norm(y, axis=1), TINY)
+    in_plane = np.maximum(np.hypot(flat, y[:, 2]), TINY)
     unit = np.zeros((readings.m, 3, 3))  # derivatives of pan, tilt and range by the point in the unit's frame
-    unit[:, 0, 0], unit[:, 0, 1] = -y[:, 1] / flat**2, y[:, 0] / flat**2
-    unit[:, 1, :2] = -y[:, :2] * (y[:, 2] / (flat * distance**2))[:, None]
-    unit[:, 1, 2] = flat / distance**2
+    unit[:, 0, 0], unit[:, 0, 1] = -y[:, 1] / level**2, y[:, 0] / level**2
+    unit[:, 1, :2] = -direction * (y[:, 2] / in_plane**2)[:, None]
+    unit[:, 1, 2] = flat / in_plane**2
     unit[:, 2] = y / distance[:, None]
-    by_point = unit @ R.T  # by the point in the base frame, to which the origin is opposite
+    by_point = unit @ R.T  # by the point in the base frame; moving the origin does the opposite
     J = np.concatenate([-by_point, np.cross(by_point, arm[:, None, :])], axis=2)
     return residuals(readings, T) * readings.weights, J * readings.weights[:, :, None]
 

@@ -26,6 +26,10 @@ FEWEST_PAIRS = 3
 FEWEST_KEPT = 4
 """Pairs that must remain before one is left out: three fit almost any readings, and could not show which of them is wrong."""
 
+MOST_LEFT_OUT = 0.25
+"""Largest share of the pairs that may be outliers [1]: where more disagree, it is not they that are wrong but the stated noise
+or the known points as a whole."""
+
 MOST_TURN = 0.05
 """Largest standard deviation of the unit's rotation about any axis [rad]: beyond it the pose is not linear over the noise."""
 
@@ -104,7 +108,8 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
 
     A pair is an outlier if its squared Mahalanobis distance from the pose of the other pairs exceeds the chi-square
     quantile at which normal noise loses none of all pairs with a probability of 99.9 %. The search for them starts at a
-    pose that no outliers spoil as long as they are fewer than half. At least half of the pairs and four are kept.
+    pose that no outliers spoil as long as they are fewer than half. At most a quarter of the pairs are left out, and at least
+    four are kept.
 
     Parameters
     ----------
@@ -129,7 +134,7 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
     e, J = standardised(readings, T)
     covariance = _inverse(J[kept])
     out = tuple(int(i) for i in np.flatnonzero(~kept))
-    chi_squared, freedom = float(np.sum(e[kept] ** 2)), int(np.count_nonzero(readings.weights[kept])) - 6
+    chi_squared, freedom = float(np.sum(e[kept] ** 2)), max(int(np.count_nonzero(readings.weights[kept])) - 6, 0)
     status, reason, advice = _judged(readings, kept, converged, covariance, chi_squared, freedom)
     found = status is CalibrationStatus.FOUND
     return Calibration(
@@ -150,16 +155,16 @@ def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Fla
     """Fit, test every pair against the fit of the others, and repeat until the same pairs pass."""
     from scipy.special import chdtri
 
-    if readings.m <= FEWEST_KEPT:
-        kept = np.ones(readings.m, dtype=bool)
-        return *fit_pose(readings, kept, T), kept
+    every = np.ones(readings.m, dtype=bool)
+    if readings.m <= FEWEST_KEPT or _largest_turn(_inverse(standardised(readings, T)[1])) > MOST_TURN:
+        return *fit_pose(readings, every, T), every  # none may be left out, or none can be tested
     used = np.count_nonzero(readings.weights, axis=1)
     threshold = chdtri(used, (1.0 - CONFIDENCE) / readings.m)
     for turn in range(SEARCH_ROUNDS + readings.m):
         T, converged = fit_pose(readings, kept, T)
         passed = _distances(*standardised(readings, T), kept) <= threshold
         after = passed & kept if turn >= SEARCH_ROUNDS else passed
-        if (after == kept).all():
+        if not converged or (after == kept).all():
             break
         kept = after
         if np.count_nonzero(kept) < FEWEST_PAIRS:
@@ -211,8 +216,8 @@ def _judged(
         return CalibrationStatus.COLLINEAR, reason, "add points away from that line, apart in two directions"
     if not converged:
         return CalibrationStatus.NOT_CONVERGED, "the least-squares fit came to no end", "check the pairs"
-    most_squares = float(chdtri(freedom, 1.0 - CONFIDENCE)) if freedom > 0 else 0.0
-    if freedom > 0 and chi_squared > most_squares:
+    most_squares = float(chdtri(freedom, 1.0 - CONFIDENCE)) if freedom > 0 else float("inf")
+    if chi_squared > most_squares:
         reason = (
             f"chi² = {chi_squared:.4g} with {freedom} degrees of freedom, above {most_squares:.4g}: more than the noise"
         )
@@ -221,8 +226,8 @@ def _judged(
 
 
 def _most_outliers(m: int) -> int:
-    """How many of m pairs may be left out: fewer than half, and so many that enough are kept."""
-    return max(0, min((m - 1) // 2, m - FEWEST_KEPT))
+    """How many of m pairs may be left out: at most a quarter, and so few that enough are kept."""
+    return max(0, min(int(MOST_LEFT_OUT * m), m - FEWEST_KEPT))
 
 
 def _largest_turn(covariance: Array) -> float:
