@@ -8,7 +8,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar, NamedTuple
 
+import numpy as np
+
 from optik.arm.robot import Robot
+from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.setpoints import Setpoints
 from planners.plan import Plan
@@ -93,7 +96,7 @@ class Execution:
         The continuous motion whose set-points were sent: that of the plan, or up to the stop and the stop; None where
         nothing was sent.
     setpoints : Setpoints or None
-        What was sent at each tick.
+        What was sent at each tick, up to the last one that was recorded: a plant that settles holds the end for a while.
     t : (m,) array
         Times of the plant's steps since the start, 0 first [s]; the ticks, for a real drive.
     q, dq : (m, n) arrays
@@ -108,6 +111,8 @@ class Execution:
         What stopped it, where the status is FAULT.
     notes : tuple of str
         What the reader must know: defaults that stand in for unknown values, and what the drive does not promise.
+    before : Execution or None
+        After `Drive.resume`, the way back to the path, where the arm stood off it.
     """
 
     drive: str
@@ -127,6 +132,7 @@ class Execution:
     late: int = 0
     fault: Fault | None = None
     notes: tuple[str, ...] = field(default=())
+    before: Execution | None = None
 
     def __bool__(self) -> bool:
         return self.status is ExecutionStatus.DONE
@@ -203,6 +209,30 @@ class Drive(ABC):
         InvalidInput
             An execution that was not stopped.
         """
+
+    def carry(self, robot: Robot) -> None:
+        """Go on with the same arm at rest, carrying something else: another tool, payload or shapes.
+
+        A simulated drive with a model of its own overrides this to change the model, too.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm with what it carries from now on.
+
+        Raises
+        ------
+        InvalidInput
+            Another arm.
+        """
+        if _empty(robot) != _empty(self.robot):
+            raise InvalidInput("robot", f"{robot.name!r}, another arm", f"{self.robot.name!r}, carrying something else")
+        self.robot = robot
+
+
+def _empty(robot: Robot) -> Robot:
+    """The arm without what it carries."""
+    return robot.with_payload(None).with_tool(np.eye(4)).with_shapes(None)
 
 
 METHOD_BASE = Drive
