@@ -24,7 +24,7 @@ MOST_TRIPLES = 100
 MOST_FIT_STEPS = 50
 """Most Gauss–Newton steps; from the closed-form start three to five are enough."""
 
-SETTLED = 1e-6
+FIT_SETTLED = 1e-6
 """Change of the standardised residuals by a step, in norm, at which the fit has converged [1]: a millionth of the noise, and
 still more than rounding changes the sum of their squares."""
 
@@ -168,13 +168,13 @@ def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
     T : (4, 4) array
         The pose that fits best [1, m].
     converged : bool
-        Whether the last step changed the residuals by no more than `SETTLED`.
+        Whether the last step changed the residuals by no more than `FIT_SETTLED`.
     """
     chosen = Readings(*(field[kept] for field in readings))
     for _ in range(MOST_FIT_STEPS):
         e, J = standardised(chosen, T)
         step = np.linalg.lstsq(J.reshape(-1, 6), e.ravel(), rcond=None)[0]
-        if np.linalg.norm(J @ step) <= SETTLED:
+        if np.linalg.norm(J @ step) <= FIT_SETTLED:
             return T, True
         cost = float(np.sum(e**2))
         for _ in range(MOST_HALVINGS):
