@@ -1,17 +1,22 @@
 """The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
 
+from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives import Drive, drives, make_drive
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
+from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
+from planners.cell.mjcf import mujoco_model, to_mjcf
 from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 
 __all__ = [
+    "Calibration",
+    "CalibrationStatus",
     "Cell",
     "CellStatus",
     "Cube",
@@ -26,6 +31,7 @@ __all__ = [
     "LateHost",
     "LostEncoder",
     "Moment",
+    "MujocoDrive",
     "Outcome",
     "PanTiltLaser",
     "PathFigures",
@@ -40,14 +46,17 @@ __all__ = [
     "Stall",
     "Step",
     "WrongSetpoint",
+    "calibrate",
     "crossings",
     "cube_poses",
     "drives",
     "make_drive",
+    "mujoco_model",
     "path_figures",
     "pose_figures",
     "setpoints",
     "split_configurations",
     "split_errors",
+    "to_mjcf",
     "whole_periods",
 ]
