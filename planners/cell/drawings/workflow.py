@@ -7,7 +7,7 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from planners.cell.drawings._svg import MARGIN, Sheet
+from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, written_width
 from planners.cell.outcome import Outcome, Step
 
 ROW, BOX = 42.0, 30.0
@@ -16,7 +16,7 @@ ROW, BOX = 42.0, 30.0
 LANE = 22.0
 """Between arrows that go back beside each other [px]."""
 
-LOOPS = {"tool": "correct the rest", "stop": "the spot moved", "replan": "a new line"}
+LOOPS = {"tool": "correct the rest", "execution": "look again", "stop": "the spot moved", "replan": "a new line"}
 """Why the workflow goes back, by the step from which it does."""
 
 
@@ -37,19 +37,26 @@ def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
     taken = [list(chain.from_iterable(outcome.steps for outcome in run)) for run in runs]
     first = {step.name: step for steps in reversed(taken) for step in reversed(steps)}
     names = list(dict.fromkeys(step.name for steps in taken for step in steps))
-    ways = dict.fromkeys((a.name, b.name) for steps in taken for a, b in pairwise(steps))
+    ways = list(dict.fromkeys((a.name, b.name) for steps in taken for a, b in pairwise(steps)))
     sheet = Sheet("Workflow of the cell: " + ", ".join(names))
-    x, width = MARGIN + LANE * 2, 215.0
     rows = {name: MARGIN + ROW * i for i, name in enumerate(names)}
+    back = [way for way in ways if rows[way[1]] < rows[way[0]]]
+    ahead = [way for way in ways if rows[way[1]] > rows[way[0]] + ROW]
+    x = MARGIN + LANE * len(ahead)
+    width = WIDTH - MARGIN - x - LANE * len(back) - written_width(max(LOOPS.values(), key=len))
     for name in names:
         sheet.box(x, rows[name], width, BOX)
         sheet.words((x + 10.0, rows[name] + 20.0), name, bold=True)
         sheet.words((x + width - 10.0, rows[name] + 20.0), made(first[name]), "soft", anchor="end")
-    lanes = {-1: 0, 1: 0}
-    for way in ways:
-        _way(sheet, (x, width), rows, way, lanes)
-    for name in [name for name in LOOPS if any(a == name and rows[b] < rows[a] for a, b in ways)]:
-        sheet.words((x + width + LANE * (lanes[1] + 0.4), rows[name] + 20.0), LOOPS[name], "z")
+    for a, b in ways:
+        if rows[b] == rows[a] + ROW:
+            sheet.arrow([(x + width / 2, rows[a] + BOX), (x + width / 2, rows[b])], "soft")
+    for edge, side, beside in ((x, -1, ahead), (x + width, 1, back)):
+        for k, (a, b) in enumerate(beside, start=1):
+            lane, start, end = edge + side * LANE * k, rows[a] + BOX / 2, rows[b] + BOX / 2
+            sheet.arrow([(edge, start), (lane, start), (lane, end), (edge, end)], "z")
+    for name in dict.fromkeys(a for a, _ in back if a in LOOPS):
+        sheet.words((x + width + LANE * (len(back) + 0.3), rows[name] + 20.0), LOOPS[name], "z")
     return sheet.svg(rows[names[-1]] + BOX + MARGIN)
 
 
@@ -69,20 +76,3 @@ def made(step: Step) -> str:
     if isinstance(step.result, np.ndarray):
         return "pose (4, 4)" if step.result.shape == (4, 4) else "point (3,)"
     return "" if step.result is None else type(step.result).__name__
-
-
-def _way(
-    sheet: Sheet, box: tuple[float, float], rows: dict[str, float], way: tuple[str, str], lanes: dict[int, int]
-) -> None:
-    """An arrow from one step to another: straight down to the next one, else beside the boxes, back on the right."""
-    x, width = box
-    start, end = rows[way[0]], rows[way[1]]
-    if end == start + ROW:
-        sheet.arrow([(x + width / 2, start + BOX), (x + width / 2, end)], "soft")
-        return
-    back = end < start
-    side = 1 if back else -1
-    edge = x + width if back else x
-    lanes[side] += 1
-    lane = edge + side * LANE * lanes[side]
-    sheet.arrow([(edge, start + BOX / 2), (lane, start + BOX / 2), (lane, end + BOX / 2), (edge, end + BOX / 2)], "z")
