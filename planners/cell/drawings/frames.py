@@ -18,7 +18,7 @@ AXIS = 0.16
 HEIGHT = 380.0
 """Of the picture above the table [px]."""
 
-LINE = 18.0
+TABLE_PITCH = 18.0
 """Between lines of the table [px]."""
 
 SAME_FRAME = 1e-6
@@ -159,7 +159,7 @@ def _table(sheet: Sheet, robot: Robot, links: list[DHLink | None]) -> float:
         sheet.words((x, y), word, "soft", anchor="end")
     sheet.line([(MARGIN, y + 6.0), (WIDTH - MARGIN, y + 6.0)], "edge", width=1.0)
     for i, link in enumerate(links):
-        y += LINE if i else LINE + 4.0
+        y += TABLE_PITCH if i else TABLE_PITCH + 4.0
         per = 1e3 if robot.prismatic[i] else 180.0 / np.pi
         low, high = per * robot.limits.lower[i], per * robot.limits.upper[i]
         shown = ("–",) * 3 if link is None else (np.degrees(link.alpha), 1e3 * link.a, 1e3 * link.d)

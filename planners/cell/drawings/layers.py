@@ -17,7 +17,7 @@ from planners.timing import laws
 if TYPE_CHECKING:
     from planners.cell.cell import Cell
 
-STEP = 17.0
+LINE_PITCH = 17.0
 """Between lines of words [px]."""
 
 BETWEEN = 46.0
@@ -63,12 +63,12 @@ def draw_layers(cell: Cell) -> str:
             _carry(sheet, y, carried[i - 1], width)
             y += BETWEEN
         lines = [line for fact in facts for line in broken(fact, width - 20.0)]
-        sheet.box(MARGIN, y, width, STEP * (len(lines) + 1) + 14.0)
+        sheet.box(MARGIN, y, width, LINE_PITCH * (len(lines) + 1) + 14.0)
         sheet.words((MARGIN + 10.0, y + 20.0), title, bold=True)
         for k, line in enumerate(lines):
-            sheet.words((MARGIN + 10.0, y + 20.0 + STEP * (k + 1)), line, "soft")
+            sheet.words((MARGIN + 10.0, y + 20.0 + LINE_PITCH * (k + 1)), line, "soft")
         tops.append(y)
-        y += STEP * (len(lines) + 1) + 14.0
+        y += LINE_PITCH * (len(lines) + 1) + 14.0
     edge, lane = MARGIN + width, MARGIN + width + LOOP / 2
     sheet.arrow(
         [(edge, tops[3] + 20.0), (lane, tops[3] + 20.0), (lane, tops[1] + 20.0), (edge, tops[1] + 20.0)], "beam"

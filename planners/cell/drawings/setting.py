@@ -30,7 +30,7 @@ UNIT_AXIS = 0.15
 BEAM_PIECES = 24
 """Pieces of the beam, each of which is in front of a link or behind it [1]."""
 
-SPARE = 0.12
+PLATFORM_SPARE = 0.12
 """How far the platform reaches beyond arm and laser unit [m]."""
 
 LEAST_WIDTH = 0.03
@@ -143,7 +143,7 @@ def _floor(view: View, bodies: list[tuple[Array, float]], above: Array) -> Array
     """Corners (4, 3) of the platform below some points (k, 3), as low as the lowest of them and of the arm."""
     low = min(min(float((ends @ view.up).min()) - radius for ends, radius in bodies), float((above @ view.up).min()))
     feet = above @ view.level.T
-    (x0, y0), (x1, y1) = feet.min(axis=0) - SPARE, feet.max(axis=0) + SPARE
+    (x0, y0), (x1, y1) = feet.min(axis=0) - PLATFORM_SPARE, feet.max(axis=0) + PLATFORM_SPARE
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
     return np.asarray(corners @ view.level + low * view.up)
 

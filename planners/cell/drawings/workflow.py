@@ -10,7 +10,7 @@ import numpy as np
 from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, written_width
 from planners.cell.outcome import Outcome, Step
 
-ROW, BOX = 42.0, 30.0
+STEP_PITCH, STEP_HEIGHT = 42.0, 30.0
 """From one step to the next, and height of a step's box [px]."""
 
 LANE = 22.0
@@ -39,25 +39,25 @@ def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
     names = list(dict.fromkeys(step.name for steps in taken for step in steps))
     ways = list(dict.fromkeys((a.name, b.name) for steps in taken for a, b in pairwise(steps)))
     sheet = Sheet("Workflow of the cell: " + ", ".join(names))
-    rows = {name: MARGIN + ROW * i for i, name in enumerate(names)}
+    rows = {name: MARGIN + STEP_PITCH * i for i, name in enumerate(names)}
     back = [way for way in ways if rows[way[1]] < rows[way[0]]]
-    ahead = [way for way in ways if rows[way[1]] > rows[way[0]] + ROW]
+    ahead = [way for way in ways if rows[way[1]] > rows[way[0]] + STEP_PITCH]
     x = MARGIN + LANE * len(ahead)
     width = WIDTH - MARGIN - x - LANE * len(back) - written_width(max(LOOPS.values(), key=len))
     for name in names:
-        sheet.box(x, rows[name], width, BOX)
+        sheet.box(x, rows[name], width, STEP_HEIGHT)
         sheet.words((x + 10.0, rows[name] + 20.0), name, bold=True)
         sheet.words((x + width - 10.0, rows[name] + 20.0), made(first[name]), "soft", anchor="end")
     for a, b in ways:
-        if rows[b] == rows[a] + ROW:
-            sheet.arrow([(x + width / 2, rows[a] + BOX), (x + width / 2, rows[b])], "soft")
+        if rows[b] == rows[a] + STEP_PITCH:
+            sheet.arrow([(x + width / 2, rows[a] + STEP_HEIGHT), (x + width / 2, rows[b])], "soft")
     for edge, side, beside in ((x, -1, ahead), (x + width, 1, back)):
         for k, (a, b) in enumerate(beside, start=1):
-            lane, start, end = edge + side * LANE * k, rows[a] + BOX / 2, rows[b] + BOX / 2
+            lane, start, end = edge + side * LANE * k, rows[a] + STEP_HEIGHT / 2, rows[b] + STEP_HEIGHT / 2
             sheet.arrow([(edge, start), (lane, start), (lane, end), (edge, end)], "z")
     for name in dict.fromkeys(a for a, _ in back if a in LOOPS):
         sheet.words((x + width + LANE * (len(back) + 0.3), rows[name] + 20.0), LOOPS[name], "z")
-    return sheet.svg(rows[names[-1]] + BOX + MARGIN)
+    return sheet.svg(rows[names[-1]] + STEP_HEIGHT + MARGIN)
 
 
 def made(step: Step) -> str:
