@@ -1,0 +1,389 @@
+"""PanTiltLaser: a pan-tilt unit beside the arm, whose readings become points in the arm's base frame, and back."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, replace
+from math import inf, pi
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.check import check_number, shown
+from optik.errors import InvalidInput
+from optik.se3 import check_pose, nearest_pose
+from optik.types import Array, Flags
+from planners.cell._checks import Limits, check_covariance, check_limits, check_readings, fixed, vector, vectors
+from planners.cell.sighting import Plane, Sighting, SightStatus, Spot
+
+__all__ = ["PanTiltLaser", "Plane", "SightStatus", "Sighting", "Spot"]
+
+ANGLE_SLACK = 1e-9
+"""How far pan and tilt may exceed their limits [rad]: a spot at a limit, computed back from its point, is off by rounding."""
+
+RANGE_SLACK = 1e-9
+"""How far a range may exceed its limits [m], for the same reason; a point that is no farther than this is the unit's origin."""
+
+GRAZING = 1e-9
+"""Sine of the angle between beam and plane up to which they count as parallel [1]: 1 m of lever arm would lie 10⁶ km away."""
+
+ON_PAN_AXIS = 8 * np.finfo(np.float64).eps
+"""Distance from the pan axis, over the size of the coordinates, up to which a point is on it [1]: subtracting the unit's
+position leaves a few units of rounding, of which the arctangent would make a random pan."""
+
+TURN_UNIT = "move or turn the unit so that the spot is inside its limits"
+"""Advice for a spot outside the limits of pan or tilt."""
+
+
+@dataclass(frozen=True, eq=False)
+class PanTiltLaser:
+    """A pan-tilt unit with a laser that measures the range along its beam.
+
+    At pan = tilt = 0 the beam goes along the unit's x axis. Pan turns it about the unit's z axis, then tilt about the turned
+    −y axis, so that a positive tilt raises it: d = (cos p · cos t, sin p · cos t, sin t). The beam leaves from the unit's
+    origin. Points and planes are in the arm's base frame.
+
+    The noise of a reading is normal and independent: ``angle_noise`` in pan and in tilt, ``range_noise`` in range. The
+    calibration's error is a small twist (v, ω) of the pose, along and about the axes of the base frame: the true origin is
+    p + v, the true rotation Exp(ω) R.
+
+    Parameters
+    ----------
+    pose : (4, 4) array
+        The unit's frame in the arm's base frame [1, m].
+    pan_limits : (2,) floats
+        Within ±2π [rad]. A pan may be given by any of its turns that is inside.
+    tilt_limits : (2,) floats
+        Within ±π/2 [rad].
+    range_limits : (2,) floats
+        Not below 0; the upper one may be infinite [m].
+    angle_noise : float
+        Standard deviation of pan and of tilt [rad].
+    range_noise : float
+        Standard deviation of the range [m].
+    pose_covariance : (6, 6) array, optional
+        Of the twist (v, ω) of the pose, as `calibrate` returns it [m², m·rad, rad²]; by default the pose is exact.
+
+    Raises
+    ------
+    InvalidInput
+        A matrix that is no pose, limits out of order, a negative or NaN noise, or a matrix that is no covariance.
+    """
+
+    pose: Array
+    _: KW_ONLY
+    pan_limits: Limits = (-pi, pi)
+    tilt_limits: Limits = (-pi / 2, pi / 2)
+    range_limits: Limits = (0.0, inf)
+    angle_noise: float = 0.0
+    range_noise: float = 0.0
+    pose_covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        expected = "a standard deviation ≥ 0"
+        values = {
+            "pose": fixed(nearest_pose(check_pose(self.pose, "pose"))),
+            "pan_limits": check_limits(self.pan_limits, "pan_limits", -2 * pi, 2 * pi, "[−2π, 2π]"),
+            "tilt_limits": check_limits(self.tilt_limits, "tilt_limits", -pi / 2, pi / 2, "[−π/2, π/2]"),
+            "range_limits": check_limits(self.range_limits, "range_limits", 0.0, inf, "[0, ∞]"),
+            "angle_noise": check_number(self.angle_noise, "angle_noise", expected, least=0.0),
+            "range_noise": check_number(self.range_noise, "range_noise", expected, least=0.0),
+            "pose_covariance": None if self.pose_covariance is None else check_covariance(self.pose_covariance),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    # ------------------------------------------------------------ geometry
+
+    def direction(self, pan: ArrayLike, tilt: ArrayLike) -> Array:
+        """Directions of the beam in the arm's base frame.
+
+        Parameters
+        ----------
+        pan, tilt : scalar or (...,) arrays
+            Angles; they broadcast [rad].
+
+        Returns
+        -------
+        (3,) or (..., 3) array
+            Vectors of length 1 [1].
+
+        Raises
+        ------
+        InvalidInput
+            NaN, infinity, or shapes that do not broadcast.
+        """
+        pan, tilt, _ = check_readings(pan, tilt, 0.0)
+        return np.asarray(_beam(pan, tilt) @ self.pose[:3, :3].T)
+
+    def point(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> Array:
+        """Points of readings; limits are not asked for, as a noisy reading may exceed them.
+
+        Parameters
+        ----------
+        pan, tilt : scalar or (...,) arrays
+            Angles; all three arguments broadcast [rad].
+        range : scalar or (...,) array
+            Distances along the beam [m].
+
+        Returns
+        -------
+        (3,) or (..., 3) array
+            Points in the arm's base frame [m].
+
+        Raises
+        ------
+        InvalidInput
+            NaN, infinity, a negative range, or shapes that do not broadcast.
+        """
+        pan, tilt, range = check_readings(pan, tilt, range)
+        return np.asarray(self.pose[:3, 3] + range[..., None] * (_beam(pan, tilt) @ self.pose[:3, :3].T))
+
+    def reading(self, points: ArrayLike) -> Spot:
+        """What the unit would read of points without noise and without limits; `angles` judges one point by the limits.
+
+        Parameters
+        ----------
+        points : (3,) or (..., 3) array
+            In the arm's base frame [m].
+
+        Returns
+        -------
+        Spot
+            Pan in (−π, π], tilt in [−π/2, π/2] [rad], range [m]. On the pan axis every pan is right, and 0 is returned.
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shape, NaN or infinity.
+        """
+        points = vectors(points, "points")
+        x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
+        off_axis = np.hypot(x, y)
+        pan = np.where(self._on_pan_axis(points), 0.0, np.arctan2(y, x))
+        return Spot(pan, np.arctan2(z, off_axis), np.hypot(off_axis, z))
+
+    def jacobians(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> tuple[Array, Array]:
+        """Derivatives of points by their readings, and by the small twist of the unit's pose.
+
+        Parameters
+        ----------
+        pan, tilt : scalar or (...,) arrays
+            Angles; all three arguments broadcast [rad].
+        range : scalar or (...,) array
+            Distances along the beam [m].
+
+        Returns
+        -------
+        by_reading : (3, 3) or (..., 3, 3) array
+            Columns pan, tilt [m/rad] and range [1].
+        by_pose : (3, 6) or (..., 3, 6) array
+            Columns v [1] and ω [m/rad], along and about the axes of the base frame, at the unit's origin.
+
+        Raises
+        ------
+        InvalidInput
+            NaN, infinity, a negative range, or shapes that do not broadcast.
+        """
+        pan, tilt, range = check_readings(pan, tilt, range)
+        beam, across = _beam(pan, tilt), range * np.cos(tilt)
+        panned = np.stack([-np.sin(pan) * across, np.cos(pan) * across, np.zeros_like(across)], axis=-1)
+        tilted = range[..., None] * _beam(pan, tilt + pi / 2)
+        R = self.pose[:3, :3]
+        by_reading = R @ np.stack([panned, tilted, beam], axis=-1)
+        arm = range[..., None] * by_reading[..., 2]
+        by_pose = np.zeros((*range.shape, 3, 6))
+        by_pose[..., :3] = np.eye(3)
+        by_pose[..., 3:] = np.cross(np.eye(3), arm[..., None, :], axis=-1).swapaxes(-1, -2)
+        return by_reading, by_pose
+
+    def covariance(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> Array:
+        """Covariance of measured points: the noise of the reading and of the calibration, carried to first order.
+
+        Parameters
+        ----------
+        pan, tilt : scalar or (...,) arrays
+            Angles; all three arguments broadcast [rad].
+        range : scalar or (...,) array
+            Distances along the beam [m].
+
+        Returns
+        -------
+        (3, 3) or (..., 3, 3) array
+            Covariances in the axes of the base frame [m²].
+
+        Raises
+        ------
+        InvalidInput
+            NaN, infinity, a negative range, or shapes that do not broadcast.
+        """
+        by_reading, by_pose = self.jacobians(pan, tilt, range)
+        scaled = by_reading * (self.angle_noise, self.angle_noise, self.range_noise)
+        total = scaled @ scaled.swapaxes(-1, -2)
+        if self.pose_covariance is not None:
+            total = total + by_pose @ self.pose_covariance @ by_pose.swapaxes(-1, -2)
+        return np.asarray(total)
+
+    def with_pose(self, pose: ArrayLike, covariance: ArrayLike | None = None) -> PanTiltLaser:
+        """Return the unit at another pose, with the same limits and noise of readings.
+
+        Parameters
+        ----------
+        pose : (4, 4) array
+            The unit's frame in the arm's base frame [1, m].
+        covariance : (6, 6) array, optional
+            Of the twist (v, ω) of that pose [m², m·rad, rad²]; by default the new pose is exact.
+
+        Returns
+        -------
+        PanTiltLaser
+            The unit there.
+
+        Raises
+        ------
+        InvalidInput
+            Not a pose, or not a covariance.
+        """
+        checked = None if covariance is None else check_covariance(covariance)
+        return replace(self, pose=check_pose(pose, "pose"), pose_covariance=checked)
+
+    def read(self, point: ArrayLike, rng: np.random.Generator) -> Spot:
+        """A noisy reading of a true point, by a unit that stands where this one stands; for simulations.
+
+        Parameters
+        ----------
+        point : (3,) or (..., 3) array
+            True points in the arm's base frame [m].
+        rng : Generator
+            Source of the noise; from the same state it gives the same readings.
+
+        Returns
+        -------
+        Spot
+            Pan and tilt [rad], range [m], with this unit's noise; a range is not below 0.
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shape, NaN or infinity.
+        """
+        exact = np.stack(self.reading(point), axis=-1)
+        noisy = rng.normal(exact, (self.angle_noise, self.angle_noise, self.range_noise))
+        return Spot(noisy[..., 0], noisy[..., 1], np.maximum(noisy[..., 2], 0.0))
+
+    def angles(self, point: ArrayLike) -> Sighting:
+        """Pan, tilt and range at which the unit points at a point, and whether it can.
+
+        Parameters
+        ----------
+        point : (3,) array
+            In the arm's base frame [m].
+
+        Returns
+        -------
+        Sighting
+            FOUND, OUTSIDE_ANGLES, BEHIND (outside the pan limits and behind the unit), OUT_OF_RANGE or AT_UNIT. On the
+            pan axis, where every pan is right, it is the one inside the limits that is nearest to 0.
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shape, NaN or infinity.
+        """
+        point = vector(point, "point")
+        spot = Spot(*(float(x) for x in self.reading(point)))
+        if spot.range <= RANGE_SLACK:
+            return _failed(SightStatus.AT_UNIT, "the point is the unit's origin", "ask for a point away from the unit")
+        ahead = float((point - self.pose[:3, 3]) @ self.pose[:3, 0]) > 0.0
+        if self._on_pan_axis(point):
+            spot = spot._replace(pan=float(np.clip(0.0, *self.pan_limits)))
+        return self._judged(spot, point, ahead)
+
+    def on_plane(self, pan: float, tilt: float, plane: Plane) -> Sighting:
+        """Where the beam meets a plane, such as the graph paper; the range is not measured but follows from the plane.
+
+        Parameters
+        ----------
+        pan, tilt : float
+            Angles [rad].
+        plane : Plane
+            In the arm's base frame.
+
+        Returns
+        -------
+        Sighting
+            FOUND, OUTSIDE_ANGLES, PARALLEL, BEHIND (the beam goes away from the plane), OUT_OF_RANGE or AT_UNIT (the unit's
+            origin lies on the plane). The covariance is that of the point on the plane, of rank 2: `covariance` without
+            range noise, projected along the beam onto the plane.
+
+        Raises
+        ------
+        InvalidInput
+            NaN or infinity, or no Plane.
+        """
+        if not isinstance(plane, Plane):
+            raise InvalidInput("plane", shown(plane), "a planners.cell.Plane")
+        pan, tilt = (check_number(x, name, "an angle [rad]") for x, name in ((pan, "pan"), (tilt, "tilt")))
+        d = self.direction(pan, tilt)
+        along, lever = float(plane.normal @ d), -float(plane.distance(self.pose[:3, 3]))
+        if abs(along) <= GRAZING:
+            reason = f"the beam is parallel to the plane, {abs(lever):.3g} m beside it"
+            return _failed(SightStatus.PARALLEL, reason, "turn the beam towards the plane")
+        distance = lever / along
+        if abs(distance) <= RANGE_SLACK:
+            return _failed(SightStatus.AT_UNIT, "the unit's origin lies on the plane", "move the unit off the plane")
+        if distance < 0.0:
+            reason = f"the beam goes away from the plane, which it leaves {-distance:.3g} m behind the unit"
+            return _failed(SightStatus.BEHIND, reason, "turn the beam by half a turn, or move the unit")
+        point = self.pose[:3, 3] + distance * d
+        onto = np.eye(3) - np.outer(d, plane.normal) / along  # along the beam onto the plane
+        return self._judged(Spot(pan, tilt, distance), point, True, onto)
+
+    def _judged(self, spot: Spot, point: Array, ahead: bool, onto: Array | None = None) -> Sighting:
+        """The sighting of a spot: found if pan, tilt and range are inside the limits."""
+        pan, tilt, distance = (float(x) for x in spot)
+        turned = _turned_into(pan, self.pan_limits)
+        if turned is None:
+            status = SightStatus.OUTSIDE_ANGLES if ahead else SightStatus.BEHIND
+            where = "" if ahead else "the point is behind the unit: "
+            return _failed(status, where + _outside("pan", pan, self.pan_limits), TURN_UNIT)
+        if not _inside(tilt, self.tilt_limits, ANGLE_SLACK):
+            return _failed(SightStatus.OUTSIDE_ANGLES, _outside("tilt", tilt, self.tilt_limits), TURN_UNIT)
+        if not _inside(distance, self.range_limits, RANGE_SLACK):
+            low, high = self.range_limits
+            reason = f"the range {distance:.6g} m is outside [{low:.6g}, {high:.6g}] m"
+            return _failed(SightStatus.OUT_OF_RANGE, reason, "move the unit, or choose a point within its range")
+        covariance = self.covariance(turned, tilt, distance)
+        if onto is not None:
+            covariance = onto @ covariance @ onto.T
+        return Sighting(SightStatus.FOUND, "", "", point, Spot(turned, tilt, distance), covariance)
+
+    def _on_pan_axis(self, points: Array) -> Flags:
+        """Whether points lie on the pan axis, as far as rounding lets us know."""
+        y = (points - self.pose[:3, 3]) @ self.pose[:3, :2]
+        size = np.linalg.norm(points, axis=-1) + np.linalg.norm(self.pose[:3, 3])
+        return np.asarray(np.hypot(y[..., 0], y[..., 1]) <= ON_PAN_AXIS * size)
+
+
+def _failed(status: SightStatus, reason: str, advice: str) -> Sighting:
+    return Sighting(status, reason, advice)
+
+
+def _beam(pan: Array, tilt: Array) -> Array:
+    """Directions of the beam in the unit's own frame, (..., 3)."""
+    flat = np.cos(tilt)
+    return np.stack([np.cos(pan) * flat, np.sin(pan) * flat, np.sin(tilt)], axis=-1)
+
+
+def _turned_into(pan: float, limits: Limits) -> float | None:
+    """Pan, or the same direction by a turn more or less, inside the limits; None if there is none."""
+    turns = (pan, pan + 2 * pi, pan - 2 * pi)
+    return next((p for p in turns if _inside(p, limits, ANGLE_SLACK)), None)
+
+
+def _inside(value: float, limits: Limits, slack: float) -> bool:
+    return limits[0] - slack <= value <= limits[1] + slack
+
+
+def _outside(name: str, angle: float, limits: Limits) -> str:
+    low, high = np.degrees(limits)
+    return f"{name} {np.degrees(angle):.6g}° is outside [{low:.6g}, {high:.6g}]°"
