@@ -78,7 +78,9 @@ def _within(rows: pl.DataFrame) -> Finding:
         d = 1e3 * float(last["distance"][near - 1])
         text += f" Up to {d:.0f} mm, where {near:,} trials are, the interval begins at 99 %."
         return Finding("a", claim, f"{PARTLY} the spot is closer than {d:.0f} mm", text, rule, figures)
-    text += f" {_why_missed(last)}" if (~within).any() else " There are too few trials for an interval that begins at 99 %."
+    text += (
+        f" {_why_missed(last)}" if (~within).any() else " There are too few trials for an interval that begins at 99 %."
+    )
     return Finding("a", claim, FAILS, text, rule, figures)
 
 
@@ -86,10 +88,14 @@ def _why_missed(last: pl.DataFrame) -> str:
     """Which part of the error is the largest in the trials that miss."""
     missed = last.filter(pl.col("axis") > TWO_MM)
     executed = missed.filter(pl.col("position_error").is_not_null())
-    parts = {part: float((executed[f"{part}_error"] == _largest(executed)).sum()) for part in ("ik", "laser", "path", "servo")}
+    parts = {
+        part: float((executed[f"{part}_error"] == _largest(executed)).sum())
+        for part in ("ik", "laser", "path", "servo")
+    }
     words = [f"{count:.0f} by {part}" for part, count in parts.items() if count]
     lost = len(missed) - len(executed)
-    return f"{len(missed):,} miss, by their largest part: {', '.join([*words, *([f'{lost} were not executed'] if lost else [])])}."
+    words += [f"{lost} were not executed"] if lost else []
+    return f"{len(missed):,} miss, by their largest part: {', '.join(words)}."
 
 
 def _largest(rows: pl.DataFrame) -> pl.Series:
@@ -179,7 +185,7 @@ def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
     done = rows.filter(pl.col("position_error").is_not_null())
     for (budget,), part in done.sort("budget").group_by("budget", maintain_order=True):
         if len(part) >= 12 * LEAST_IN_BIN and _iteration_leads(part):
-            yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS}  # type: ignore[call-overload]
+            yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS}
 
 
 def _iteration_leads(part: pl.DataFrame) -> bool:

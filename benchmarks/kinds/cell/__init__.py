@@ -37,7 +37,9 @@ class _Cell(Kind):
 
     def compared_rows(self, block: CellBlock, rows: pl.DataFrame) -> pl.DataFrame:
         """One problem is one spot, cycle or line; what a block does not have is empty."""
-        keys = [key for key in ("problem", "repeat", "test", "cycle", "point", "motion", "timed") if key in rows.columns]
+        keys = [
+            key for key in ("problem", "repeat", "test", "cycle", "point", "motion", "timed") if key in rows.columns
+        ]
         named = pl.concat_str([pl.col(key).cast(pl.String) for key in keys], separator=" ", ignore_nulls=True)
         kept = [c.column for c in self.compared if c.column in rows.columns]
         lacking = {c.column: pl.lit(None, dtype=pl.Float64) for c in self.compared if c.column not in rows.columns}
@@ -61,9 +63,9 @@ class _Cell(Kind):
         if isinstance(block, SpotsBlock):
             return spots_parts(folder, block, prepared, self.folder)
         if isinstance(block, IsoBlock):
-            return iso_parts(block, *prepared, self.folder)
+            return iso_parts(block, prepared, self.folder)
         assert isinstance(block, LawsBlock)
-        return laws_parts(block, *prepared, self.folder)
+        return laws_parts(block, prepared, self.folder)
 
     def solve(self, work: SpotsWork | IsoWork | LawsWork) -> pl.DataFrame:
         if isinstance(work, SpotsWork):
@@ -71,8 +73,7 @@ class _Cell(Kind):
         return solve_iso(work) if isinstance(work, IsoWork) else solve_laws(work)
 
     def rows(self, folder: RunFolder, block: CellBlock) -> pl.DataFrame | None:
-        parts = [part for name in folder.part_names(self.folder, block.id) if (part := folder.read(name)) is not None]
-        return pl.concat(parts) if parts else None
+        return folder.parts(self.folder, block.id)
 
     def sections(self) -> Sequence[Section]:
         from benchmarks.kinds.cell.report import SECTIONS
@@ -81,6 +82,9 @@ class _Cell(Kind):
 
     def subjects(self, blocks: Sequence[Block]) -> Sequence[str]:
         return ("executed motions of the laser cell",)
+
+    def labels(self, block: Block) -> Sequence[str]:
+        return [m.label for m in block.methods] if isinstance(block, SpotsBlock) else block.labels
 
     def tables(self, run: Run) -> Sequence[Table]:
         from benchmarks.kinds.cell.report.tables import tables

@@ -9,6 +9,7 @@ import polars as pl
 
 from optik.types import Array
 from planners.cell.drives.base import Execution
+from planners.plan import Plan
 
 FACT_TYPES: dict[str, Any] = {
     "drive": pl.String, "status": pl.String, "reason": pl.String, "duration": pl.Float64, "tracking_m": pl.Float64,
@@ -76,6 +77,22 @@ def peaks(execution: Execution) -> tuple[Array, Array | None]:
     bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
     known = np.isfinite(bound).all() and (bound > 0.0).all()
     return np.abs(execution.torque).max(axis=0), bound if known else None
+
+
+def why_not(planned: Plan) -> str:
+    """Why a plan has no motion.
+
+    Parameters
+    ----------
+    planned : Plan
+        One that failed.
+
+    Returns
+    -------
+    str
+        In words.
+    """
+    return str(planned.status) if planned.stop is None else planned.stop.reason
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.kinds.base import Part
-from benchmarks.kinds.cell.facts import FACT_TYPES, facts_of, failure
+from benchmarks.kinds.cell.facts import FACT_TYPES, facts_of, failure, why_not
 from benchmarks.kinds.cell.isorows import PATH, POSE
 from benchmarks.kinds.cell.measures import AXES
 from benchmarks.kinds.cell.settings import NOISELESS, NOISY, IsoBlock
@@ -119,7 +120,8 @@ def prepare_iso(block: IsoBlock) -> Cube:
     q = start_configuration(robot, block.start_deg, f"cell {block.id!r}")
     planned = _line(block)
     if not planned:
-        raise InvalidInput(f"cell {block.id!r}: move_m", f"{list(block.move_m)}: {planned.reason}", "a line that the arm can follow")
+        came = f"{list(block.move_m)}: {why_not(planned)}"
+        raise InvalidInput(f"cell {block.id!r}: move_m", came, "a line that the arm can follow")
     return cube_poses(robot, q)
 
 
@@ -130,17 +132,15 @@ def _line(block: IsoBlock) -> Plan:
     return plan(robot, Line(start, se3.pose(start[:3, :3], start[:3, 3] + block.move_m)), q, timing=block.law)
 
 
-def iso_parts(block: IsoBlock, drive: str, seed: int, top: str) -> Iterator[Part]:
+def iso_parts(block: IsoBlock, prepared: tuple[str, int], top: str) -> Iterator[Part]:
     """Divide the work: a cycle a part.
 
     Parameters
     ----------
     block : IsoBlock
         The block.
-    drive : str
-        Name of the drive.
-    seed : int
-        Of the suite.
+    prepared : tuple of (str, int)
+        Name of the drive, and seed of the suite.
     top : str
         Folder of the parts in the run folder.
 
@@ -149,6 +149,7 @@ def iso_parts(block: IsoBlock, drive: str, seed: int, top: str) -> Iterator[Part
     Part
         One cycle; without noise there is one of each test, as all would be the same.
     """
+    drive, seed = prepared
     for test, cycles in ((POSE, block.cycles), (PATH, block.path_cycles)):
         for noise in (True, False):
             for cycle in range(cycles if noise else 1):
@@ -176,13 +177,14 @@ def solve_iso(work: IsoWork) -> pl.DataFrame:
 
 def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     """Rows of one cycle through the poses; it ends at the first motion that fails."""
-    cube, rows = prepare_iso(work.block), []
+    cube = prepare_iso(work.block)
+    rows: list[dict[str, Any]] = []
     drive = drive_of(work.block, work.drive, trial, cube.q[ORDER[0]], noise=work.noise)
-    for before, point in zip(ORDER, ORDER[1:], strict=False):
+    for before, point in pairwise(ORDER):
         row = {"point": point + 1} | dict(zip(AXES, cube.poses[point, :3, 3].tolist(), strict=True))
         planned = plan(trial.robot, cube.q[point], cube.q[before], timing=work.block.law)
         if not planned:
-            return [*rows, row | failure(work.drive, str(planned.status), planned.reason)]
+            return [*rows, row | failure(work.drive, str(planned.status), why_not(planned))]
         execution = drive.execute(planned)
         row |= facts_of(execution)
         if execution:

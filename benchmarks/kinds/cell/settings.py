@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from benchmarks.kinds._entries import check_labels, read_law, read_method
+from benchmarks.kinds._problems import ProblemBlock
 from benchmarks.kinds.base import Block, Entry
 from benchmarks.kinds.cell.measures import MEASURES
 from benchmarks.problems.base import SETS
-from benchmarks.settings import all_of, check_different, check_keys, check_known, check_list, check_table
+from benchmarks.settings import all_of, check_keys, check_known, check_list, check_table
 from benchmarks.targets import read_target
 from optik.check import check_count, check_flag, check_number, real_array
 from optik.errors import InvalidInput
@@ -98,15 +99,11 @@ class CellBlock(Block):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpotsBlock(CellBlock):
+class SpotsBlock(CellBlock, ProblemBlock):
     """Spots on graph paper: the tool is sent to each by iterations of an IK method, and along the whole line.
 
     Attributes
     ----------
-    set : str
-        The problem set: a name, or the path of a file; all its starts must be one.
-    options : dict
-        Options of the problem set.
     methods : tuple of Entry
         The IK methods; one that is ``whole`` takes the tool along the straight line, the others at each budget by a move in
         joint space to their own answer.
@@ -122,8 +119,6 @@ class SpotsBlock(CellBlock):
         Where the laser unit stands in the base frame [m].
     """
 
-    set: str
-    options: dict[str, Any]
     methods: tuple[Entry, ...]
     budgets: tuple[int, ...] = (1, 2, 3, 5, 8, 12, 20)
     law: str = "optimal"
@@ -250,7 +245,7 @@ def read_block(data: Any) -> CellBlock:
         data.get("targets"), f"{where}: targets",
         lambda one: read_target(one, where, MEASURES[what], labels=block.labels),
     )  # fmt: skip
-    return type(block)(**{f.name: getattr(block, f.name) for f in fields(block)} | {"targets": targets})
+    return replace(block, targets=targets)
 
 
 def _shared(data: dict[str, Any], where: str) -> dict[str, Any]:
@@ -266,7 +261,9 @@ def _shared(data: dict[str, Any], where: str) -> dict[str, Any]:
 def _payload(data: dict[str, Any], where: str) -> float | None:
     if "payload" not in data:
         if "payload" in check_table(data.get("noise", {}), f"{where}: noise"):
-            raise InvalidInput(f"{where}: noise: payload", "no `payload` of the block", "a mass in the tool that can vary")
+            raise InvalidInput(
+                f"{where}: noise: payload", "no `payload` of the block", "a mass in the tool that can vary"
+            )
         return None
     return check_number(data["payload"], f"{where}: payload", "kilograms, 0 or more", least=0.0)
 
@@ -312,7 +309,9 @@ def _laws(data: dict[str, Any], where: str, shared: dict[str, Any]) -> LawsBlock
     check_keys(data, SHARED_KEYS | own, where, need={"start_deg", "laws"})
     given = _counts(data, where, repeats=0)
     if "moves_m" in data:
-        given["moves_m"] = tuple(_three(m, f"{where}: moves_m") for m in check_list(data["moves_m"], f"{where}: moves_m"))
+        given["moves_m"] = tuple(
+            _three(m, f"{where}: moves_m") for m in check_list(data["moves_m"], f"{where}: moves_m")
+        )
     if "same_duration" in data:
         given["same_duration"] = check_flag(data["same_duration"], f"{where}: same_duration")
     laws = tuple(read_law(law, f"{where}: laws") for law in check_list(data["laws"], f"{where}: laws"))
@@ -331,9 +330,7 @@ def _method(data: Any, where: str) -> Entry:
     for fixed in ("max_iterations", "max_restarts", "time_limit"):
         if fixed in found.options and not whole:
             raise InvalidInput(f"{where}: methods", fixed, "budgets in place of it; or whole = true")
-    if found.most is not None:
-        raise InvalidInput(f"{where}: methods", "max_problems", "count, the number of spots of all methods")
-    return Entry(found.label, found.name, found.options, whole=whole)
+    return replace(found, whole=whole)
 
 
 def _counts(data: dict[str, Any], where: str, **least: int) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Entry, Part
-from benchmarks.kinds.cell.facts import EXECUTED, FACT_TYPES, facts_of, failure
+from benchmarks.kinds.cell.facts import EXECUTED, FACT_TYPES, facts_of, failure, why_not
 from benchmarks.kinds.cell.measures import AXES
 from benchmarks.kinds.cell.settings import SpotsBlock, budget_label
 from benchmarks.kinds.cell.trials import Trial, drive_of, lasers, trial_of
@@ -82,6 +82,10 @@ class SpotsWork:
         Sheets of graph paper.
     known : (k,) tuple of bool
         Whether a configuration that reaches them is known.
+    distance : (k,) tuple of float
+        From the tool at the start [m].
+    given : (k,) tuple of tuples of bool
+        Which methods each spot is given to.
     pictured : tuple of int
         Numbers of the spots whose paths are kept.
     """
@@ -95,29 +99,49 @@ class SpotsWork:
     start: Array
     group: tuple[str, ...]
     known: tuple[bool, ...]
+    distance: tuple[float, ...]
+    given: tuple[tuple[bool, ...], ...]
     pictured: tuple[int, ...]
 
     def halves(self) -> tuple[SpotsWork, ...]:
         """Itself in two, to find the spot that kills a process; nothing where there is one."""
         count = len(self.problems)
         cuts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
-        return tuple(
-            replace(
-                self, problems=self.problems[i], targets=self.targets[i], group=self.group[i], known=self.known[i]
-            )
-            for i in cuts
-        )  # fmt: skip
+        return tuple(self.part(i) for i in cuts)
+
+    def part(self, i: Any) -> SpotsWork:
+        """Some of its spots.
+
+        Parameters
+        ----------
+        i : slice
+            Which.
+
+        Returns
+        -------
+        SpotsWork
+            Work on them alone.
+        """
+        lists = ("problems", "targets", "group", "known", "distance", "given")
+        return replace(self, **{name: getattr(self, name)[i] for name in lists})
 
     def crashed(self) -> pl.DataFrame:
         """Rows of spots at which the process ended or an error was raised."""
         blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
-        rows = [
-            self.row(i, method, budget) | blank
-            for i in range(len(self.problems))
-            for method in self.block.methods
-            for budget in budgets_of(self.block, method)
-        ]
-        return frame(rows)
+        return frame([self.row(*asked) | blank for asked in self.asked()])
+
+    def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
+        """Which executions it consists of.
+
+        Yields
+        ------
+        tuple of (int, Entry, int or None)
+            Which of its spots, the method and its iterations.
+        """
+        for i in range(len(self.problems)):
+            for method, given in zip(self.block.methods, self.given[i], strict=True):
+                for budget in budgets_of(self.block, method) if given else ():
+                    yield i, method, budget
 
     def row(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
         """Columns that say which trial a row is of.
@@ -137,17 +161,12 @@ class SpotsWork:
             Columns; all others are None.
         """
         at = self.targets[i, :3, 3]
-        first = self.targets[i, :3, 3] - _tool(self.block, self.start)
         return dict.fromkeys(SPOT_TYPES) | {
             "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
             "setting": method.label, "solver": short_name(method.name), "budget": budget, "group": self.group[i],
             "known": self.known[i], **dict(zip(AXES, at.tolist(), strict=True)),
-            "distance": float(np.linalg.norm(first)),
+            "distance": self.distance[i],
         }  # fmt: skip
-
-
-def _tool(block: SpotsBlock, q: Array) -> Array:
-    return trial_of(block, 0, 0, "spot", 0, noise=False).robot.fk(q)[:3, 3]
 
 
 def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
@@ -241,17 +260,18 @@ def spots_parts(folder: RunFolder, block: SpotsBlock, prepared: tuple[Any, ...],
     robot, problems, drive, seed = prepared
     store_problems(folder, block, robot, problems)
     chosen = problems.chosen(block.count)
-    distance = np.linalg.norm(problems.targets[chosen, :3, 3] - robot.fk(problems.starts[0])[:3, 3], axis=1)
-    known = chosen[problems.known[chosen]]
-    by_distance = known[np.argsort(distance[problems.known[chosen]], kind="stable")]
-    spread = np.linspace(0, len(by_distance) - 1, min(PICTURED, len(by_distance))).round().astype(int)
-    pictured = tuple(int(p) for p in by_distance[spread])
+    most = [set(problems.chosen(m.most).tolist()) & set(chosen.tolist()) for m in block.methods]
+    distance = np.linalg.norm(problems.targets[:, :3, 3] - robot.fk(problems.starts[0])[:3, 3], axis=1)
+    everywhere = [p for p in sorted(chosen.tolist(), key=distance.__getitem__) if all(p in given for given in most)]
+    spread = np.linspace(0, len(everywhere) - 1, min(PICTURED, len(everywhere))).round().astype(int)
+    pictured = tuple(everywhere[i] for i in spread)
     for repeat in range(block.repeats):
         for part, first in enumerate(range(0, len(chosen), SPOTS_PART)):
             i = chosen[first : first + SPOTS_PART]
             work = SpotsWork(
                 block, drive, seed, repeat, i, problems.targets[i], problems.starts[0], tuple(map(str, problems.group[i])),
-                tuple(map(bool, problems.known[i])), pictured,
+                tuple(problems.known[i].tolist()), tuple(distance[i].tolist()),
+                tuple(tuple(p in given for given in most) for p in i.tolist()), pictured,
             )  # fmt: skip
             yield Part(f"{top}/{slug(block.id)}--{repeat:02d}--{part:04d}.parquet", block.title, work)
 
@@ -269,14 +289,9 @@ def solve_spots(work: SpotsWork) -> pl.DataFrame:
     DataFrame
         A row for each spot, method and budget.
     """
-    rows = []
-    for i, problem in enumerate(work.problems):
-        trial = trial_of(work.block, work.seed, int(problem), "spot", work.repeat)
-        shown = _Shown(work, i, trial)
-        for method in work.block.methods:
-            for budget in budgets_of(work.block, method):
-                rows.append(work.row(i, method, budget) | shown.executed(method, budget))
-    return frame(rows)
+    trials = [trial_of(work.block, work.seed, int(problem), "spot", work.repeat) for problem in work.problems]
+    shown = [_Shown(work, i, trial) for i, trial in enumerate(trials)]
+    return frame([work.row(i, method, k) | shown[i].executed(method, k) for i, method, k in work.asked()])
 
 
 class _Shown:
@@ -321,7 +336,7 @@ class _Shown:
             return failure(self.work.drive, EXECUTED, "") | errors_of(split)
         planned = plan(self.robot, q, self.start, timing=self.work.block.law)
         if not planned:
-            return failure(self.work.drive, str(planned.status), planned.reason)
+            return failure(self.work.drive, str(planned.status), why_not(planned))
         execution = self._drive().execute(planned)
         facts = facts_of(execution)
         if not execution:

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from benchmarks.kinds.base import Entry, Part
-from benchmarks.kinds.cell.facts import FACT_TYPES, facts_of, failure, peaks
+from benchmarks.kinds.cell.facts import FACT_TYPES, facts_of, failure, peaks, why_not
 from benchmarks.kinds.cell.settings import LawsBlock
 from benchmarks.kinds.cell.trials import Trial, drive_of, start_configuration, trial_of
 from benchmarks.records import slug
@@ -128,17 +128,15 @@ def _line(block: LawsBlock, motion: int) -> tuple[Line, Any]:
     return Line(start, se3.pose(start[:3, :3], start[:3, 3] + block.moves_m[motion])), q
 
 
-def laws_parts(block: LawsBlock, drive: str, seed: int, top: str) -> Iterator[Part]:
+def laws_parts(block: LawsBlock, prepared: tuple[str, int], top: str) -> Iterator[Part]:
     """Divide the work.
 
     Parameters
     ----------
     block : LawsBlock
         The block.
-    drive : str
-        Name of the drive.
-    seed : int
-        Of the suite.
+    prepared : tuple of (str, int)
+        Name of the drive, and seed of the suite.
     top : str
         Folder of the parts in the run folder.
 
@@ -147,6 +145,7 @@ def laws_parts(block: LawsBlock, drive: str, seed: int, top: str) -> Iterator[Pa
     Part
         One line, once.
     """
+    drive, seed = prepared
     for motion in range(len(block.moves_m)):
         for repeat in range(block.repeats + 1):
             file = f"{top}/{slug(block.id)}--{motion:02d}--{repeat:03d}.parquet"
@@ -185,9 +184,9 @@ def solve_laws(work: LawsWork) -> pl.DataFrame:
 def _executed(work: LawsWork, trial: Trial, planned: Plan) -> dict[str, Any]:
     """Facts on one motion."""
     if not planned:
-        return failure(work.drive, str(planned.status), planned.reason)
+        return failure(work.drive, str(planned.status), why_not(planned))
     proof = planned.certificate
-    found = {
+    found: dict[str, Any] = {
         f"{name}_ratio": float(getattr(proof, name).ratio.max()) for name in ("velocity", "acceleration", "jerk")
     } | {"length": float(planned.path.end)}
     execution = drive_of(work.block, work.drive, trial, planned.trajectory(0.0), noise=work.repeat > 0).execute(planned)

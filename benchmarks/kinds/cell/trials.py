@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -58,6 +59,25 @@ def drive_name(block: CellBlock) -> str:
     return "mujoco" if find_spec("mujoco") is not None else "ideal"
 
 
+def check_drive(block: CellBlock, name: str) -> None:
+    """Refuse a drive that cannot be built here, before anything is run.
+
+    Parameters
+    ----------
+    block : CellBlock
+        The block.
+    name : str
+        Of the drive.
+
+    Raises
+    ------
+    MissingDependency
+        The package that it needs is not installed.
+    """
+    trial = trial_of(block, 0, 0, "check", 0, noise=False)
+    drive_of(block, name, trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
+
+
 def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *, noise: bool = True) -> Trial:
     """Draw what varies in a trial. It depends on its arguments alone, not on the process or on what else is run.
 
@@ -81,10 +101,16 @@ def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *
     Trial
         The arms and the random numbers.
     """
-    robot = arm_with(block.robot, block.payload)
+    robot = _arm(block.robot, block.payload)
     drawn = trial_seed(seed, number, f"cell {what}", repeat)
     rng = np.random.default_rng(drawn)
     return Trial(robot, plant_of(robot, block.noise, rng) if noise else robot, drawn % 2**31, rng)
+
+
+@lru_cache(maxsize=8)
+def _arm(robot: str, payload: float | None) -> Robot:
+    """An arm with its payload; reading its file takes as long as a planned motion."""
+    return arm_with(robot, payload)
 
 
 def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
@@ -104,7 +130,10 @@ def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
     Robot
         With the friction of each joint and the mass in the tool scaled; as it is where its masses are unknown.
     """
-    friction, payload = 1.0 + noise.friction * rng.uniform(-1.0, 1.0, robot.n), 1.0 + noise.payload * rng.uniform(-1.0, 1.0)
+    friction, payload = (
+        1.0 + noise.friction * rng.uniform(-1.0, 1.0, robot.n),
+        1.0 + noise.payload * rng.uniform(-1.0, 1.0),
+    )
     if robot.inertia is None:
         return robot
     plant = robot.with_inertia(viscous=robot.inertia.viscous * friction, coulomb=robot.inertia.coulomb * friction)
@@ -147,7 +176,9 @@ def drive_of(block: CellBlock, name: str, trial: Trial, q: Array, *, noise: bool
     )  # fmt: skip
 
 
-def lasers(robot: Robot, q: Array, position: tuple[float, ...], noise: Noise, rng: np.random.Generator) -> tuple[PanTiltLaser, PanTiltLaser]:
+def lasers(
+    robot: Robot, q: Array, position: tuple[float, ...], noise: Noise, rng: np.random.Generator
+) -> tuple[PanTiltLaser, PanTiltLaser]:
     """The laser unit as it was calibrated, and as it truly stands.
 
     Parameters
@@ -212,7 +243,9 @@ def start_configuration(robot: Robot, start_deg: tuple[float, ...], where: str) 
         Wrong number of joints, or outside the limits.
     """
     if len(start_deg) != robot.n:
-        raise InvalidInput(f"{where}: start_deg", f"{len(start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}")
+        raise InvalidInput(
+            f"{where}: start_deg", f"{len(start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}"
+        )
     q = np.array(start_deg) / per(robot)
     if not robot.limits.contains(q):
         raise InvalidInput(f"{where}: start_deg", list(start_deg), f"a configuration inside the limits of {robot.name}")
