@@ -30,7 +30,7 @@ EDGE_STEP = 0.01
 POSE_MARGIN = 0.02
 """Distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion stay inside."""
 
-NO_NOISE = "not applicable: without noise all cycles are the same"
+NO_NOISE = "not applicable: nothing varies from cycle to cycle"
 """Why there is no repeatability where nothing varies from cycle to cycle."""
 
 

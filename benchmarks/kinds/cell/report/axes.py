@@ -48,7 +48,7 @@ def axes(run: Run) -> dict[str, Any] | None:
         "for several numbers of iterations over the workspace (Fig. 11 to 13). It prints no values of these figures, so its "
         "axes stand here with the values of this simulation: executed tool minus spot, in the base frame."
     ]
-    return {"words": words, "boards": [board for b in blocks for board in (_positions(b), _errors(b))]}
+    return {"words": words, "boards": [board for b in blocks for board in (_positions(b), _errors(b))], "tables": ()}
 
 
 def _positions(b: BlockRows) -> Board:

@@ -43,7 +43,7 @@ def iso(run: Run) -> dict[str, Any] | None:
         f"{noise_words(b.block.noise) or 'nothing'}."
         for b in blocks
     ]
-    return {"words": words, "tables": [iso_table(b) for b in blocks]} if blocks else None
+    return {"words": words, "boards": (), "tables": [iso_table(b) for b in blocks]} if blocks else None
 
 
 def _cube(b: BlockRows) -> str:

@@ -34,7 +34,7 @@ def space(run: Run) -> dict[str, Any] | None:
         What the template shows; None where no path was kept.
     """
     boards = [_board(b, run) for b in spots_blocks(run) if not _kept(b).is_empty()]
-    return {"boards": boards} if boards else None
+    return {"words": (), "boards": boards, "tables": ()} if boards else None
 
 
 def _kept(b: BlockRows) -> pl.DataFrame:
