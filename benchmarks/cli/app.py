@@ -30,6 +30,7 @@ from benchmarks.cli.shared import (
     out_console,
     print_json,
 )
+from benchmarks.cli.view import view
 from optik.arm.robot import Robot
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
@@ -231,6 +232,7 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 
 command(app)(demo)
 command(app)(doctor)
+command(app)(view)
 command(bench_app, "peer")(bench_peer)
 
 

@@ -1,5 +1,6 @@
 """The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
 
+from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives import Drive, drives, make_drive
@@ -14,6 +15,8 @@ from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 
 __all__ = [
+    "Calibration",
+    "CalibrationStatus",
     "Cell",
     "CellStatus",
     "Cube",
@@ -43,6 +46,7 @@ __all__ = [
     "Stall",
     "Step",
     "WrongSetpoint",
+    "calibrate",
     "crossings",
     "cube_poses",
     "drives",
