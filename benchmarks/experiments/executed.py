@@ -172,7 +172,8 @@ def _linear(dls: pl.DataFrame) -> Finding:
         return Finding("c", claim, UNTESTED, "No spot was reached for by dls.", rule)
     fits = {str(setting): dict(_fits(part)) for (setting,), part in dls.group_by("setting", maintain_order=True)}
     if not any(fits.values()):
-        return Finding("c", claim, UNTESTED, "The iteration's own error is the largest part at no budget.", rule)
+        why = f"At no budget {12 * LEAST_IN_BIN} trials have an error of which the iteration's own is the largest part."
+        return Finding("c", claim, UNTESTED, why, rule)
     figures = tuple(
         (f"{setting}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(found))
         for setting, at in fits.items()

@@ -11,14 +11,14 @@ from optik.types import Array
 from planners.cell.drives.base import Execution
 from planners.plan import Plan
 
-FACT_TYPES: dict[str, Any] = {
+EXECUTION_TYPES: dict[str, Any] = {
     "drive": pl.String, "status": pl.String, "reason": pl.String, "duration": pl.Float64, "tracking_m": pl.Float64,
     "tracking_rad": pl.Float64, "tracking_joint": pl.String, "torque_ratio": pl.Float64, "torque_joint": pl.String,
     "energy": pl.Float64, "late": pl.Int64,
 }  # fmt: skip
 """Columns that every execution has."""
 
-EXECUTED = "executed"
+EXECUTED_TO_END = "executed"
 """Status of a motion that was executed to its end; others are those of the plan, the drive or the cell."""
 
 
@@ -33,11 +33,11 @@ def facts_of(execution: Execution) -> dict[str, Any]:
     Returns
     -------
     dict
-        Values of `FACT_TYPES`. Tracking errors are the largest differences from the continuous planned motion at the steps
+        Values of `EXECUTION_TYPES`. Tracking errors are the largest differences from the continuous planned motion at the steps
         of the plant: of the tool's position [m], and of a joint [rad, m]. The energy is the integral of |torque times
         velocity| over all joints, as motors without recuperation take it [J].
     """
-    found = failure(execution.drive, EXECUTED if execution else str(execution.status), execution.reason)
+    found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
         return found
     motion, names = execution.motion, execution.robot.joint_names
@@ -108,6 +108,6 @@ def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        Values of `FACT_TYPES`; what was not measured is None.
+        Values of `EXECUTION_TYPES`; what was not measured is None.
     """
-    return dict.fromkeys(FACT_TYPES) | {"drive": drive, "status": status, "reason": reason}
+    return dict.fromkeys(EXECUTION_TYPES) | {"drive": drive, "status": status, "reason": reason}

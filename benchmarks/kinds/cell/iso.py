@@ -11,8 +11,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds.base import Part
-from benchmarks.kinds.cell.facts import FACT_TYPES, facts_of, failure, why_not
-from benchmarks.kinds.cell.isorows import PATH, POSE
+from benchmarks.kinds.cell.facts import EXECUTION_TYPES, facts_of, failure, why_not
+from benchmarks.kinds.cell.isorows import PATH_TEST, POSE_TEST
 from benchmarks.kinds.cell.measures import AXES
 from benchmarks.kinds.cell.settings import NOISELESS, NOISY, IsoBlock
 from benchmarks.kinds.cell.trials import Trial, drive_of, start_configuration, trial_of
@@ -24,7 +24,7 @@ from planners.cell.iso9283 import Cube, crossings, cube_poses
 from planners.paths.line import Line
 from planners.plan import Plan, plan
 
-PATH_POINTS = 41
+CROSSED_PLANES = 41
 """Points of the line at which its accuracy is computed."""
 
 ORDER = (0, 4, 3, 2, 1, 0)
@@ -33,7 +33,7 @@ ORDER = (0, 4, 3, 2, 1, 0)
 ISO_TYPES: dict[str, Any] = {
     "method": pl.String, "noise": pl.Boolean, "test": pl.String, "cycle": pl.Int64, "point": pl.Int64,
     **{a: pl.Float64 for a in AXES}, **{f"reached_{a}": pl.Float64 for a in AXES},
-    **{f"turn_{a}": pl.Float64 for a in AXES}, **FACT_TYPES,
+    **{f"turn_{a}": pl.Float64 for a in AXES}, **EXECUTION_TYPES,
 }  # fmt: skip
 """Columns of the rows: the commanded point and, in the base frame, the reached one and the rotation between them."""
 
@@ -116,7 +116,7 @@ def prepare_iso(block: IsoBlock) -> Cube:
         A start with the wrong number of joints, outside the limits, or without room for a cube; a line that the arm
         cannot follow.
     """
-    robot = trial_of(block, 0, 0, POSE, 0, noise=False).robot
+    robot = trial_of(block, 0, 0, POSE_TEST, 0, noise=False).robot
     q = start_configuration(robot, block.start_deg, f"cell {block.id!r}")
     planned = _line(block)
     if not planned:
@@ -126,7 +126,7 @@ def prepare_iso(block: IsoBlock) -> Cube:
 
 
 def _line(block: IsoBlock) -> Plan:
-    robot = trial_of(block, 0, 0, PATH, 0, noise=False).robot
+    robot = trial_of(block, 0, 0, PATH_TEST, 0, noise=False).robot
     q = start_configuration(robot, block.start_deg, f"cell {block.id!r}")
     start = robot.fk(q)
     return plan(robot, Line(start, se3.pose(start[:3, :3], start[:3, 3] + block.move_m)), q, timing=block.law)
@@ -150,7 +150,7 @@ def iso_parts(block: IsoBlock, prepared: tuple[str, int], top: str) -> Iterator[
         One cycle; without noise there is one of each test, as all would be the same.
     """
     drive, seed = prepared
-    for test, cycles in ((POSE, block.cycles), (PATH, block.path_cycles)):
+    for test, cycles in ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles)):
         for noise in (True, False):
             for cycle in range(cycles if noise else 1):
                 file = f"{top}/{slug(block.id)}--{test}-{'noise' if noise else 'still'}-{cycle:04d}.parquet"
@@ -171,7 +171,7 @@ def solve_iso(work: IsoWork) -> pl.DataFrame:
         A row for each pose, or for each point of the line.
     """
     trial = trial_of(work.block, work.seed, work.cycle, work.test, 0, noise=work.noise)
-    rows = _poses(work, trial) if work.test == POSE else _path(work, trial)
+    rows = _poses(work, trial) if work.test == POSE_TEST else _path(work, trial)
     return frame([work.row() | row for row in rows])
 
 
@@ -202,10 +202,10 @@ def _path(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     q = planned.trajectory(0.0)
     execution = drive_of(work.block, work.drive, trial, q, noise=work.noise).execute(planned)
     facts = facts_of(execution)
-    command = planned.path.pose(np.linspace(0.0, planned.path.end, PATH_POINTS))[:, :3, 3]
+    command = planned.path.pose(np.linspace(0.0, planned.path.end, CROSSED_PLANES))[:, :3, 3]
     if not execution:
         return [facts]
-    along = np.tile(command[-1] - command[0], (PATH_POINTS, 1))
+    along = np.tile(command[-1] - command[0], (CROSSED_PLANES, 1))
     met = crossings(command, along, trial.robot.fk(execution.q)[:, :3, 3])
     points = enumerate(zip(command.tolist(), met, strict=True))
     return [facts | {"point": i} | dict(zip(AXES, at, strict=True)) | _reached(there) for i, (at, there) in points]

@@ -9,7 +9,7 @@ from optik import se3
 from optik.types import Array
 from planners.cell.iso9283 import PathFigures, PoseFigures, path_figures, pose_figures
 
-POSE, PATH = "pose", "path"
+POSE_TEST, PATH_TEST = "pose", "path"
 """The two tests of the rows."""
 
 
@@ -29,9 +29,9 @@ def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:
     done = rows.filter(pl.col("reached_x").is_not_null()).sort("cycle", "point")
     noise = bool(done["noise"].any())
     found: list[PoseFigures | PathFigures] = []
-    for _, part in done.filter(pl.col("test") == POSE).group_by("point", maintain_order=True):
+    for _, part in done.filter(pl.col("test") == POSE_TEST).group_by("point", maintain_order=True):
         found.append(pose_figures(_command(part), _reached(part), noise=noise))
-    path = done.filter(pl.col("test") == PATH)
+    path = done.filter(pl.col("test") == PATH_TEST)
     if not path.is_empty():
         command = path.filter(pl.col("cycle") == path["cycle"][0]).select("x", "y", "z").to_numpy()
         met = path.select("reached_x", "reached_y", "reached_z").to_numpy().reshape(-1, len(command), 3)

@@ -64,7 +64,7 @@ def _iso(what: type, field: str) -> Callable[[pl.DataFrame], float]:
     return value
 
 
-EXECUTED = (
+OF_EXECUTIONS = (
     Measure("executed", "%", _executed, "executed to the end"),
     Measure("tracking_mm", "mm", _quantile("tracking_m", 1.0, 1e3), "largest tracking error of the tool"),
     Measure("tracking_mrad", "mrad", _quantile("tracking_rad", 1.0, 1e3), "largest tracking error of a joint"),
@@ -91,8 +91,8 @@ OF_ISO = (
 )
 """What cycles of ISO 9283 have beside."""
 
-MEASURES = {"spots": (*OF_SPOTS, *EXECUTED), "iso": (*OF_ISO, *EXECUTED), "laws": EXECUTED}
+MEASURES = {"spots": (*OF_SPOTS, *OF_EXECUTIONS), "iso": (*OF_ISO, *OF_EXECUTIONS), "laws": OF_EXECUTIONS}
 """What a target of a block may ask for, by what the block executes."""
 
-ALL_MEASURES = (*OF_SPOTS, *OF_ISO, *EXECUTED)
+ALL_MEASURES = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
 """All of them, each once."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Entry, Part
-from benchmarks.kinds.cell.facts import EXECUTED, FACT_TYPES, facts_of, failure, why_not
+from benchmarks.kinds.cell.facts import EXECUTED_TO_END, EXECUTION_TYPES, facts_of, failure, why_not
 from benchmarks.kinds.cell.measures import AXES
 from benchmarks.kinds.cell.settings import SpotsBlock, budget_label
 from benchmarks.kinds.cell.trials import Trial, drive_of, lasers, trial_of
@@ -49,7 +49,7 @@ SPLIT_PARTS = ("laser", "ik", "path", "servo")
 SPOT_TYPES: dict[str, Any] = {
     "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "solver": pl.String, "setting": pl.String,
     "budget": pl.Int64, "group": pl.String, "known": pl.Boolean, "x": pl.Float64, "y": pl.Float64, "z": pl.Float64,
-    "distance": pl.Float64, **FACT_TYPES,
+    "distance": pl.Float64, **EXECUTION_TYPES,
     **{f"error_{a}": pl.Float64 for a in AXES}, "position_error": pl.Float64,
     **{f"{part}_{a}": pl.Float64 for part in SPLIT_PARTS for a in AXES},
     **{f"{part}_error": pl.Float64 for part in SPLIT_PARTS}, "split_rest": pl.Float64,
@@ -333,7 +333,7 @@ class _Shown:
     def _move(self, q: Array) -> dict[str, Any]:
         if np.abs(q - self.start).max() <= NO_MOTION:
             split = split_configurations(self.robot, self.spot, self.seen, q, self.start, self.start)
-            return failure(self.work.drive, EXECUTED, "") | errors_of(split)
+            return failure(self.work.drive, EXECUTED_TO_END, "the answer is the start: no motion") | errors_of(split)
         planned = plan(self.robot, q, self.start, timing=self.work.block.law)
         if not planned:
             return failure(self.work.drive, str(planned.status), why_not(planned))

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from benchmarks.kinds.base import Entry, Part
-from benchmarks.kinds.cell.facts import FACT_TYPES, facts_of, failure, peaks, why_not
+from benchmarks.kinds.cell.facts import EXECUTION_TYPES, facts_of, failure, peaks, why_not
 from benchmarks.kinds.cell.settings import LawsBlock
 from benchmarks.kinds.cell.trials import Trial, drive_of, start_configuration, trial_of
 from benchmarks.records import slug
@@ -19,12 +19,12 @@ from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 
-OWN, SAME = "own", "same"
+OWN_TIME, SAME_TIME = "own", "same"
 """Durations of a motion: the law's own, and that of the slowest law on the line."""
 
 LAW_TYPES: dict[str, Any] = {
     "motion": pl.Int64, "repeat": pl.Int64, "method": pl.String, "timed": pl.String, "length": pl.Float64,
-    **FACT_TYPES, "torque": pl.List(pl.Float64), "torque_bound": pl.List(pl.Float64), "jerk_ratio": pl.Float64,
+    **EXECUTION_TYPES, "torque": pl.List(pl.Float64), "torque_bound": pl.List(pl.Float64), "jerk_ratio": pl.Float64,
     "acceleration_ratio": pl.Float64, "velocity_ratio": pl.Float64, "rest_m": pl.Float64,
 }  # fmt: skip
 """Columns of the rows."""
@@ -61,7 +61,7 @@ class LawsWork:
     def crashed(self) -> pl.DataFrame:
         """Rows of a line on which the process ended or an error was raised."""
         blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
-        return frame([self.row(law, OWN) | blank for law in self.block.laws])
+        return frame([self.row(law, OWN_TIME) | blank for law in self.block.laws])
 
     def row(self, law: Entry, timed: str) -> dict[str, Any]:
         """Columns that say which motion a row is of.
@@ -173,11 +173,11 @@ def solve_laws(work: LawsWork) -> pl.DataFrame:
     rows = []
     for law in block.laws:
         planned = plans[law.label]
-        rows.append(work.row(law, OWN) | _executed(work, trial, planned))
+        rows.append(work.row(law, OWN_TIME) | _executed(work, trial, planned))
         if block.same_duration and planned:
             if planned.trajectory.duration < longest * (1.0 - 1e-9):
                 planned = plan(trial.robot, path, q, timing=make_law(law.name, **law.options), duration=longest)
-            rows.append(work.row(law, SAME) | _executed(work, trial, planned))
+            rows.append(work.row(law, SAME_TIME) | _executed(work, trial, planned))
     return frame(rows)
 
 

@@ -17,7 +17,7 @@ from benchmarks.report.run import Run
 FIGURES = {"x": 11, "y": 12, "z": 13}
 """The paper's figure of each axis."""
 
-NEAR, ALL = "near", "all"
+FINE_SCALE, WHOLE_SCALE = "near", "all"
 """Choices of the scale of errors."""
 
 NEAR_MM = 6.0
@@ -105,7 +105,7 @@ def _errors(b: BlockRows) -> Board:
                 "yaxis": axis(f"error in {a.upper()} [mm]"), "shapes": [_bound(s * 1e3 * WITHIN_M) for s in (-1, 1)],
             }, 360,
         )  # fmt: skip
-        plot.vary({"scale": [NEAR]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
+        plot.vary({"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
         for label in labels:
             for budget in budgets:
                 part = rows.filter((pl.col("setting") == label) & (pl.col("budget") == budget))
@@ -116,7 +116,7 @@ def _errors(b: BlockRows) -> Board:
                 )  # fmt: skip
                 plot.add(trace, {"method": [label]})
         plots.append(plot)
-    scale = Control("scale", "Scale", ((NEAR, f"± {NEAR_MM:g} mm"), (ALL, "all errors")))
+    scale = Control("scale", "Scale", ((FINE_SCALE, f"± {NEAR_MM:g} mm"), (WHOLE_SCALE, "all errors")))
     legend = [Key(iterations(n), c, "dot") for n, c in colours.items()] + [Key("± 2 mm", "var(--alarm)")]
     return Board(
         f"cell-errors-{name}", tuple(plots), (Control.of("method", "Method", labels), scale), tuple(legend),

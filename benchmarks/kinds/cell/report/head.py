@@ -14,7 +14,7 @@ from benchmarks.kinds.cell.isorows import figures_of
 from benchmarks.kinds.cell.measures import MEASURES
 from benchmarks.kinds.cell.report.look import cell_blocks, spots_blocks
 from benchmarks.kinds.cell.settings import NOISY, IsoBlock, LawsBlock, Noise
-from benchmarks.kinds.cell.timelaws import OWN
+from benchmarks.kinds.cell.timelaws import OWN_TIME
 from benchmarks.report.findings import badge
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
@@ -25,7 +25,7 @@ NOISE_WORDS = {
     "laser_position": ("σ of each coordinate of its calibrated position", 1e3, "mm"),
     "laser_rotation": ("σ of each component of its calibrated orientation", 1e3, "mrad"),
     "friction": ("friction of each joint, uniform ±", 1e2, "%"), "payload": ("payload, uniform ±", 1e2, "%"),
-    "encoder_counts": ("encoder counts per turn", 1.0, ""), "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
+    "encoder_counts": ("encoders of", 1.0, "counts a turn"), "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
 }  # fmt: skip
 """What varies, in words, with the factor to its unit."""
 
@@ -121,12 +121,12 @@ def _iso_sentence(b: BlockRows) -> str:
 
 
 def _laws_sentence(b: BlockRows) -> str:
-    rows = b.rows.filter((b.rows["timed"] == OWN) & (b.rows["repeat"] == 0) & b.rows["tracking_m"].is_not_null())
+    rows = b.rows.filter((b.rows["timed"] == OWN_TIME) & (b.rows["repeat"] == 0) & b.rows["tracking_m"].is_not_null())
     if rows.is_empty():
         return ""
     each = rows.group_by("method", maintain_order=True).agg(pl.col("tracking_m", "duration").max())
     words = [f"{law} {number(1e3 * off)} mm in {number(T)} s" for law, off, T in each.iter_rows()]
-    return f"Largest tracking error of the tool on {b.rows['motion'].n_unique()} line(s): {'; '.join(words)}."
+    return f"{b.block.title}: largest tracking error of the tool, and longest duration: {'; '.join(words)}."
 
 
 def limitations(run: Run) -> Sequence[str]:

@@ -8,12 +8,12 @@ import numpy as np
 import polars as pl
 
 from benchmarks.kinds.base import BlockRows
-from benchmarks.kinds.cell.isorows import POSE
+from benchmarks.kinds.cell.isorows import POSE_TEST
 from benchmarks.kinds.cell.report.head import drives_of, noise_words
 from benchmarks.kinds.cell.report.look import cell_blocks
 from benchmarks.kinds.cell.report.tables import iso_table, law_tables
 from benchmarks.kinds.cell.settings import IsoBlock, LawsBlock
-from benchmarks.kinds.cell.timelaws import OWN, SAME
+from benchmarks.kinds.cell.timelaws import OWN_TIME, SAME_TIME
 from benchmarks.records import slug
 from benchmarks.report.board import Board, Control, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
@@ -48,7 +48,7 @@ def iso(run: Run) -> dict[str, Any] | None:
 
 def _cube(b: BlockRows) -> str:
     """The cube in words, its edge from the poses of the rows."""
-    poses = b.rows.filter(pl.col("test") == POSE).unique("point").drop_nulls("point").sort("point")
+    poses = b.rows.filter(pl.col("test") == POSE_TEST).unique("point").drop_nulls("point").sort("point")
     points = poses.select("x", "y", "z").to_numpy()
     if len(points) < 2:
         return "Five poses in a diagonal plane of a cube around the tool at the start."
@@ -77,7 +77,7 @@ def laws(run: Run) -> dict[str, Any] | None:
         "acceleration and, where they know it, jerk."
         for b in blocks
     ]
-    found = [table for b in blocks for table in law_tables(b)]
+    found = [table for b in blocks for table in law_tables(b, run)]
     boards = [board for b in blocks if (board := _board(b, run)).plots]
     return {"words": words, "boards": boards, "tables": found}
 
@@ -92,7 +92,7 @@ def _board(b: BlockRows, run: Run) -> Board:
         frame = {"xaxis": axis("duration [s]", rangemode="tozero"), "yaxis": axis(title, rangemode="tozero")}
         plot = Plot(f"cell-laws-{column.removesuffix('_m')}-{name}", title.partition(" [")[0].capitalize(), frame, 360)
         for law in b.block.labels:
-            for timed in (OWN, SAME):
+            for timed in (OWN_TIME, SAME_TIME):
                 part = rows.filter(
                     (pl.col("method") == law) & (pl.col("timed") == timed) & pl.col(column).is_not_null()
                 )
@@ -103,8 +103,10 @@ def _board(b: BlockRows, run: Run) -> Board:
                 )  # fmt: skip
                 plot.add(trace, {"timed": [timed]})
         plots.append(plot)
-    both = (b.rows["timed"] == SAME).any()
-    options = ((OWN, "each law's own"), (SAME, "that of the slowest")) if both else ((OWN, "each law's own"),)
+    both = (b.rows["timed"] == SAME_TIME).any()
+    options = (
+        ((OWN_TIME, "each law's own"), (SAME_TIME, "that of the slowest")) if both else ((OWN_TIME, "each law's own"),)
+    )
     legend = tuple(run.key(law) for law in b.block.labels)
     return Board(
         f"cell-laws-{name}", tuple(plots), (Control("timed", "Duration", options),), legend,

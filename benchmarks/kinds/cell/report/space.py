@@ -20,6 +20,10 @@ SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = "var(--c1)", "var(--c2)", "var(--alar
 """Colours of the spot, the planned path and the beam; the executed path is in the colour of ink."""
 
 
+EYE = {"x": 1.7, "y": -2.0, "z": 1.0}
+"""Where the eye is, in units of the scene: far enough that the laser unit and all spots are in view."""
+
+
 def space(run: Run) -> dict[str, Any] | None:
     """A picture in space of every block of spots.
 
@@ -49,13 +53,16 @@ def _points(values: Any) -> Array:
 def _board(b: BlockRows, run: Run) -> Board:
     rows, name, labels = _kept(b), slug(b.block.id), settings_of([b])
     everything = np.vstack([_points(v) for column in ("planned", "tool", "beam") for v in rows[column]])
-    scene = axes_in_space(run.robot(b.block.robot).gravity, everything)
+    all_spots = 1e3 * done(b).unique("problem").sort("problem").select("x", "y", "z").to_numpy()
+    scene = axes_in_space(run.robot(b.block.robot).gravity, np.vstack([everything, all_spots]))
+    scene["camera"] |= {"eye": EYE, "center": dict.fromkeys("xyz", 0.0)}
     plot = Plot(
         f"cell-space-{name}",
         "Planned and executed paths of the tool",
         {"scene": scene, "margin": dict.fromkeys("lrtb", 0)},
         560,
     )
+    plot.add(_spots(all_spots))
     problems = rows["problem"].unique(maintain_order=True).to_list()
     for row in rows.iter_rows(named=True):
         when = shown_at(row["setting"], row["after"]) | {"spot": [str(row["problem"])]}
@@ -70,8 +77,9 @@ def _board(b: BlockRows, run: Run) -> Board:
     far = dict(rows.select("problem", "distance").iter_rows())
     spots = Control("spot", "Spot", tuple((str(p), f"{1e3 * far[p]:.0f} mm away") for p in problems), str(problems[-1]))
     legend = (
-        Key("true spot", SPOT_COLOUR, "dot"), Key("laser beam, as calibrated and read", BEAM_COLOUR),
-        Key("planned path", PLANNED_COLOUR), Key("executed path", INK_COLOUR),
+        Key("true spot", SPOT_COLOUR, "dot"), Key("other spots", MUTED_COLOUR, "dot"),
+        Key("laser beam, as calibrated and read", BEAM_COLOUR), Key("planned path", PLANNED_COLOUR),
+        Key("executed path", INK_COLOUR),
     )  # fmt: skip
     methods = Control.of("method", "Method", labels, next(iter(settings_of([b], whole=True)), labels[0]))
     return Board(
@@ -79,6 +87,12 @@ def _board(b: BlockRows, run: Run) -> Board:
         "Base frame, equal scales, drag to turn. At a budget of iterations the planned path is a move in joint space to the "
         "answer, so it is no straight line.",
     )  # fmt: skip
+
+
+def _spots(points: Array) -> dict[str, Any]:
+    x, y, z = (lean(points[:, i], 5) for i in range(3))
+    marker = {"size": 2, "color": MUTED_COLOUR}
+    return line_3d(x=x, y=y, z=z, mode="markers", name="spots", marker=marker, hovertemplate=f"another spot{HOVER}")
 
 
 def _curve(points: Array, words: str, colour: str, width: int) -> dict[str, Any]:

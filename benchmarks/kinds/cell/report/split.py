@@ -30,10 +30,13 @@ from benchmarks.statistics import quantiles
 SPLIT_BINS = 8
 """Bins of equal count over the distance."""
 
+MOST_REASONS = 4
+"""Reasons that are named why trials were not executed: the most frequent ones."""
+
 LEAST_MM = 1e-6
 """Parts below a nanometre are drawn here: no plant is that exact, and the axis must end somewhere [mm]."""
 
-COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "position_error"}
+SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "position_error"}
 """Columns of the lengths of the parts and of the whole."""
 
 
@@ -56,13 +59,25 @@ def split(run: Run) -> dict[str, Any] | None:
     words = [
         f"{b.block.title}: {b.rows['problem'].n_unique()} spots, each shown {_times(b.block.repeats)}, executed on the drive "
         f"{drives_of(b)}. What varies from trial to trial: {noise_words(b.block.noise) or 'nothing'}. At a budget of "
-        "iterations the arm goes by a move in joint space to the answer itself; a whole line is the pipeline from laser to "
-        "execution."
+        "iterations the arm goes by a move in joint space to the method's answer itself, the best iterate so far; a whole "
+        "line is the pipeline from laser to execution."
         for b in blocks
     ]
     worst = max(float(np.nanmax(b.rows["split_rest"].to_numpy())) for b in blocks)
+    words += [lost for b in blocks if (lost := _not_executed(b))]
     words.append(f"In every trial the four vectors add up to the whole error: the largest difference is {worst:.1e} m.")
     return {"words": words, "boards": [_board(b) for b in blocks], "tables": [spots_table(b) for b in blocks]}
+
+
+def _not_executed(b: BlockRows) -> str:
+    """How many trials of each method were not executed, and why, the place left out."""
+    lost = b.rows.filter(pl.col("known") & pl.col("position_error").is_null())
+    if lost.is_empty():
+        return ""
+    why = lost.with_columns(why=pl.col("reason").str.split(" at s = ").list.first())
+    counts = why.group_by("setting", "why", maintain_order=True).len().sort("len", descending=True)
+    words = [f"{count} of {setting}: {reason}" for setting, reason, count in counts.head(MOST_REASONS).iter_rows()]
+    return f"{b.block.title}: {len(lost)} trials were not executed. {'; '.join(words)}."
 
 
 def _times(count: int) -> str:
@@ -98,14 +113,15 @@ def _board(b: BlockRows) -> Board:
 
 def _medians(rows: pl.DataFrame) -> dict[str, float]:
     return {
-        part: max(1e3 * quantiles(rows[column].to_numpy(), (0.5,))[0], LEAST_MM) for part, column in COLUMNS.items()
+        part: max(1e3 * quantiles(rows[column].to_numpy(), (0.5,))[0], LEAST_MM)
+        for part, column in SPLIT_COLUMNS.items()
     }
 
 
 def _by_budget(plot: Plot, rows: pl.DataFrame, label: str) -> None:
     at = [(str(after), _medians(part)) for (after,), part in rows.group_by("after", maintain_order=True)]
     x = ["the whole line" if after == WHOLE else after for after, _ in at]
-    for part in COLUMNS:
+    for part in SPLIT_COLUMNS:
         plot.add(_line(part, x, [found[part] for _, found in at]), {"method": [label]})
 
 
@@ -114,7 +130,7 @@ def _by_distance(plot: Plot, rows: pl.DataFrame, label: str, after: str) -> None
     parts = [rows[i.tolist()] for i in np.array_split(order, SPLIT_BINS) if len(i)]
     x = lean(1e3 * np.array([float(np.median(p["distance"].to_numpy())) for p in parts]))
     medians = [_medians(p) for p in parts]
-    for part in COLUMNS:
+    for part in SPLIT_COLUMNS:
         plot.add(_line(part, x, [found[part] for found in medians]), shown_at(label, after))
 
 
