@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,6 +62,14 @@ class PlanStatus(StrEnum):
     NOT_PROVED = "not_proved"
 
 
+class PlanSeconds(NamedTuple):
+    """How long planning took: following the path, finding the law's motion, and certifying it [s]."""
+
+    joints: float = 0.0
+    timing: float = 0.0
+    certificate: float = 0.0
+
+
 @dataclass(frozen=True)
 class Plan:
     """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate holds.
@@ -89,6 +98,8 @@ class Plan:
         What must not be touched.
     margin : float
         What all distances to it must exceed [m].
+    seconds : PlanSeconds
+        How long the parts of planning took; plans are equal whatever they took.
     """
 
     robot: Robot
@@ -106,6 +117,7 @@ class Plan:
     speed: float | None = None
     scene: Scene | None = None
     margin: float = 0.0
+    seconds: PlanSeconds = field(default=PlanSeconds(), compare=False)
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
@@ -252,10 +264,17 @@ def plan(
     solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin))
     _check_wishes(duration, strict)
     allowed = Tolerance(*(FOLLOWED * x for x in asked.tolerance))
+    started = perf_counter()
     followed = follow(
         solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene, margin=margin
     )
-    return _timed(asked, followed, duration, strict)
+    return _clocked(started, perf_counter(), _timed(asked, followed, duration, strict))
+
+
+def _clocked(started: float, followed: float, found: Plan) -> Plan:
+    """The plan with how long its parts took, from the times when following the path began and ended."""
+    proof = found.seconds.certificate
+    return replace(found, seconds=PlanSeconds(followed - started, perf_counter() - followed - proof, proof))
 
 
 def _asked(
@@ -322,11 +341,13 @@ class Asked:
         Plan
             SOLVED, CONTACT or NOT_PROVED.
         """
+        started = perf_counter()
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
             law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
             span=self.span, scene=self.scene, margin=self.margin,
         )  # fmt: skip
+        seconds = PlanSeconds(certificate=perf_counter() - started)
         status, stop = PlanStatus.SOLVED, None
         if proof.failures:
             first = proof.failures[0]
@@ -338,7 +359,7 @@ class Asked:
             )
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
-            self.span, self.law.speed, self.scene, self.margin,
+            self.span, self.law.speed, self.scene, self.margin, seconds,
         )  # fmt: skip
 
     def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:

@@ -8,7 +8,10 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar, NamedTuple
 
+import numpy as np
+
 from optik.arm.robot import Robot
+from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.setpoints import Setpoints
 from planners.plan import Plan
@@ -203,6 +206,30 @@ class Drive(ABC):
         InvalidInput
             An execution that was not stopped.
         """
+
+    def carry(self, robot: Robot) -> None:
+        """Go on with the same arm at rest, carrying something else: another tool, payload or shapes.
+
+        A simulated drive with a model of its own overrides this to change the model, too.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm with what it carries from now on.
+
+        Raises
+        ------
+        InvalidInput
+            Another arm.
+        """
+        if _empty(robot) != _empty(self.robot):
+            raise InvalidInput("robot", f"{robot.name!r}, another arm", f"{self.robot.name!r}, carrying something else")
+        self.robot = robot
+
+
+def _empty(robot: Robot) -> Robot:
+    """The arm without what it carries."""
+    return robot.with_payload(None).with_tool(np.eye(4)).with_shapes(None)
 
 
 METHOD_BASE = Drive

@@ -1,0 +1,376 @@
+"""One task of the cell, step by step: from a reading of the laser unit to the place where the tool really went."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from optik import se3
+from optik.errors import InvalidInput
+from optik.ik import IKSolver, solver_for
+from optik.types import Array
+from planners.cell._along import split_along
+from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
+from planners.cell.sighting import Plane, Sighting, Spot
+from planners.paths.line import Line
+from planners.plan import Plan, PlanStatus, plan
+from planners.timing import TimeLaw, law_for
+
+if TYPE_CHECKING:
+    from planners.cell.cell import Cell
+
+NO_MOVE = 1e-9
+"""Length of a line [m, or rad] up to which the tool already is where it should be: encoders resolve a thousand times less."""
+
+PLANNED = {
+    PlanStatus.TIMING_INFEASIBLE: "timing",
+    PlanStatus.LIMITS_EXCEEDED: "timing",
+    PlanStatus.NOT_PROVED: "certificate",
+}
+"""The step at which a plan failed, by its status; the others are of following the line with the joints."""
+
+EXECUTED = {
+    ExecutionStatus.STOPPED: CellStatus.STOPPED,
+    ExecutionStatus.FAULT: CellStatus.FAULT,
+    ExecutionStatus.REFUSED: CellStatus.REFUSED,
+    ExecutionStatus.DRY_RUN: CellStatus.DRY_RUN,
+}
+"""How a task ends whose execution ended so."""
+
+Follow = Callable[[float], Spot]
+"""Asked for a reading of the spot at every tick, with the time for which the arm has been moving [s]."""
+Look = Callable[[], Spot]
+"""Asked for a reading of the tool at rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wishes:
+    """What was asked of a task; see `Cell.move_to_spot`."""
+
+    orientation: Array | None
+    corrections: int
+    readings: int
+    law: TimeLaw
+    ik: str | os.PathLike[str] | IKSolver
+    samples: int
+    plane: Plane | None
+    true_spot: Array | None
+    follow: Follow | None
+    moved: float
+    most_replans: int
+    look: Look | None
+    stop: StopRequest | None
+    watch: Watcher | None
+
+
+class Ended(Exception):
+    """A step failed, which ends the task with a status; never seen outside of the task."""
+
+    def __init__(self, status: CellStatus) -> None:
+        self.status = status
+
+
+class Task:
+    """A task that runs: its steps so far, and what they made.
+
+    Parameters
+    ----------
+    cell : Cell
+        Where it runs.
+    wishes : Wishes
+        What was asked.
+    """
+
+    def __init__(self, cell: Cell, wishes: Wishes) -> None:
+        self.cell, self.wishes = cell, wishes
+        self.solver = wishes.ik if isinstance(wishes.ik, IKSolver) else solver_for(cell.robot, wishes.ik)
+        self.steps: list[Step] = []
+        self.rounds: list[Round] = []
+        self.along: list[PathSplit] = []
+        self.spot: Array | None = None
+        self.true_spot: Array | None = None
+        self.target: Array | None = None
+        self.clock = 0.0
+        self.lost: Sighting | InvalidInput | None = None
+
+    # ------------------------------------------------------------ steps
+
+    def _add(self, name: str, reason: str, result: Any, since: float) -> None:
+        self.steps.append(Step(name, True, reason, "", result, perf_counter() - since))
+
+    def _fail(
+        self, name: str, status: CellStatus, reason: str, advice: str, result: Any = None, since: float | None = None
+    ) -> Ended:
+        seconds = 0.0 if since is None else perf_counter() - since
+        self.steps.append(Step(name, False, reason, advice, result, seconds))
+        return Ended(status)
+
+    def run(self, spot: Spot) -> Outcome:
+        """Move the tool to a spot, and correct the rest.
+
+        Parameters
+        ----------
+        spot : Spot
+            As the unit read it.
+
+        Returns
+        -------
+        Outcome
+            What came of it.
+        """
+        status = CellStatus.ARRIVED
+        try:
+            self._see(spot)
+            self._aim()
+            self._reach()
+            for _ in range(self.wishes.corrections):
+                self._correct()
+        except Ended as ended:
+            status = ended.status
+        return self._outcome(status)
+
+    def _outcome(self, status: CellStatus) -> Outcome:
+        cell = self.cell
+        beam = None if self.spot is None else (cell.laser.pose[:3, 3], self.spot)
+        notes = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
+        return Outcome(
+            cell.robot, status, tuple(self.steps), tuple(self.rounds),
+            self.along[-1].error.at(-1) if self.along else None, self.along[0] if self.along else None,
+            self.target, self.spot, self.true_spot, beam, cell.base, cell.scene, tuple(dict.fromkeys(cell.notes + notes)),
+        )  # fmt: skip
+
+    # ------------------------------------------------------------ laser and target
+
+    def _see(self, reading: Spot) -> None:
+        """Step "laser": from a reading to a point."""
+        since = perf_counter()
+        try:
+            seen = self.cell.sighting(reading, self.wishes.plane)
+        except InvalidInput as error:
+            raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
+        if not seen:
+            raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
+        self.spot = seen.point
+        given = self.wishes.true_spot
+        self.true_spot = self.cell.truth(reading, self.wishes.plane) if given is None else given
+        noise = "" if seen.covariance is None else f", ± {_mm(np.sqrt(np.trace(seen.covariance)))}"
+        self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
+
+    def _measured_start(self) -> Array:
+        """Where the arm stands by its encoders."""
+        q = self.cell.drive.measure()
+        robot = self.cell.robot
+        if not np.isfinite(q).all():
+            joint = robot.joint_names[int(np.argmin(np.isfinite(q)))]
+            reason, advice = f"the encoder of {joint} gives no position", "mend the encoder, then begin again"
+            raise self._fail("target", CellStatus.FAULT, reason, advice)
+        if not robot.limits.contains(q):
+            out = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
+            i = int(out.argmax())
+            reason = f"{robot.joint_names[i]} stands {out[i]:.3g} outside its range"
+            raise self._fail("target", CellStatus.NO_PLAN, reason, "move it back by hand")
+        return np.clip(q, robot.limits.lower, robot.limits.upper)
+
+    def _aim(self) -> None:
+        """Step "target": the pose that the tool shall have."""
+        since, asked = perf_counter(), self.wishes.orientation
+        R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
+        assert self.spot is not None
+        self.target = se3.pose(R, self.spot)
+        said = "the tool keeps its orientation" if asked is None else "the tool turns to the orientation that was asked"
+        self._add("target", said, self.target, since)
+
+    # ------------------------------------------------------------ from the line to its execution
+
+    def _planned(self) -> Plan | None:
+        """Steps "line", "joints", "timing" and "certificate"; None where the tool is at its target already."""
+        since, cell, robot = perf_counter(), self.cell, self.cell.robot
+        q = self._measured_start()
+        assert self.target is not None
+        try:
+            line = Line(robot.fk(q), self.target)
+        except InvalidInput as error:
+            raise self._fail("line", CellStatus.NO_PLAN, str(error), "an orientation between the two first") from None
+        if line.end <= NO_MOVE:
+            self._add("line", "the tool is there already", line, since)
+            return None
+        self._add("line", f"{_length(line)} long", line, since)
+        found = self._plan(line, q)
+        if found and found.trajectory.duration < cell.drive.period and found.speed is None:
+            found = self._plan(line, q, cell.drive.period)
+        self._add_planned(found)
+        return found
+
+    def _plan(self, line: Line, q: Array, duration: float | None = None) -> Plan:
+        cell, wishes = self.cell, self.wishes
+        return plan(
+            cell.robot, line, q, ik=self.solver, timing=wishes.law, limits=cell.limits, samples=wishes.samples,
+            duration=duration, scene=cell.scene, margin=cell.margin,
+        )  # fmt: skip
+
+    def _add_planned(self, found: Plan) -> None:
+        """The steps of a plan, up to the one that failed."""
+        failed = None if found else PLANNED.get(found.status, "joints")
+        if found.status is PlanStatus.CONTACT and found._trajectory is not None:
+            failed = "certificate"
+        made: dict[str, tuple[str, Any]] = {"joints": (f"followed with {found.ik}", found.prefix)}
+        if failed != "joints":
+            made["timing"] = (found.law, found._trajectory)
+        if failed not in ("joints", "timing"):
+            T = found.trajectory.duration
+            made["timing"] = (f"{found.law}, {T:.3f} s", found.trajectory)
+            made["certificate"] = ("holds", found.certificate)
+        for (name, (said, result)), seconds in zip(made.items(), found.seconds, strict=False):
+            if name == failed:
+                assert found.stop is not None
+                reason = f"{found.status}: {found.stop.reason} (s = {found.stop.s:.6g})"
+                self.steps.append(Step(name, False, reason, found.stop.advice, result, seconds))
+                raise Ended(CellStatus.NO_PLAN)
+            self.steps.append(Step(name, True, said, "", result, seconds))
+
+    def _executed(self, found: Plan, stop: StopRequest | None) -> Execution:
+        """Step "execution", or "stop" where a spot that moved stopped it."""
+        since = perf_counter()
+        execution = self.cell.drive.execute(found, stop=stop, watch=self.wishes.watch)
+        if execution.t.size:
+            self.clock += float(execution.t[-1])
+        if execution:
+            late = f", {execution.late} late" if execution.late else ""
+            self._add("execution", f"{execution.drive}, {execution.t[-1]:.3f} s{late}", execution, since)
+        elif execution.status is not ExecutionStatus.STOPPED or not self._stopped_by_spot:
+            status = EXECUTED[execution.status]
+            reason = f"{execution.status}: {execution.reason}" if execution.reason else str(execution.status)
+            raise self._fail("execution", status, reason, execution.advice, execution, since)
+        else:
+            self._add("stop", f"the spot moved; at rest on the path after {execution.t[-1]:.3f} s", execution, since)
+        return execution
+
+    def _arrived(self, found: Plan, execution: Execution) -> None:
+        """Step "tool": where it really went, and what the laser unit measures of it."""
+        since, robot, wishes = perf_counter(), self.cell.robot, self.wishes
+        assert self.true_spot is not None
+        pose = robot.fk(execution.q[-1])
+        tool, error = pose[:3, 3], pose[:3, 3] - self.true_spot
+        self.along.append(split_along(execution, self.solver, self.true_spot, wishes.samples))
+        rest, said = None, f"{_mm(np.linalg.norm(error))} from the spot"
+        if wishes.corrections:
+            rest = self._rest(tool)
+            said += f"; {_mm(np.linalg.norm(rest))} as measured"
+        self.rounds.append(Round(found, execution, tool, rest, error))
+        self._add("tool", said, pose, since)
+
+    def _rest(self, tool: Array) -> Array:
+        """Measured spot minus measured tool."""
+        try:
+            seen = self.cell.seen_tool(tool, self.wishes.readings, self.wishes.look)
+        except InvalidInput as error:
+            raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
+        if not seen:
+            reason = f"the laser unit cannot measure the tool: {seen.status}: {seen.reason}"
+            raise self._fail("tool", CellStatus.NOT_MEASURED, reason, seen.advice, seen)
+        assert seen.point is not None and self.spot is not None
+        return self.spot - seen.point
+
+    # ------------------------------------------------------------ the loop: a spot that moves, and corrections
+
+    def _reach(self) -> None:
+        """Go to the target; where the spot moves on the way, stop and go to where it is now."""
+        for replans in range(self.wishes.most_replans + 1):
+            self._stopped_by_spot = False
+            found = self._planned()
+            execution = None if found is None else self._executed(found, self._stop())
+            if not self._stopped_by_spot and not self._has_moved():
+                if found is not None and execution is not None:
+                    self._arrived(found, execution)
+                return
+            if replans < self.wishes.most_replans:
+                self._look_again()
+        reason = f"the spot moved on {self.wishes.most_replans + 1} times"
+        raise self._fail("replan", CellStatus.SPOT_MOVES, reason, "wait until it rests, or a larger most_replans")
+
+    def _look_again(self) -> None:
+        """Steps "laser" and "replan": the new place of the spot becomes the target."""
+        assert self.wishes.follow is not None and self.spot is not None and self.target is not None
+        before = self.spot
+        self._see(self.wishes.follow(self.clock))
+        since = perf_counter()
+        self.target = se3.pose(self.target[:3, :3], self.spot)
+        self._add("replan", f"the spot moved by {_mm(np.linalg.norm(self.spot - before))}", self.target, since)
+
+    def _stop(self) -> StopRequest | None:
+        """When to stop: as asked, or when the spot has moved."""
+        asked, since = self.wishes.stop, self.clock
+        if self.wishes.follow is None:
+            return asked
+
+        def request(t: float) -> bool:
+            if asked is not None and (asked(t) if callable(asked) else t >= asked):
+                return True
+            self._stopped_by_spot = self._has_moved(since + t)
+            return self._stopped_by_spot
+
+        return request
+
+    def _has_moved(self, t: float | None = None) -> bool:
+        """Whether the spot is away from where the tool is sent; also where it cannot be seen any more."""
+        if self.wishes.follow is None:
+            return False
+        assert self.spot is not None
+        try:
+            seen = self.cell.sighting(self.wishes.follow(self.clock if t is None else t), self.wishes.plane)
+        except InvalidInput:
+            return True
+        return seen.point is None or float(np.linalg.norm(seen.point - self.spot)) > self.wishes.moved
+
+    def _correct(self) -> None:
+        """Move the target by the rest that was measured, and go there."""
+        assert self.target is not None
+        rest = self.rounds[-1].rest if self.rounds else None
+        if rest is None:
+            return
+        self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + rest)
+        self._stopped_by_spot = False
+        found = self._planned()
+        if found is not None:
+            self._arrived(found, self._executed(found, self.wishes.stop))
+
+
+def wishes_of(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> Wishes:
+    """Build what was asked of a task, with its law.
+
+    Parameters
+    ----------
+    law : str, path or TimeLaw
+        The time law.
+    **given
+        The other fields of `Wishes`.
+
+    Returns
+    -------
+    Wishes
+        What was asked.
+
+    Raises
+    ------
+    UnknownName, InvalidInput
+        No such law.
+    """
+    return Wishes(law=law_for(law), **given)
+
+
+def _mm(metres: Any) -> str:
+    return f"{1e3 * float(metres):.3g} mm"
+
+
+def _metres(point: Any) -> str:
+    return "(" + ", ".join(f"{x:.4f}" for x in point) + ") m"
+
+
+def _length(line: Line) -> str:
+    return f"{line.end:.4g} {line.unit}"

@@ -1,0 +1,426 @@
+"""Cell: laser, main control and drive as one system, whose tool goes to a spot that the laser shows."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import se3
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene
+from optik.check import check_count, check_number, shown
+from optik.errors import InvalidInput
+from optik.ik import IKSolver
+from optik.scene import Scene
+from optik.types import Array
+from planners.cell._checks import vectors
+from planners.cell._seeing import seen_from
+from planners.cell._task import Follow, Look, Task, wishes_of
+from planners.cell.drives import make_drive
+from planners.cell.drives.base import Drive, StopRequest, Watcher
+from planners.cell.gripper import Gripper, Held
+from planners.cell.laser import PanTiltLaser
+from planners.cell.outcome import CellStatus, Outcome, Step
+from planners.cell.sighting import Plane, Sighting, Spot
+from planners.limits import MotionLimits
+from planners.timing import TimeLaw
+
+MOST_ROUNDS = 100
+"""Most corrections of one task: noise keeps them from getting better after two or three."""
+
+
+class Cell:
+    """The paper's system: a laser unit beside an arm on one platform, the control that plans, and the drive that executes.
+
+    Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm, without the gripper.
+    laser : PanTiltLaser
+        The laser unit as it was calibrated.
+    drive : Drive, str or path
+        What executes plans: built for this arm, or the name of one.
+    limits : MotionLimits, optional
+        Of all motions; by default the robot's own.
+    base : (4, 4) array, optional
+        T_world_platform: pose of the arm's base frame in the world [1, m]; by default the world's own. The direction of
+        gravity is that of the robot: a platform that stands tilted needs ``robot.with_gravity``.
+    gripper : Gripper, optional
+        At the arm's tool; its grasp point becomes the tool. By default the tool itself points at the spot.
+    unit : PanTiltLaser, optional
+        Of a simulation: the true unit, which makes the readings; by default ``laser``.
+    seed : int
+        Of the readings' noise.
+    scene, margin : Scene and float, optional
+        What an arm with shapes must not touch, and what distances to it must exceed [m].
+    q : (n,) array, optional
+        Where a drive that is given by name starts [rad, m].
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm with the gripper and what it holds.
+    held : Held or None
+        What the gripper holds.
+    width : float or None
+        Distance of its fingers [m]; open at first.
+
+    Raises
+    ------
+    InvalidInput
+        Things of another kind, a drive for another arm.
+    UnknownName
+        No such drive.
+    """
+
+    def __init__(
+        self,
+        robot: Robot, laser: PanTiltLaser, drive: Drive | str | os.PathLike[str], limits: MotionLimits | None = None,
+        *, base: ArrayLike | None = None, gripper: Gripper | None = None, unit: PanTiltLaser | None = None,
+        seed: int = 0, scene: Scene | None = None, margin: float = 0.0, q: ArrayLike | None = None,
+    ) -> None:  # fmt: skip
+        kinds = {
+            "robot": Robot,
+            "laser": PanTiltLaser,
+            "limits": MotionLimits,
+            "gripper": Gripper,
+            "unit": PanTiltLaser,
+        }
+        given = {"robot": robot, "laser": laser, "limits": limits, "gripper": gripper, "unit": unit}
+        for name, kind in kinds.items():
+            if not isinstance(given[name], kind) and (given[name] is not None or name in ("robot", "laser")):
+                raise InvalidInput(name, shown(given[name]), f"a {kind.__name__}")
+        check_count(seed, "seed", 0)
+        self._bare, self.laser, self.gripper = robot, laser, gripper
+        self.unit = laser if unit is None else unit
+        self.held: Held | None = None
+        self.width = None if gripper is None else gripper.opening
+        self.robot = robot if gripper is None else gripper.mounted(robot)
+        self.limits = MotionLimits.of(robot) if limits is None else limits
+        self.base = np.eye(4) if base is None else se3.check_pose(base, "base")
+        self.scene, self.margin = scene, 0.0 if scene is None else check_scene(self.robot, scene, margin)
+        self.drive = self._driven(drive, q)
+        self._rng = np.random.default_rng(seed)
+        self._last: tuple[Spot, Array] | None = None
+
+    def _driven(self, drive: Any, q: ArrayLike | None) -> Drive:
+        """The drive, for the arm with its gripper."""
+        if isinstance(drive, str | os.PathLike):
+            return make_drive(drive, self.robot, **({} if q is None else {"q": q}))
+        if not isinstance(drive, Drive):
+            raise InvalidInput("drive", shown(drive), "a Drive, or the name of one")
+        if q is not None:
+            raise InvalidInput("q", "a start, with a drive that is built already", "the start given to the drive")
+        if drive.robot == self.robot:
+            return drive
+        if drive.robot != self._bare:
+            raise InvalidInput("drive", f"one built for {drive.robot.name!r} as another arm", "one built for this arm")
+        drive.carry(self.robot)
+        return drive
+
+    @property
+    def notes(self) -> list[str]:
+        """What the reader of an outcome must know of the cell."""
+        heavy = self.robot.inertia is None and self.gripper is not None
+        return [f"the masses of {self.robot.name} are unknown: those of the gripper are not counted"] if heavy else []
+
+    # ------------------------------------------------------------ frames and readings
+
+    def moved(self, base: ArrayLike) -> Self:
+        """Return the same cell, its platform standing elsewhere; arm, drive and laser are the same.
+
+        Parameters
+        ----------
+        base : (4, 4) array
+            T_world_platform [1, m].
+
+        Returns
+        -------
+        Cell
+            The cell there.
+
+        Raises
+        ------
+        InvalidInput
+            Not a pose.
+        """
+        there = copy.copy(self)
+        there.base = se3.check_pose(base, "base")
+        return there
+
+    def from_world(self, points: ArrayLike) -> Array:
+        """Return points of the world in the arm's base frame.
+
+        Parameters
+        ----------
+        points : (3,) or (..., 3) array
+            In the world [m].
+
+        Returns
+        -------
+        (3,) or (..., 3) array
+            In the base frame [m].
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shape, NaN or infinity.
+        """
+        local: Array = (vectors(points, "points") - self.base[:3, 3]) @ self.base[:3, :3]
+        return local
+
+    def read(self, point: ArrayLike, readings: int = 1) -> Spot:
+        """Return what the true unit reads of a true point, with its noise, for simulations.
+
+        Parameters
+        ----------
+        point : (3,) array
+            In the arm's base frame [m].
+        readings : int
+            How often it is read.
+
+        Returns
+        -------
+        Spot
+            The reading, or arrays (k,) of several [rad, rad, m]. A task with it knows where the spot truly is.
+
+        Raises
+        ------
+        InvalidInput
+            Wrong shape, NaN or infinity, or fewer than one reading.
+        """
+        check_count(readings, "readings", 1)
+        true = vectors(point, "point")
+        spot = self.unit.read(true if readings == 1 else np.tile(true, (readings, 1)), self._rng)
+        self._last = (spot, true)
+        return spot
+
+    def truth(self, spot: Spot, plane: Plane | None = None) -> Array:
+        """Return where a spot truly is: the point of the last `read`, or what the true unit means by the reading.
+
+        Parameters
+        ----------
+        spot : Spot
+            A reading.
+        plane : Plane, optional
+            On which the spot is.
+
+        Returns
+        -------
+        (3,) array
+            The point [m].
+
+        Raises
+        ------
+        InvalidInput
+            A reading that is none.
+        """
+        if self._last is not None and self._last[0] is spot:
+            return self._last[1]
+        seen = seen_from(self.unit, spot, plane)
+        return np.full(3, np.nan) if seen.point is None else seen.point
+
+    def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
+        """Return where the calibrated unit says that a spot is: the mean of its readings.
+
+        Parameters
+        ----------
+        spot : Spot
+            A reading, or several.
+        plane : Plane, optional
+            On which the spot is; the range is then not used.
+
+        Returns
+        -------
+        Sighting
+            The point, or why there is none.
+
+        Raises
+        ------
+        InvalidInput
+            No reading, or NaN in it.
+        """
+        return seen_from(self.laser, spot, plane)
+
+    def seen_tool(self, tool: Array, readings: int, look: Look | None) -> Sighting:
+        """Return where the calibrated unit says that the tool is.
+
+        Parameters
+        ----------
+        tool : (3,) array
+            Where it truly is, for simulations [m].
+        readings : int
+            How often it is read; the mean counts.
+        look : callable, optional
+            Makes a reading of the real tool.
+
+        Returns
+        -------
+        Sighting
+            The point, or why the unit cannot see it.
+
+        Raises
+        ------
+        InvalidInput
+            A reading that is none.
+        """
+        if look is not None:
+            return self.sighting(look())
+        visible = self.unit.angles(tool)
+        return self.sighting(self.read(tool, readings)) if visible else visible
+
+    # ------------------------------------------------------------ tasks
+
+    def move_to_spot(
+        self,
+        spot: Spot, orientation: ArrayLike | None = None,
+        *, corrections: int = 0, readings: int = 1, timing: str | os.PathLike[str] | TimeLaw = "optimal",
+        ik: str | os.PathLike[str] | IKSolver = "lm", samples: int = 151, plane: Plane | None = None,
+        true_spot: ArrayLike | None = None, follow: Follow | None = None, moved: float = 0.005, most_replans: int = 10,
+        look: Look | None = None, stop: StopRequest | None = None, watch: Watcher | None = None,
+    ) -> Outcome:  # fmt: skip
+        """Take the tool along a straight line to a spot, and say where it really went.
+
+        Parameters
+        ----------
+        spot : Spot
+            What the unit reads of it: pan, tilt [rad] and range [m], or arrays (k,) of several readings.
+        orientation : (3, 3) array, optional
+            Of the tool at the spot [1]; by default it keeps the present one, as in the paper.
+        corrections : int
+            How often the rest is measured by the laser unit and corrected.
+        readings : int
+            How often the tool is read for each; the mean counts.
+        timing, ik, samples
+            Law, IK method and samples of the line, as for `planners.plan`.
+        plane : Plane, optional
+            On which the spot is; the range that was read is then not used.
+        true_spot : (3,) array, optional
+            Where the spot truly is [m], where a simulation knows more than `truth`.
+        follow : callable, optional
+            Asked for a reading of the spot at every tick, with the time for which the arm has been moving [s]. A spot that
+            has moved stops the motion on its path, and a new line goes to where it is then.
+        moved : float
+            Distance beyond which the spot has moved [m], above the noise of a reading.
+        most_replans : int
+            How many new lines a spot that moves may ask for.
+        look : callable, optional
+            Makes a reading of the real tool for corrections; the simulated unit does by default.
+        stop, watch : optional
+            As for `Drive.execute`.
+
+        Returns
+        -------
+        Outcome
+            Every step with its result, the error of every round, and where it comes from.
+
+        Raises
+        ------
+        InvalidInput
+            An argument that cannot be meant; corrections on a real drive without ``look``; no such law or method.
+        """
+        self._check_counts(corrections, readings, most_replans, look)
+        if not isinstance(spot, Spot):
+            raise InvalidInput("spot", shown(spot), "a planners.cell.Spot(pan, tilt, range)")
+        wishes = wishes_of(
+            timing, orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
+            readings=readings, ik=ik, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
+            true_spot=None if true_spot is None else vectors(true_spot, "true_spot"), most_replans=most_replans,
+            moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
+        )  # fmt: skip
+        return Task(self, wishes).run(spot)
+
+    def _check_counts(self, corrections: int, readings: int, most_replans: int, look: Look | None) -> None:
+        """Counts are whole numbers, and corrections on a real arm need someone who reads its tool."""
+        check_count(corrections, "corrections", 0, MOST_ROUNDS)
+        check_count(readings, "readings", 1)
+        check_count(most_replans, "most_replans", 0)
+        if corrections and look is None and not self.drive.simulated:
+            raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
+
+    def open(self, width: float | None = None) -> Outcome:
+        """Open the gripper; what it held stays where it is.
+
+        Parameters
+        ----------
+        width : float, optional
+            Distance of the fingers [m]; by default the gripper's opening.
+
+        Returns
+        -------
+        Outcome
+            One step, "open"; REFUSED where the gripper cannot.
+        """
+
+        def act(gripper: Gripper) -> str:
+            wide = gripper.checked_width(gripper.opening if width is None else width)
+            if wide < (self.width or 0.0):
+                raise InvalidInput("width", f"{wide:g}", f"at least {self.width:g} m, which they are open now")
+            self._grip(gripper, None, wide)
+            return f"{wide:g} m open"
+
+        return self._gripped("open", act)
+
+    def close(self, width: float = 0.0, held: Held | None = None) -> Outcome:
+        """Close the gripper, on an object or on nothing.
+
+        Parameters
+        ----------
+        width : float
+            Distance of the fingers [m], that of the object.
+        held : Held, optional
+            The object: from now on plans, certificates and the drive count its mass and shapes.
+
+        Returns
+        -------
+        Outcome
+            One step, "close"; REFUSED where the gripper cannot.
+        """
+
+        def act(gripper: Gripper) -> str:
+            narrow = gripper.checked_width(width)
+            if held is not None and not isinstance(held, Held):
+                raise InvalidInput("held", shown(held), "a planners.cell.Held(mass)")
+            if self.width is not None and narrow > self.width:
+                raise InvalidInput("width", f"{narrow:g}", f"at most {self.width:g} m, which they are open now")
+            self._grip(gripper, held if held is not None else self.held, narrow)
+            return f"{narrow:g} m open" + ("" if self.held is None else f", holding {self.held.mass:g} kg")
+
+        return self._gripped("close", act)
+
+    def _grip(self, gripper: Gripper, held: Held | None, width: float) -> None:
+        """Have arm and drive carry what the gripper holds now."""
+        robot = gripper.mounted(self._bare, held)
+        if robot != self.robot:
+            self.drive.carry(robot)
+        self.robot, self.held, self.width = robot, held, width
+
+    def _gripped(self, name: str, act: Callable[[Gripper], str]) -> Outcome:
+        """The outcome of one step of the gripper; nothing changes where it cannot."""
+        since = perf_counter()
+        try:
+            if self.gripper is None:
+                raise InvalidInput("gripper", "a cell without one", "Cell(..., gripper=Gripper(...))")
+            said, status, advice = act(self.gripper), CellStatus.ARRIVED, ""
+        except InvalidInput as error:
+            said, status, advice = str(error), CellStatus.REFUSED, f"{error.argument}: {error.expected}"
+        good = status is CellStatus.ARRIVED
+        step = Step(name, good, said, advice, self.robot if good else None, perf_counter() - since)
+        return Outcome(self.robot, status, (step,), base=self.base, scene=self.scene, notes=tuple(self.notes))
+
+
+def _rotation(value: ArrayLike) -> Array:
+    """An orientation (3, 3), checked."""
+    R = np.asarray(value)
+    if R.shape != (3, 3):
+        raise InvalidInput("orientation", f"shape {R.shape}", "a rotation matrix (3, 3)")
+    checked: Array = se3.check_pose(se3.pose(R), "orientation")[:3, :3]
+    return checked

@@ -1,0 +1,187 @@
+"""Gripper at the arm's tool: the point between its fingers becomes the tool, and what it holds part of the payload."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import se3
+from optik.arm.body import Body, checked_body, joined, moved_body, shaped
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.types import Array
+
+PARTS = ("gripper", "held")
+"""What the capsules of the gripper and of a held object are called in ``robot.shapes``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """An object between the fingers, as a rigid body in the grasp's frame.
+
+    Parameters
+    ----------
+    mass : float
+        Mass [kg].
+    com : (3,) array
+        Centre of mass [m]; by default the grasp point.
+    inertia : (3, 3) array, optional
+        Inertia about the centre of mass [kg·m²]; by default a point mass.
+    shapes : sequence of (T, edges), (centre, radius) or (a, b, radius)
+        The space that it takes, as for `Robot.with_payload` [m].
+
+    Raises
+    ------
+    InvalidInput
+        Values that no body has.
+    """
+
+    mass: float
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike | None = None
+    shapes: Sequence[Any] = ()
+
+    def __post_init__(self) -> None:
+        _body(self.mass, self.com, self.inertia, "the held object")
+
+    @property
+    def body(self) -> Body:
+        """The rigid body, in the grasp's frame."""
+        return _body(self.mass, self.com, self.inertia, "the held object")
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """A gripper of two parallel fingers, mounted on the arm's tool.
+
+    Parameters
+    ----------
+    grasp : (4, 4) array
+        Pose of the grasp point in the frame of the arm's tool that it is mounted on [1, m].
+    opening : float
+        Largest distance of the fingers [m].
+    mass : float
+        Mass [kg].
+    com : (3,) array, optional
+        Centre of mass in the frame of the arm's tool [m]; by default halfway to the grasp point.
+    inertia : (3, 3) array, optional
+        Inertia about the centre of mass, in the axes of the arm's tool [kg·m²]; by default a point mass.
+    shapes : sequence of (T, edges), (centre, radius) or (a, b, radius)
+        The space that it takes with its fingers wherever they are, in the frame of the arm's tool, as for
+        `Robot.with_payload` [m].
+
+    Raises
+    ------
+    InvalidInput
+        A grasp that is no pose, an opening below 0, or values that no body has.
+    """
+
+    grasp: ArrayLike
+    opening: float
+    mass: float = 0.0
+    com: ArrayLike | None = None
+    inertia: ArrayLike | None = None
+    shapes: Sequence[Any] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "grasp", se3.check_pose(self.grasp, "grasp"))
+        object.__setattr__(
+            self, "opening", check_number(self.opening, "opening", "a distance of 0 or more [m]", least=0.0)
+        )
+        _ = self.body
+
+    @property
+    def body(self) -> Body:
+        """The rigid body, in the frame of the arm's tool."""
+        com = 0.5 * self._grasp[:3, 3] if self.com is None else self.com
+        return _body(self.mass, com, self.inertia, "the gripper")
+
+    @property
+    def _grasp(self) -> Array:
+        assert isinstance(self.grasp, np.ndarray)
+        return self.grasp
+
+    def checked_width(self, width: float) -> float:
+        """Return a distance of the fingers that the gripper has.
+
+        Parameters
+        ----------
+        width : float
+            Distance of the fingers [m].
+
+        Returns
+        -------
+        float
+            The distance [m].
+
+        Raises
+        ------
+        InvalidInput
+            Not within 0 and the opening.
+        """
+        expected = f"a distance of the fingers from 0 to {self.opening:g} m, the gripper's opening"
+        if check_number(width, "width", expected, least=0.0) > self.opening:
+            raise InvalidInput("width", f"{width:g}", expected)
+        return float(width)
+
+    def mounted(self, robot: Robot, held: Held | None = None) -> Robot:
+        """Return an arm with the gripper: its tool is the grasp point, and masses and shapes count gripper and object.
+
+        What the arm carried before stays, as part of the payload. Its joints, limits and names are as before.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm, its tool where the gripper is mounted.
+        held : Held, optional
+            What is between the fingers.
+
+        Returns
+        -------
+        Robot
+            The arm; masses are not counted for one whose own masses are unknown.
+
+        Raises
+        ------
+        InvalidInput
+            An arm whose payload is an interval, or shapes for an arm that has none.
+        """
+        to_grasp = se3.inverse(self._grasp)
+        bodies = [moved_body(self.body, to_grasp)]
+        if held is not None:
+            bodies.append(held.body)
+        if robot.payload is not None:
+            if len(robot.payload.bodies) > 1:
+                wanted = "an arm whose payload has one mass, as a gripper adds to it"
+                raise InvalidInput("robot", f"a payload of {robot.payload}", wanted)
+            bodies.append(moved_body(robot.payload.bodies[0], to_grasp))
+        arm = robot.with_tool(self._grasp, add=True)
+        mass, com, inertia = joined(bodies)
+        if robot.inertia is not None:
+            arm = arm.with_payload(mass, com, inertia)
+        return arm.with_shapes(self._shapes(robot, arm.tool, held))
+
+    def _shapes(self, robot: Robot, grasp: Array, held: Held | None) -> Any:
+        """The arm's shapes with those of gripper and object."""
+        shapes, given = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
+        for name, (objects, place) in zip(PARTS, given, strict=True):
+            if not len(objects):
+                continue
+            if shapes is None:
+                raise InvalidInput(
+                    "robot", f"{robot.name!r}, which has no shapes", f"an arm with shapes, for the {name}'s"
+                )
+            shapes = shapes.with_part(name, robot.n, objects, place)
+        return shapes
+
+
+def _body(mass: float, com: ArrayLike, inertia: ArrayLike | None, where: str) -> Body:
+    """A rigid body, checked."""
+    mass = check_number(mass, f"mass of {where}", "a finite mass ≥ 0 [kg]", least=0.0)
+    tensor = np.zeros((3, 3)) if inertia is None else shaped(inertia, (3, 3), f"inertia of {where}")
+    return checked_body((mass, shaped(com, (3,), f"centre of mass of {where}"), tensor), where)
