@@ -64,6 +64,26 @@ def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
     return Trajectory(PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True))
 
 
+def start_of(trajectory: Trajectory, t: float) -> Trajectory:
+    """Return a motion up to a time t [s] after its start: the same polynomials.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    t : float
+        A time after its start, at most its end [s].
+
+    Returns
+    -------
+    Trajectory
+        The first part, to t.
+    """
+    before = int(np.searchsorted(trajectory.knots, t, side="left"))
+    knots = np.append(trajectory.knots[:before], t)
+    return Trajectory(PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))
+
+
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
     """Return one motion and, from its end on, another.
 

@@ -1,19 +1,31 @@
 """The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
 
 from planners.cell.cell import Cell
+from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
+from planners.cell.drives import Drive, drives, make_drive
+from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
 from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
+from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 
 __all__ = [
     "Cell",
     "CellStatus",
     "Cube",
+    "Drive",
     "ErrorSplit",
+    "Execution",
+    "ExecutionStatus",
+    "Fault",
+    "FaultKind",
     "Gripper",
     "Held",
+    "LateHost",
+    "LostEncoder",
+    "Moment",
     "Outcome",
     "PanTiltLaser",
     "PathFigures",
@@ -21,14 +33,21 @@ __all__ = [
     "Plane",
     "PoseFigures",
     "Round",
+    "Setpoints",
     "SightStatus",
     "Sighting",
     "Spot",
+    "Stall",
     "Step",
+    "WrongSetpoint",
     "crossings",
     "cube_poses",
+    "drives",
+    "make_drive",
     "path_figures",
     "pose_figures",
+    "setpoints",
     "split_configurations",
     "split_errors",
+    "whole_periods",
 ]

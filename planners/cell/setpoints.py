@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import ceil
 from typing import NamedTuple
 
+import numpy as np
+from scipy.interpolate import PPoly
+
+from optik.check import check_number
+from optik.errors import InvalidInput
 from optik.types import Array
+from planners.controller import SAME_INSTANT, states
+from planners.following.follow import Stop
+from planners.motion import Motion
+from planners.plan import Plan, PlanStatus
+from planners.trajectory import Trajectory
 
 PERIOD = 0.004
 """The servo period by default [s]: 250 set-points per second, as many controllers of arms take them."""
@@ -28,3 +40,102 @@ class Setpoints(NamedTuple):
     q: Array
     dq: Array
     ddq: Array
+
+
+def whole_periods(plan: Plan, period: float = PERIOD) -> Plan:
+    """Slow a plan uniformly to a whole number of the servo's periods, and certify it again.
+
+    Its last set-point is then its end, exactly. A plan with a constant tool speed stays as it is, and so does one that
+    starts in motion, whose initial velocity must not change: their last set-point is held to the end of its period.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion.
+    period : float
+        Of the servo [s].
+
+    Returns
+    -------
+    Plan
+        Its duration is n · period; the slowing is in `Plan.slowed`.
+
+    Raises
+    ------
+    NoSolution
+        A plan without a motion.
+    InvalidInput
+        A period that is not above 0, or longer than the motion.
+    """
+    motion, proof = plan.trajectory, plan.certificate
+    count = periods_of(motion, period)
+    duration = count * period
+    if plan.speed is not None or not proof.rest[0] or motion.end == duration:
+        return plan
+    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # a period of rounding less is cut to it below
+    knots = stretched.knots.copy()
+    knots[-1] = duration
+    moved = replace(plan.motion, trajectory=Trajectory(PPoly(stretched.coefficients, knots)))
+    again = moved.certify(rate=proof.rate)
+    slower = replace(
+        plan, _trajectory=moved.trajectory, _certificate=again, slowed=plan.slowed * duration / motion.duration
+    )
+    if not plan or again.holds:
+        return slower
+    why = f"the certificate of the motion slowed to {duration:.9g} s does not hold: {'; '.join(again.broken)}"
+    stop = Stop(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
+    return replace(slower, status=PlanStatus.NOT_PROVED, stop=stop)
+
+
+def setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
+    """Return what a servo is sent of a motion: row k is its state at k periods, or at its end.
+
+    Parameters
+    ----------
+    motion : Trajectory, Motion or Plan
+        What is executed.
+    period : float
+        Of the servo [s].
+
+    Returns
+    -------
+    Setpoints
+        At t = 0, period, … up to the first tick that is not before the motion's end. Where an acceleration jumps at a
+        tick, the mean of both sides.
+
+    Raises
+    ------
+    NoSolution
+        A plan without a motion.
+    InvalidInput
+        A period that is not above 0, or longer than the motion.
+    """
+    trajectory = motion if isinstance(motion, Trajectory) else motion.trajectory
+    t: Array = np.arange(periods_of(trajectory, period) + 1, dtype=np.float64) * period
+    return Setpoints(period, t, *states(trajectory, np.minimum(t, trajectory.end)))
+
+
+def periods_of(motion: Trajectory, period: float) -> int:
+    """Count the periods that a motion needs; a nanosecond more than a whole number is rounding.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        What is executed.
+    period : float
+        Of the servo [s].
+
+    Returns
+    -------
+    int
+        The least whole number of periods that the motion does not exceed.
+
+    Raises
+    ------
+    InvalidInput
+        A period that is not above 0, or longer than the motion.
+    """
+    period = check_number(period, "period", "seconds above 0", above=0.0)
+    if motion.end < period - SAME_INSTANT:
+        raise InvalidInput("period", f"{period:.6g} s", f"at most the duration of the motion, {motion.end:.6g} s")
+    return max(ceil((motion.end - SAME_INSTANT) / period), 1)

@@ -96,7 +96,7 @@ class Execution:
         The continuous motion whose set-points were sent: that of the plan, or up to the stop and the stop; None where
         nothing was sent.
     setpoints : Setpoints or None
-        What was sent at each tick.
+        What was sent at each tick, up to the last one that was recorded: a plant that settles holds the end for a while.
     t : (m,) array
         Times of the plant's steps since the start, 0 first [s]; the ticks, for a real drive.
     q, dq : (m, n) arrays
@@ -111,6 +111,8 @@ class Execution:
         What stopped it, where the status is FAULT.
     notes : tuple of str
         What the reader must know: defaults that stand in for unknown values, and what the drive does not promise.
+    before : Execution or None
+        After `Drive.resume`, the way back to the path, where the arm stood off it.
     """
 
     drive: str
@@ -130,6 +132,7 @@ class Execution:
     late: int = 0
     fault: Fault | None = None
     notes: tuple[str, ...] = field(default=())
+    before: Execution | None = None
 
     def __bool__(self) -> bool:
         return self.status is ExecutionStatus.DONE

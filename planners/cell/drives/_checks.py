@@ -1,0 +1,297 @@
+"""What a simulated drive checks: the plan before its start; set-points, encoders and the host at every tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.cell.disturbances import LateHost, LostEncoder, WrongSetpoint
+from planners.cell.drives._options import Options
+from planners.cell.drives._run import Run
+from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
+from planners.plan import Plan
+
+GREATEST_STEP = 1.0 + 1e-6
+"""Largest step between set-points, over what the velocity limit allows in a period: a motion at its limit is accepted."""
+
+Refusal = tuple[str, str]
+"""Why nothing is sent, and what to do."""
+
+
+# ---------------------------------------------------------------- before the start
+
+
+def check_plan(plan: Plan, robot: Robot) -> None:
+    """Raise InvalidInput for anything but a plan of this arm.
+
+    Parameters
+    ----------
+    plan : Plan
+        What should be executed.
+    robot : Robot
+        The drive's arm.
+
+    Raises
+    ------
+    InvalidInput
+        No plan, or one of another arm.
+    """
+    if not isinstance(plan, Plan):
+        raise InvalidInput("plan", repr(plan)[:60], "a Plan")
+    if plan.robot != robot:
+        raise InvalidInput("plan", f"one of {plan.robot.name}", f"one of this drive's arm, {robot.name}")
+
+
+def no_motion(plan: Plan) -> Refusal | None:
+    """Say why a plan must not be sent: it has no motion, its certificate does not hold, or it begins in motion.
+
+    Parameters
+    ----------
+    plan : Plan
+        What should be executed.
+
+    Returns
+    -------
+    tuple of str, or None
+        Reason and advice.
+    """
+    if not plan:
+        assert plan.stop is not None
+        return f"the plan did not succeed ({plan.status}): {plan.stop.reason}", plan.stop.advice
+    if not plan.certificate.rest[0]:
+        return "the plan begins in motion, and the arm is at rest", "a plan that begins at rest where the arm stands"
+    return None
+
+
+def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
+    """Say why a plan must not be sent to an arm that stands here, or whose set-points the drive would refuse.
+
+    Parameters
+    ----------
+    plan : Plan
+        What should be executed.
+    measured : (n,) array
+        Reading of the encoders [rad, m].
+    options : Options
+        The drive's.
+
+    Returns
+    -------
+    tuple of str, or None
+        Reason and advice.
+    """
+    names, start = plan.robot.joint_names, plan.trajectory(0.0)
+    lost = np.flatnonzero(np.isnan(measured))
+    if lost.size:
+        return f"the encoder of {names[lost[0]]} is lost", "repair the encoder, and measure again"
+    off = np.abs(measured - start) / options.start
+    i = int(off.argmax())
+    if off[i] > 1.0:
+        away = f"{names[i]} stands at {measured[i]:.6g} and the plan begins at {start[i]:.6g}"
+        return (
+            f"{away}, more than {options.start[i]:g} away",
+            "a plan that begins where the arm stands (drive.measure())",
+        )
+    fastest, most = plan.trajectory.extrema(1).worst, _velocity(plan.robot) * GREATEST_STEP
+    i = int((fastest / most).argmax())
+    if fastest[i] > most[i]:
+        what = f"{names[i]} moves at {fastest[i]:.6g}, and the arm's own limit is {most[i]:.6g}"
+        return f"the drive would refuse its set-points: {what}", "a plan within the limits of the robot"
+    return None
+
+
+def asked(stop: StopRequest | None) -> Callable[[float], bool]:
+    """Return the function that is asked at every tick whether to stop.
+
+    Parameters
+    ----------
+    stop : float or callable, optional
+        A time since the start [s], or a function of it.
+
+    Returns
+    -------
+    callable
+        Of the time [s].
+
+    Raises
+    ------
+    InvalidInput
+        Neither.
+    """
+    if stop is None:
+        return lambda t: False
+    if callable(stop):
+        return stop
+    when = check_number(stop, "stop", "a time [s] of at least 0, or a function of the time", least=0.0)
+    return lambda t: t >= when - 1e-9
+
+
+# ---------------------------------------------------------------- at every tick
+
+
+def reading(
+    actual: Array, options: Options, clock: float, noise: np.random.Generator, frozen: dict[int, float]
+) -> Array:
+    """Read the encoders.
+
+    Parameters
+    ----------
+    actual : (n,) array
+        Where the arm stands [rad, m].
+    options : Options
+        The drive's.
+    clock : float
+        The drive's time [s].
+    noise : numpy.random.Generator
+        Of the noise.
+    frozen : dict of int to float
+        What frozen encoders read; changed.
+
+    Returns
+    -------
+    (n,) array
+        In whole counts; NaN where an encoder is lost [rad, m].
+    """
+    read = actual + options.noise * noise.standard_normal(actual.size) if options.noise else actual.copy()
+    counts = np.where(options.resolution > 0.0, options.resolution, 1.0)
+    read = np.where(options.resolution > 0.0, np.round(read / counts) * counts, read)
+    for each in options.disturbances:
+        if isinstance(each, LostEncoder) and each.at <= clock < each.until:
+            joint = int(each.joint)
+            read[joint] = frozen.setdefault(joint, read[joint]) if each.frozen else np.nan
+    return read
+
+
+def arrived(run: Run, k: int, since: float, options: Options, robot: Robot) -> None:
+    """Judge what the host has sent by tick k: whether it is late, and whether its set-points are within the limits.
+
+    Parameters
+    ----------
+    run : Run
+        The execution; changed.
+    k : int
+        Number of the tick.
+    since : float
+        The drive's time at the start of the execution [s].
+    options : Options
+        The drive's.
+    robot : Robot
+        Its arm.
+    """
+    for each in options.disturbances:
+        if run.stopping:
+            return
+        if isinstance(each, LateHost) and each.at >= since:
+            _silent(run, k, max(_tick(each.at - since, options.period), 1), each.ticks, options)
+        elif isinstance(each, WrongSetpoint):
+            row = _tick(each.at - since, options.period)
+            if 1 <= row <= run.last and (row == k + options.ahead or (k == 0 and row <= options.ahead)):
+                _wrong(run, row, each, robot)
+
+
+def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
+    """Judge the encoders at tick k: whether one is lost, and whether every joint follows its set-points.
+
+    Parameters
+    ----------
+    run : Run
+        The execution; changed.
+    k : int
+        Number of the tick.
+    read : (n,) array
+        Reading of the encoders [rad, m].
+    options : Options
+        The drive's.
+    robot : Robot
+        Its arm.
+    """
+    if run.fault is not None:
+        return
+    t, names = k * options.period, robot.joint_names
+    lost = np.flatnonzero(np.isnan(read))
+    if lost.size:
+        joint = names[lost[0]]
+        what = f"the encoder of {joint} is lost; the joint went on by its set-points until it was at rest"
+        run.fail(Fault(FaultKind.ENCODER, t, joint, what, "repair the encoder; then resume"), k + options.ahead)
+        return
+    behind = np.abs(read - run.stream.q[min(k, run.last)])
+    i = int((behind / options.following).argmax())
+    if behind[i] > options.following[i]:
+        what = (
+            f"{names[i]} reads {behind[i]:.3g} off its set-point, more than {options.following[i]:g}: it is blocked or too "
+            "weak, or its encoder is frozen"
+        )
+        advice = (
+            f"see what blocks {names[i]} and whether its encoder moves; then resume, which first goes back to the path"
+        )
+        run.fail(Fault(FaultKind.STALL, t, names[i], what, advice), k + options.ahead)
+
+
+def ending(run: Run) -> tuple[ExecutionStatus, str, str]:
+    """Status, reason and advice of an execution that has come to rest.
+
+    Parameters
+    ----------
+    run : Run
+        The execution.
+
+    Returns
+    -------
+    tuple
+        Status, reason, advice.
+    """
+    if run.fault is not None:
+        return ExecutionStatus.FAULT, run.fault.reason, run.fault.advice
+    if run.requested and run.stop is not None and not run.at_goal:
+        begun = run.motion.end - run.stop.trajectory.end
+        return ExecutionStatus.STOPPED, f"stopped on request; the stop began at t = {begun:.6g} s", "resume goes on"
+    return ExecutionStatus.DONE, "", ""
+
+
+# ---------------------------------------------------------------- the host
+
+
+def _tick(t: float, period: float) -> int:
+    """The first tick that is not before a time."""
+    return ceil(t / period - 1e-9)
+
+
+def _silent(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
+    """Count a tick at which nothing arrives; where the last set-point that the drive holds is due, that is a fault."""
+    if not first <= k < first + ticks or k + options.ahead > run.last:
+        return
+    run.late += 1
+    if k == first - 1 + options.ahead:
+        what = f"the host was silent for {options.ahead} ticks, and the drive had no set-point left"
+        advice = "a host that is never late by so much, or more set-points ahead; then resume"
+        run.fail(Fault(FaultKind.LATE_HOST, k * options.period, None, what, advice), k)
+
+
+def _wrong(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
+    """Refuse a set-point that is outside the limits; one that is within them is taken as it is."""
+    joint, before = int(wrong.joint), run.stream.q[row - 1]
+    value = run.stream.q[row, joint] + wrong.by
+    low, high = robot.limits.lower[joint], robot.limits.upper[joint]
+    step, most = abs(value - before[joint]), _velocity(robot)[joint] * run.stream.period * GREATEST_STEP
+    if low <= value <= high and step <= most:
+        run.stream.q[row, joint] = value
+        run.notes.append(f"the set-point {row} of {robot.joint_names[joint]} was {wrong.by:g} off, within the limits")
+        return
+    outside = f"it is outside the position limits [{low:.6g}, {high:.6g}]"
+    jumps = f"it is {step:.6g} from the one before, and the velocity limit allows {most:.6g} in a period"
+    what = outside if not low <= value <= high else jumps
+    name, t = robot.joint_names[joint], row * run.stream.period
+    reason = f"the set-point {value:.6g} of {name} for t = {t:.6g} s was refused: {what}"
+    run.fail(Fault(FaultKind.SETPOINT, t, name, reason, "find out what the host sent, and why; then resume"), row - 1)
+
+
+def _velocity(robot: Robot) -> Array:
+    """The arm's own velocity limits (n,) [rad/s, m/s]; infinite where unknown."""
+    known = robot.limits.velocity
+    return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,))

@@ -1,0 +1,184 @@
+"""Options that all simulated drives share, checked and by joint."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.robot import Robot
+from optik.check import check_count, check_flag, check_number, real_array
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.cell.disturbances import Disturbance, LateHost, LostEncoder, Stall, WrongSetpoint
+from planners.cell.setpoints import PERIOD
+
+ENCODER = 2.0**20
+"""Counts per turn of an encoder by default: the 20 bits of common absolute encoders behind the gear."""
+SCALE = 1e-6
+"""Resolution of a sliding joint's encoder by default [m]: a linear scale's."""
+FOLLOWING = (0.05, 0.005)
+"""Largest difference of set-point and reading by default [rad, m]: far above the lag of a servo that works, far below what
+a blocked joint reaches in a quarter of a second."""
+START_AWAY = (1e-3, 1e-4)
+"""Largest difference of the arm's reading and a plan's start by default [rad, m]: what a servo may leave under gravity."""
+HELD_AHEAD = 10
+"""How many set-points are sent ahead by default: 40 ms at 4 ms, more than the usual delays of an operating system that is
+not made for real time."""
+
+
+class Options(NamedTuple):
+    """How a simulated drive takes set-points, reads encoders, and judges both.
+
+    Attributes
+    ----------
+    period : float
+        Of the servo [s].
+    ahead : int
+        How many set-points the drive holds beyond the present one.
+    hold : bool
+        Whether set-points are held for a period instead of interpolated.
+    resolution : (n,) array
+        Of the encoders [rad, m]; 0 where exact.
+    noise : float
+        Standard deviation of the readings [rad, m].
+    following, start : (n,) arrays
+        Largest difference of set-point and reading, and of reading and a plan's start [rad, m].
+    pace : float or None
+        Seconds of the motion per second of the clock on the wall [1]; None for as fast as possible.
+    disturbances : tuple
+        What goes wrong, and when.
+    """
+
+    period: float
+    ahead: int
+    hold: bool
+    resolution: Array
+    noise: float
+    following: Array
+    start: Array
+    pace: float | None
+    disturbances: tuple[Disturbance, ...]
+
+
+def options(
+    robot: Robot, *, period: float = PERIOD, ahead: int = HELD_AHEAD, hold: bool = False,
+    encoder: float | ArrayLike = ENCODER, encoder_noise: float = 0.0,
+    following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
+    pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
+) -> Options:  # fmt: skip
+    """Check the options of a simulated drive.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    period : float
+        Of the servo [s].
+    ahead : int
+        How many set-points the drive holds beyond the present one: a host may be late by so many ticks.
+    hold : bool
+        Hold set-points for a period instead of interpolating them.
+    encoder : scalar or (n,) array
+        Counts per turn of all revolute joints [1]; or one number for each joint, for a sliding one its resolution [m].
+        Infinite counts for exact readings.
+    encoder_noise : float
+        Standard deviation of the readings, before they are rounded to counts [rad, m].
+    following : scalar or (n,) array, optional
+        Difference of set-point and reading from which on a joint does not follow [rad, m].
+    start_tolerance : scalar or (n,) array, optional
+        Largest difference of the arm's reading and a plan's start [rad, m].
+    pace : float, optional
+        Seconds of the motion per second of the clock on the wall [1]; by default as fast as possible.
+    disturbances : tuple
+        What goes wrong, and when (`planners.cell.disturbances`).
+
+    Returns
+    -------
+    Options
+        By joint.
+
+    Raises
+    ------
+    InvalidInput
+        One of them out of range.
+    """
+    period = check_number(period, "period", "seconds above 0", above=0.0)
+    check_count(ahead, "ahead", 1)
+    noise = check_number(encoder_noise, "encoder_noise", "a standard deviation, at least 0", least=0.0)
+    if pace is not None:
+        pace = check_number(pace, "pace", "a number above 0, or None", above=0.0)
+    return Options(
+        period, ahead, check_flag(hold, "hold"), _resolution(robot, encoder), noise,
+        _by_joint(robot, following, FOLLOWING, "following"),
+        _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
+        pace, _checked(robot, disturbances),
+    )  # fmt: skip
+
+
+def joint_index(robot: Robot, joint: str | int) -> int:
+    """Index of a joint that is given by its name or its index.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    joint : str or int
+        Name or index.
+
+    Returns
+    -------
+    int
+        Its index.
+
+    Raises
+    ------
+    InvalidInput
+        No such joint.
+    """
+    if isinstance(joint, str) and joint in robot.joint_names:
+        return robot.joint_names.index(joint)
+    if isinstance(joint, int) and not isinstance(joint, bool) and 0 <= joint < robot.n:
+        return joint
+    raise InvalidInput("joint", repr(joint)[:60], f"one of {', '.join(robot.joint_names)}, or an index below {robot.n}")
+
+
+def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float], argument: str) -> Array:
+    """One number above 0 for each joint [rad, m]."""
+    if value is None:
+        return np.where(robot.prismatic, default[1], default[0])
+    array = real_array(value, argument, f"a number above 0, or {robot.n}")
+    if array.shape not in ((), (robot.n,)) or not (array > 0.0).all():
+        raise InvalidInput(argument, repr(value)[:60], f"a number above 0, or {robot.n}")
+    return np.broadcast_to(array, (robot.n,)).copy()
+
+
+def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
+    """Resolution of each encoder [rad, m]."""
+    array = real_array(encoder, "encoder", f"counts per turn, or {robot.n} numbers")
+    if array.shape not in ((), (robot.n,)) or not (array > 0.0).all():
+        raise InvalidInput("encoder", repr(encoder)[:60], f"counts per turn above 0, or {robot.n} numbers above 0")
+    turn = 2.0 * pi / array
+    if array.shape == ():
+        return np.where(robot.prismatic, SCALE if np.isfinite(array) else 0.0, turn)
+    return np.where(robot.prismatic, np.where(np.isfinite(array), array, 0.0), turn)
+
+
+def _checked(robot: Robot, disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
+    """The disturbances, their joints by index."""
+    checked: list[Disturbance] = []
+    for each in disturbances:
+        if isinstance(each, Stall):
+            checked.append(Stall(joint_index(robot, each.joint), each.at, each.until))
+        elif isinstance(each, LostEncoder):
+            checked.append(LostEncoder(joint_index(robot, each.joint), each.at, each.until, each.frozen))
+        elif isinstance(each, WrongSetpoint):
+            checked.append(WrongSetpoint(each.at, joint_index(robot, each.joint), each.by))
+        elif isinstance(each, LateHost):
+            check_count(each.ticks, "ticks", 1)
+            checked.append(each)
+        else:
+            raise InvalidInput("disturbances", repr(each)[:60], "Stall, LostEncoder, LateHost or WrongSetpoint")
+    return tuple(checked)

@@ -1,0 +1,148 @@
+"""The rest of the way after a stop or a fault: back to the path where the arm stands off it, and on to the goal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.cell.drives._run import ends_at_goal
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
+from planners.limits import MotionLimits
+from planners.plan import Plan, plan
+from planners.replan import replan
+
+
+def resumed(
+    drive: Drive, execution: Execution, stop: StopRequest | None, watch: Watcher | None, near: Array
+) -> Execution:
+    """Take the arm from where it stands to the goal of an execution that was stopped.
+
+    Parameters
+    ----------
+    drive : Drive
+        The drive.
+    execution : Execution
+        What was stopped.
+    stop : float or callable, optional
+        As for `Drive.execute`.
+    watch : callable, optional
+        As for `Drive.execute`.
+    near : (n,) array
+        How far from where it was to stop the arm may stand [rad, m].
+
+    Returns
+    -------
+    Execution
+        Of the rest of the way; REFUSED where there is none.
+
+    Raises
+    ------
+    InvalidInput
+        An execution that was not stopped.
+    """
+    check_stopped(execution)
+    assert execution.motion is not None
+    rest = execution.motion(execution.motion.end)
+    measured = drive.measure()
+    if np.isnan(measured).any():
+        i = int(np.isnan(measured).argmax())
+        name = drive.robot.joint_names[i]
+        return nothing_sent(
+            drive, execution.plan, f"the encoder of {name} is lost", "repair the encoder, and measure again"
+        )
+    before = None
+    if (np.abs(measured - rest) > near).any():
+        if execution.status is ExecutionStatus.STOPPED:
+            i = int((np.abs(measured - rest) / near).argmax())
+            name = drive.robot.joint_names[i]
+            moved = f"{name} stands at {measured[i]:.6g}, and it was stopped at {rest[i]:.6g}"
+            why = f"the arm was moved since: {moved}"
+            return nothing_sent(drive, execution.plan, why, "a new plan from where it stands")
+        back = way_back(execution.plan, measured, rest)
+        if not back:
+            assert back.stop is not None
+            why = f"there is no way back to the path: {back.stop.reason}"
+            return nothing_sent(drive, execution.plan, why, back.stop.advice)
+        before = drive.execute(back, stop=stop, watch=watch)
+        if not before or execution.stop is None or ends_at_goal(execution.stop):
+            return before
+    if execution.stop is None or ends_at_goal(execution.stop):
+        there = nothing_sent(drive, execution.plan, "", "")
+        return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
+    onward = replan(execution.stop, execution.stop.trajectory.end)
+    return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
+
+
+def check_stopped(execution: Execution) -> None:
+    """Raise InvalidInput unless an execution was stopped on its way.
+
+    Parameters
+    ----------
+    execution : Execution
+        What should go on.
+
+    Raises
+    ------
+    InvalidInput
+        No execution, or one that was not stopped.
+    """
+    if not isinstance(execution, Execution):
+        raise InvalidInput("execution", repr(execution)[:60], "an Execution")
+    if execution.status not in (ExecutionStatus.STOPPED, ExecutionStatus.FAULT) or execution.motion is None:
+        raise InvalidInput(
+            "execution", f"one that ended with {execution.status}", "one that was stopped, or by a fault"
+        )
+
+
+def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
+    """Plan the straight way in joint space from where the arm stands back to where it was to stop.
+
+    Parameters
+    ----------
+    running : Plan
+        What was executed; its limits on the joints, its scene and its margin hold on the way back, too.
+    measured, rest : (n,) arrays
+        Where it stands, and where it was to stop [rad, m].
+
+    Returns
+    -------
+    Plan
+        The way back; on failure with reason and advice.
+    """
+    limits = running.limits
+    joints = MotionLimits(limits.velocity, limits.acceleration, limits.jerk, torque=limits.torque)
+    return plan(
+        running.robot,
+        rest,
+        running.robot.limits.clip(measured),
+        limits=joints,
+        scene=running.scene,
+        margin=running.margin,
+    )
+
+
+def nothing_sent(drive: Drive, plan: Plan, reason: str, advice: str) -> Execution:
+    """Return the record of an execution for which nothing was sent: REFUSED.
+
+    Parameters
+    ----------
+    drive : Drive
+        The drive.
+    plan : Plan
+        What was to be executed.
+    reason, advice : str
+        Why nothing was sent, and what to try.
+
+    Returns
+    -------
+    Execution
+        The arm stands where it stood.
+    """
+    at = drive.measure()
+    return Execution(
+        drive.name, drive.robot, ExecutionStatus.REFUSED, reason, advice, plan, None, None, None,
+        np.zeros(1), at[None], np.zeros((1, at.size)), None, at[None],
+    )  # fmt: skip

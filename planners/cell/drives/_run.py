@@ -1,0 +1,235 @@
+"""One execution on a simulated drive while it runs: its set-points, what stops it, and the record of what the arm did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.types import Array
+from planners.cell.drives.base import Fault
+from planners.cell.setpoints import Setpoints, setpoints
+from planners.plan import Plan
+from planners.replan import replan
+from planners.splice import joined, start_of
+from planners.trajectory import Trajectory
+
+END_SHARE = 1e-9
+"""Share of a path before its end that counts as its end: rounding."""
+
+
+class Commands(NamedTuple):
+    """What the drive asks of the servo at the plant's steps of one period, its start and its end included.
+
+    Attributes
+    ----------
+    t : (m + 1,) array
+        Times since the period's start, 0 first, the period last [s].
+    q, dq, ddq : (m + 1, n) arrays
+        Commanded positions [rad, m], velocities [rad/s, m/s] and accelerations [rad/s², m/s²].
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+class Steps(NamedTuple):
+    """What the arm did in one period, after each of the plant's steps.
+
+    Attributes
+    ----------
+    q, dq : (m, n) arrays
+        Positions [rad, m] and velocities [rad/s, m/s].
+    torque : (m, n) array or None
+        Torques of the motors [N·m, N], where the plant has torques.
+    """
+
+    q: Array
+    dq: Array
+    torque: Array | None = None
+
+
+def commands(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
+    """Interpolate set-points k and k + 1 by cubics through position and velocity, or hold the first of them.
+
+    Parameters
+    ----------
+    stream : Setpoints
+        The set-points; after the last one it is held.
+    k : int
+        Number of the period.
+    steps : int
+        Of the plant, in one period.
+    hold : bool
+        Whether the set-point is held.
+
+    Returns
+    -------
+    Commands
+        At the plant's steps.
+    """
+    last, period = len(stream.t) - 1, stream.period
+    u = np.linspace(0.0, 1.0, steps + 1)[:, None]
+    if hold or k >= last:
+        at = min(k, last)
+        still = 0.0 if k >= last else 1.0
+        rows = (np.repeat(x[at : at + 1], steps + 1, axis=0) for x in (stream.q, still * stream.dq, still * stream.ddq))
+        return Commands(u[:, 0] * period, *rows)
+    q, v = stream.q[k], stream.dq[k] * period
+    # the cubic from (q, v) to (q, v) of the next set-point, by powers of the share u of the period
+    d, w = stream.q[k + 1] - q, stream.dq[k + 1] * period
+    c2, c3 = 3.0 * d - 2.0 * v - w, v + w - 2.0 * d
+    position = q + u * (v + u * (c2 + u * c3))
+    position[-1] = stream.q[k + 1]
+    velocity = (v + u * (2.0 * c2 + 3.0 * u * c3)) / period
+    return Commands(u[:, 0] * period, position, velocity, (2.0 * c2 + 6.0 * u * c3) / period**2)
+
+
+def ends_at_goal(plan: Plan) -> bool:
+    """Whether a plan or a stop ends at the end of its path.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion.
+
+    Returns
+    -------
+    bool
+        True for a whole path.
+    """
+    return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
+
+
+@dataclass
+class Run:
+    """The state of one execution.
+
+    Attributes
+    ----------
+    plan : Plan
+        What is executed.
+    motion : Trajectory
+        What is sent: that of the plan; once it is stopped, up to the stop and the stop.
+    stream : Setpoints
+        Its set-points.
+    stop : Plan or None
+        The certified stop.
+    stopping : bool
+        Whether a stop was begun, or looked for in vain.
+    requested : bool
+        Whether it was requested.
+    fault : Fault or None
+        What went wrong.
+    late : int
+        Late ticks.
+    notes : list of str
+        What the reader must know.
+    """
+
+    plan: Plan
+    motion: Trajectory
+    stream: Setpoints
+    stop: Plan | None = None
+    stopping: bool = False
+    requested: bool = False
+    fault: Fault | None = None
+    late: int = 0
+    notes: list[str] = field(default_factory=list)
+    t: list[Array] = field(default_factory=list)
+    q: list[Array] = field(default_factory=list)
+    dq: list[Array] = field(default_factory=list)
+    torque: list[Array] = field(default_factory=list)
+    measured: list[Array] = field(default_factory=list)
+
+    @property
+    def last(self) -> int:
+        """Number of the tick at which the last set-point is due."""
+        return len(self.stream.t) - 1
+
+    @property
+    def at_goal(self) -> bool:
+        """Whether what is sent ends at the end of the plan: there was no stop, or the shortest one ends there."""
+        return self.stop is None or ends_at_goal(self.stop)
+
+    def stop_at(self, tick: int) -> None:
+        """Replace the set-points after a tick by a certified stop; where none is found the arm goes on to the end.
+
+        Parameters
+        ----------
+        tick : int
+            Number of the last set-point of the plan that is sent.
+        """
+        if self.stopping:
+            return
+        self.stopping = True
+        t = tick * self.stream.period
+        if tick >= self.last or t >= self.motion.end:
+            self.notes.append(
+                "the set-points that the drive held already reached the end of the plan: no stop was needed"
+            )
+            return
+        found = replan(self.plan, t, stop=True)
+        if not found:
+            assert found.stop is not None
+            self.notes.append(
+                f"no stop from t = {t:.6g} s could be certified, so the plan was ended: {found.stop.reason}"
+            )
+            return
+        self.stop = found
+        self.motion = joined(start_of(self.motion, t), found.trajectory)
+        self.stream = setpoints(self.motion, self.stream.period)
+        if ends_at_goal(found):
+            self.notes.append("the shortest stop within the limits ends at the end of the path")
+
+    def fail(self, fault: Fault, tick: int) -> None:
+        """Note a fault, the first one only, and stop.
+
+        Parameters
+        ----------
+        fault : Fault
+            What went wrong.
+        tick : int
+            Number of the last set-point of the plan that is sent.
+        """
+        if self.fault is None:
+            self.fault = fault
+        self.stop_at(tick)
+
+    def extend(self, ticks: int) -> None:
+        """Hold the last set-point up to a tick, so that there is one set-point for each reading.
+
+        Parameters
+        ----------
+        ticks : int
+            Number of the last tick.
+        """
+        more = ticks - self.last
+        if more <= 0:
+            return
+        period, t, q, dq, ddq = self.stream
+        still = np.zeros((more, q.shape[1]))
+        t = np.append(t, period * np.arange(self.last + 1, ticks + 1))
+        held = (np.repeat(q[-1:], more, axis=0), still, still)
+        self.stream = Setpoints(period, t, *(np.concatenate([x, y]) for x, y in zip((q, dq, ddq), held, strict=True)))
+
+    def record(self, start: float, times: Array, steps: Steps) -> None:
+        """Append what the arm did in one period.
+
+        Parameters
+        ----------
+        start : float
+            Time of the period's start [s].
+        times : (m,) array
+            Ends of the plant's steps since then [s].
+        steps : Steps
+            What the arm did.
+        """
+        self.t.append(start + times)
+        self.q.append(steps.q)
+        self.dq.append(steps.dq)
+        if steps.torque is not None:
+            self.torque.append(steps.torque)

@@ -1,0 +1,245 @@
+"""SimulatedDrive: the loop over the servo's ticks that every simulated arm shares, with stop, resume and faults."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from math import ceil
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.robot import Robot
+from optik.check import check_count, real_array
+from optik.errors import InvalidInput
+from optik.types import Array, Flags
+from planners.cell.disturbances import Stall
+from planners.cell.drives import _checks
+from planners.cell.drives._options import options
+from planners.cell.drives._resume import nothing_sent, resumed
+from planners.cell.drives._run import Commands, Run, Steps, commands
+from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
+from planners.cell.setpoints import setpoints, whole_periods
+from planners.plan import Plan
+
+
+class SimulatedDrive(Drive):
+    """A drive whose arm is computed. A plant is a subclass with `_place`, `_advance` and `_actual`.
+
+    At tick k the drive holds the set-points up to k + ahead, and the certified stop from the last of them: whatever stops
+    it (a request, a fault, a host that falls silent) it goes on to that set-point and then along that stop.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm, as it is planned for.
+    q : (n,) array, optional
+        Where it stands [rad, m]; by default at the start of the first plan.
+    step : float
+        Of the plant, at most [s]; a whole number of steps is one period.
+    seed : int
+        Of the encoders' noise.
+    **others
+        As for `planners.cell.drives._options.options`.
+
+    Raises
+    ------
+    InvalidInput
+        One of them out of range.
+    """
+
+    simulated: ClassVar[bool] = True
+    settling: float = 0.0
+    """How long the last set-point is held after its tick, so that the arm comes to rest [s]."""
+
+    def __init__(
+        self, robot: Robot, q: ArrayLike | None = None, *, step: float = 0.0005, seed: int = 0, **others: Any
+    ) -> None:
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        self.robot = robot
+        self.options = options(robot, **others)
+        self.period = self.options.period
+        if not isinstance(step, int | float) or not 0.0 < step <= self.period:
+            raise InvalidInput("step", repr(step)[:60], f"seconds above 0, at most the period, {self.period:g}")
+        self.steps = ceil(self.period / step * (1.0 - 1e-9))
+        check_count(seed, "seed", 0)
+        self.clock = 0.0
+        """Time that the drive has executed so far, over all executions [s]."""
+        self._noise = np.random.default_rng(seed)
+        self._frozen: dict[int, float] = {}
+        self._placed = False
+        if q is not None:
+            self._put(q)
+
+    # ------------------------------------------------------------ the plant
+
+    @abstractmethod
+    def _place(self, q: Array) -> None:
+        """Put the arm at rest at q (n,) [rad, m]."""
+
+    @abstractmethod
+    def _advance(self, asked: Commands, stalled: Flags) -> Steps:
+        """Take the arm through one period; joints that are stalled (n,) stand still."""
+
+    @abstractmethod
+    def _actual(self) -> Array:
+        """Where the arm really stands (n,) [rad, m]."""
+
+    def _torque(self) -> Array | None:
+        """Torques of the motors now (n,) [N·m, N], where the plant has torques."""
+        return None
+
+    def _remarks(self) -> tuple[str, ...]:
+        """What every execution on this plant must say: defaults that stand in for unknown values."""
+        return ()
+
+    # ------------------------------------------------------------ executing
+
+    def measure(self) -> Array:
+        """Return the encoders' configuration now (n,) [rad, m]; NaN for a lost encoder, and before the arm was placed."""
+        if not self._placed:
+            return np.full(self.robot.n, np.nan)
+        return _checks.reading(self._actual(), self.options, self.clock, self._noise, self._frozen)
+
+    def execute(self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None) -> Execution:
+        """Take the arm along a plan whose certificate holds; see `Drive.execute`.
+
+        Parameters
+        ----------
+        plan : Plan
+            Starts at rest where the arm stands.
+        stop : float or callable, optional
+            When to stop on the path: a time [s], or a function that is asked at every tick.
+        watch : callable, optional
+            Told of every tick.
+
+        Returns
+        -------
+        Execution
+            What the arm did, up to its rest.
+
+        Raises
+        ------
+        InvalidInput
+            A plan of another arm, or one that is shorter than the period.
+        """
+        _checks.check_plan(plan, self.robot)
+        refusal = _checks.no_motion(plan)
+        if refusal is not None:
+            return self._refused(plan, *refusal)
+        plan = whole_periods(plan, self.period)
+        if not self._placed:
+            self._put(plan.trajectory(0.0))
+        refusal = _checks.refusal(plan, self.measure(), self.options)
+        if refusal is not None:
+            return self._refused(plan, *refusal)
+        run = Run(plan, plan.trajectory, setpoints(plan, self.period))
+        self._loop(run, _checks.asked(stop), watch)
+        return self._report(run)
+
+    def resume(
+        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
+    ) -> Execution:
+        """Go on to the goal of an execution that was stopped; see `Drive.resume`.
+
+        After a fault that left the arm off the path, it first goes back to where it was to stop, straight in joint
+        space; that execution is `Execution.before` of the result.
+
+        Parameters
+        ----------
+        execution : Execution
+            One of this drive's that ended with STOPPED or FAULT.
+        stop, watch
+            As in `execute`.
+
+        Returns
+        -------
+        Execution
+            Of the rest of the way; REFUSED where the arm no longer stands where it was stopped.
+
+        Raises
+        ------
+        InvalidInput
+            An execution that was not stopped.
+        """
+        return resumed(self, execution, stop, watch, self.options.start)
+
+    def _loop(self, run: Run, asked: Callable[[float], bool], watch: Watcher | None) -> None:
+        """Run through all ticks: read the encoders, judge, listen to a request, advance the plant by one period."""
+        began, since = time.monotonic(), self.clock
+        torque = self._torque()
+        first = Steps(self._actual()[None], np.zeros((1, self.robot.n)), None if torque is None else torque[None])
+        run.record(0.0, np.zeros(1), first)
+        k = 0
+        while True:
+            t = k * self.period
+            self._wait(run, began, t)
+            self.clock = since + t
+            reading = self.measure()
+            run.measured.append(reading)
+            if watch is not None:
+                watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
+            if k >= run.last + self._held_ticks():
+                break
+            _checks.arrived(run, k, since, self.options, self.robot)
+            _checks.judge(run, k, reading, self.options, self.robot)
+            if not run.stopping and asked(t):
+                run.requested = True
+                run.stop_at(k + self.options.ahead)
+            now = commands(run.stream, k, self.steps, self.options.hold)
+            run.record(t, now.t[1:], self._advance(now, self._stalled()))
+            k += 1
+        run.extend(k)
+
+    def _held_ticks(self) -> int:
+        """How many periods the last set-point is held after its tick."""
+        return max(ceil(self.settling / self.period - 1e-9), int(self.options.hold))
+
+    def _wait(self, run: Run, began: float, t: float) -> None:
+        """Wait for the tick where a pace was asked; a tick that comes a period late is counted."""
+        if self.options.pace is None:
+            return
+        early = began + t / self.options.pace - time.monotonic()
+        if early > 0.0:
+            time.sleep(early)
+        elif -early > self.period / self.options.pace:
+            run.late += 1
+
+    def _stalled(self) -> Flags:
+        """Which joints stand still now (n,)."""
+        stalled = np.zeros(self.robot.n, dtype=bool)
+        for each in self.options.disturbances:
+            if isinstance(each, Stall) and each.at <= self.clock < each.until:
+                stalled[each.joint] = True
+        return stalled
+
+    def _put(self, q: ArrayLike) -> None:
+        """Put the arm at rest at a configuration inside its limits."""
+        expected = f"{self.robot.n} finite numbers inside the position limits"
+        at = real_array(q, "q", expected)
+        if at.shape != (self.robot.n,) or not np.isfinite(at).all() or not self.robot.limits.contains(at):
+            raise InvalidInput("q", repr(q)[:80], expected)
+        self._place(at.copy())
+        self._placed = True
+
+    # ------------------------------------------------------------ the report
+
+    def _refused(self, plan: Plan, reason: str, advice: str) -> Execution:
+        """Nothing was sent."""
+        return replace(nothing_sent(self, plan, reason, advice), notes=self._remarks())
+
+    def _report(self, run: Run) -> Execution:
+        """What the arm did; after a fault the servo is set to where the arm stands, so that nothing moves later."""
+        if run.fault is not None:
+            self._place(self._actual())
+        status, reason, advice = _checks.ending(run)
+        return Execution(
+            self.name, self.robot, status, reason, advice, run.plan, run.stop, run.motion, run.stream,
+            np.concatenate(run.t), np.concatenate(run.q), np.concatenate(run.dq),
+            np.concatenate(run.torque) if run.torque else None, np.array(run.measured),
+            run.late, run.fault, (*self._remarks(), *run.notes),
+        )  # fmt: skip
