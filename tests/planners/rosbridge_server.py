@@ -21,7 +21,17 @@ from websockets.exceptions import ConnectionClosed
 STATES_RATE, FEEDBACK_RATE = 50.0, 20.0
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 CLOCK = 1_000_000.0  # the robot's clock is that far behind the host's [s]
-ODD = ["}{", "[1, 2]", '"word"', "null", '{"op": "publish"}', '{"op": 7}', '{"op": "action_result"}', "\x00", '{"a": NaN}']
+ODD = [
+    "}{",
+    "[1, 2]",
+    '"word"',
+    "null",
+    '{"op": "publish"}',
+    '{"op": 7}',
+    '{"op": "action_result"}',
+    "\x00",
+    '{"a": NaN}',
+]
 
 
 def ros_now() -> float:
@@ -88,7 +98,10 @@ class Controller:
         fresh = [
             (
                 start + self.slow * seconds(p["time_from_start"]),
-                tuple(np.array(p[f])[order] / self.slow**k for k, f in enumerate(("positions", "velocities", "accelerations"))),
+                tuple(
+                    np.array(p[f])[order] / self.slow**k
+                    for k, f in enumerate(("positions", "velocities", "accelerations"))
+                ),
             )
             for p in trajectory["points"]
         ]
@@ -136,7 +149,7 @@ def acceptable(controller: Controller, args: Any) -> bool:
         times = [seconds(p["time_from_start"]) for p in trajectory["points"]]
         last = trajectory["points"][-1]
         good = sorted(trajectory["joint_names"]) == sorted(controller.names) and bool(times)
-        return good and all(b > a for a, b in pairwise(times)) and not np.any(last["velocities"])
+        return good and all(b > a for a, b in pairwise(times)) and np.abs(last["velocities"]).max() <= 1.2e-7
     except (KeyError, TypeError, IndexError):
         return False
 
@@ -147,8 +160,10 @@ async def run_goal(controller: Controller, goal: Goal) -> None:
     controller.goals += 1
     if mode == "quiet" or (mode == "quietstop" and controller.goals > 1):
         return
-    if not acceptable(controller, goal.message.get("args")) or mode == "reject" or (
-        mode == "rejectstop" and controller.goals > 1
+    if (
+        not acceptable(controller, goal.message.get("args"))
+        or mode == "reject"
+        or (mode == "rejectstop" and controller.goals > 1)
     ):
         await goal.send("action_result", values="Action goal was rejected", status=0, result=False)
         return
@@ -237,8 +252,8 @@ async def connected(socket: ServerConnection, controllers: dict[str, Controller]
     except ConnectionClosed:
         pass
     finally:
-        if not any(task for task in tasks if not task.done()):
-            controllers.pop(query["id"][0], None)
+        for task in tasks:
+            task.cancel()
 
 
 async def main() -> None:

@@ -12,7 +12,8 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._checks import asked, check_plan, no_motion
-from planners.cell.drives._ros import Run, message_for
+from planners.cell.drives._ros_goals import message_for, stop_for, with_room
+from planners.cell.drives._ros_run import Run
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
 from planners.cell.transports.base import Transport
@@ -22,11 +23,11 @@ from planners.replan import place_on, replan
 
 STATE_AGE = 0.5
 """Oldest joint state by default [s]: 25 messages of a broadcaster at 50 Hz."""
-START_TOLERANCE = 0.01
+START_WITHIN = 0.01
 """Largest distance of the measured joints from the start by default [rad, m], as MoveIt allows it."""
-STILL = 0.02
+STANDS = 0.02
 """Fastest joint that counts as standing [rad/s, m/s]: velocities of encoders are noisy."""
-PATIENCE = 2.0
+WAITING = 2.0
 """How long to wait for joint states, for the controller to accept a goal, and for an arm to stand [s]."""
 GRACE = 5.0
 """How much longer than its motion a goal may take by default [s]: the controller waits until its goal tolerance is met."""
@@ -100,7 +101,7 @@ class RosDrive(Drive):
 
     def __init__(
         self, robot: Robot, transport: Transport, *, execute: bool = False, joint_names: JointNames = None,
-        start_tolerance: float = START_TOLERANCE, state_age: float = STATE_AGE, patience: float = PATIENCE,
+        start_tolerance: float = START_WITHIN, state_age: float = STATE_AGE, patience: float = WAITING,
         grace: float = GRACE, latency: float = LATENCY,
     ) -> None:  # fmt: skip
         for argument, value, kind in (("robot", robot, Robot), ("transport", transport, Transport)):
@@ -146,7 +147,7 @@ class RosDrive(Drive):
         until = time.monotonic() + self.timing.patience
         while time.monotonic() < until and not self.transport.lost:
             q, dq = self.measured()
-            if np.isfinite(q).all() and not (np.abs(dq) > STILL).any():
+            if np.isfinite(q).all() and not (np.abs(dq) > STANDS).any():
                 return "", ""
             time.sleep(0.01)
         if self.transport.lost:
@@ -156,11 +157,24 @@ class RosDrive(Drive):
             i = int(np.nanargmax(np.abs(dq)))
             what = f"{self.robot.joint_names[i]} moves at {dq[i]:.3g}, and a plan begins at rest"
             return what, "wait until the arm stands"
-        return self._unknown(q)
+        return self.unknown(q, self.timing.patience)
 
-    def _unknown(self, q: Array) -> tuple[str, str]:
-        """Reason and advice for joints whose position is not known."""
-        readings, waited = self.transport.readings, f"within {self.timing.patience:g} s"
+    def unknown(self, q: Array, seconds: float) -> tuple[str, str]:
+        """Say why the position of a joint is not known.
+
+        Parameters
+        ----------
+        q : (n,) array
+            What is known [rad, m].
+        seconds : float
+            For how long it was waited for [s].
+
+        Returns
+        -------
+        reason, advice : str
+            What is wrong, and what to do.
+        """
+        readings, waited = self.transport.readings, f"within {seconds:g} s"
         odd = f"; the latest message that could not be read: {self.transport.odd}" if self.transport.odd else ""
         if not readings:
             return f"no joint states came {waited}{odd}", "see that the broadcaster of the joint states runs"
@@ -205,7 +219,7 @@ class RosDrive(Drive):
         if refusal is not None:
             return self._unsent(plan, ExecutionStatus.REFUSED, *refusal)
         try:
-            sent, message = message_for(plan, self.joint_names)
+            sent, message = message_for(with_room(plan), self.joint_names)
         except (NoSolution, InvalidInput) as error:
             advice = error.advice if isinstance(error, NoSolution) else error.expected
             return self._unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
@@ -241,7 +255,9 @@ class RosDrive(Drive):
         """
         ended = (ExecutionStatus.STOPPED, ExecutionStatus.FAULT)
         if not isinstance(execution, Execution) or execution.status not in ended or execution.motion is None:
-            came = f"one that ended with {execution.status}" if isinstance(execution, Execution) else repr(execution)[:60]
+            came = (
+                f"one that ended with {execution.status}" if isinstance(execution, Execution) else repr(execution)[:60]
+            )
             raise InvalidInput("execution", came, "one that was stopped, or by a fault")
         plan = execution.plan
         check_plan(plan, self.robot)
@@ -281,9 +297,8 @@ class RosDrive(Drive):
         # The first one compiles: only the second tells how long a stop takes while the arm moves.
         for _ in range(2):
             since = time.monotonic()
-            found = replan(plan, 0.5 * plan.trajectory.end, stop=True)
             try:
-                message_for(found, self.joint_names)
+                stop_for(plan, 0.5 * plan.trajectory.end, self.joint_names)
             except (NoSolution, InvalidInput) as error:
                 return 0.0, (f"a stop in the middle cannot be certified ({error}): it would be a cancellation",)
         return time.monotonic() - since, ()

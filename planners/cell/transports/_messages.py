@@ -208,7 +208,7 @@ def numbers(values: Any, count: int, field: str) -> Array:
     Returns
     -------
     (count,) array
-        The numbers, in the unit of the field.
+        The numbers, in the unit of the field [rad, m, s].
 
     Raises
     ------

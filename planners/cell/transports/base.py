@@ -115,7 +115,7 @@ class Goal:
         try:
             self._set(accepted=True, feedback=feedback_of(values), heard=time.monotonic())
         except InvalidInput as error:
-            self._set(odd=str(error))
+            self._set(accepted=True, odd=str(error))
 
     def tell_result(self, state: Any, values: Any) -> None:
         """The result came; one that cannot be read is UNKNOWN, since the goal has ended in any case.

@@ -5,68 +5,30 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.cell.drives._ros_goals import instant_of, stop_for
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.setpoints import Setpoints
 from planners.cell.transports._messages import NANOSECONDS, Feedback, GoalState, time_of
 from planners.cell.transports.base import Goal
 from planners.controller import states
-from planners.files._ros.export import JointNames, ros_message
 from planners.plan import Plan
-from planners.replan import replan
 from planners.splice import joined, start_of
-from planners.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from planners.cell.drives.ros import RosDrive
 
 POLL = 0.01
 """How often a running goal is looked at [s]: twice as often as joint states usually come."""
-DESIRED = 1e-3
-"""Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
-something else, and nothing is known of where it is."""
-NEAR = 0.5
-"""How far from the expected instant the controller's desired state is looked for [s]: it starts late, or is slowed."""
+CONFIRMED = 0.3
+"""How long after its instant a stop may be confirmed [s]: by its first feedback, which controllers send at 20 Hz by default."""
 TOLERANCES = {-4: "it left its path tolerance", -5: "it missed its goal tolerance"}
 """Error codes of ``FollowJointTrajectory`` that mean that a joint does not follow, in words."""
-
-
-def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, Any]]:
-    """Make the message of a plan, and certify what the controller makes of it.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion that ends at rest.
-    joint_names : mapping or sequence, optional
-        As for `planners.to_ros`.
-
-    Returns
-    -------
-    sent : Plan
-        The plan with the motion that the controller interpolates, certified now.
-    message : dict
-        A ``trajectory_msgs/JointTrajectory`` as plain data.
-
-    Raises
-    ------
-    NoSolution
-        A plan without a motion, or one whose certificate does not hold as the controller interpolates.
-    InvalidInput
-        A motion that the controller refuses.
-    """
-    message, sent = ros_message(plan, joint_names=joint_names)
-    moved = plan.moved(sent.trajectory, plan.slowed * sent.factor)
-    if not moved:
-        assert moved.stop is not None
-        why = f"as the controller interpolates it, the certificate does not hold: {moved.stop.reason}"
-        raise NoSolution(why, s=moved.stop.s, joint=moved.stop.joint, advice=moved.stop.advice)
-    return moved, message
 
 
 @dataclass
@@ -101,11 +63,14 @@ class Run:
     def __post_init__(self) -> None:
         self.sent = time.monotonic()
         self.motion = self.plan.trajectory
+        self.ended = 0.0
+        """When the goal had ended, or nothing more was to be expected [s]."""
         self.begun: float | None = None
         """Start of the motion, by this machine's clock [s]; None as long as no feedback told."""
         self.stamp: int | None = None
         """The same by the controller's clock [ns]."""
         self._located: Feedback | None = None
+        self._fastest = self._give_up = 0.0
 
     # ------------------------------------------------------------ the loop
 
@@ -124,20 +89,34 @@ class Run:
         Execution
             What the arm did.
         """
-        if self._taken(self.goal):
-            while not self.goal.ended and not self.drive.transport.lost:
-                self.goal.wait(lambda: self.goal.ended, POLL)
-                self._look(watch)
-                if self.now > self.motion.end + self.drive.timing.grace and not self.cancelled:
-                    self._fail(FaultKind.STALL, *_too_long(self.motion.end, self.drive.timing.grace))
-                    self._cancel("it did not end in time")
-                elif self.cancelled and self.now > self._give_up:
-                    break
-                elif not self._stopping and asking(max(self.now, 0.0)):
-                    self.requested = True
-                    self._stop()
+        try:
+            self._loop(asking, watch)
+        except BaseException:  # from the caller's functions, or Ctrl-C: the arm must not go on unattended
+            if not self._stopping and not self.goal.ended:
+                self._stop()
+            raise
+        self.ended = max(self.now, 0.0)
+        if self.goal.accepted:
             self._settle(watch)
         return self._report()
+
+    def _loop(self, asking: Callable[[float], bool], watch: Watcher | None) -> None:
+        """Look at the goal until it has ended, or nothing more is to be expected of it."""
+        patience, grace = self.drive.timing.patience, self.drive.timing.grace
+        while not (self.goal.ended or self.drive.transport.lost or (self.cancelled and self.now > self._give_up)):
+            self.goal.wait(lambda: self.goal.ended, POLL)
+            self._look(watch)
+            if self.cancelled:
+                continue
+            if not self.goal.accepted and self.now > patience:
+                self._fail(FaultKind.CONNECTION, *_not_taken(patience))
+                self._cancel("it was not accepted in time")
+            elif self.now > self.motion.end + grace:
+                self._fail(FaultKind.STALL, *_too_long(self.motion.end, grace))
+                self._cancel("it did not end in time")
+            elif not self._stopping and asking(max(self.now, 0.0)):
+                self.requested = True
+                self._stop()
 
     @property
     def now(self) -> float:
@@ -148,28 +127,12 @@ class Run:
     def _stopping(self) -> bool:
         return self.requested or self.fault is not None
 
-    def _taken(self, goal: Goal) -> bool:
-        """Wait until the controller has accepted a goal; where it has not, say why and see that it is not taken later."""
-        patience, transport = self.drive.timing.patience, self.drive.transport
-        until = time.monotonic() + patience
-        while not (goal.accepted or goal.ended or transport.lost) and time.monotonic() < until:
-            goal.wait(lambda: goal.accepted or goal.ended, POLL)
+    def _taken(self, stop: Goal, until: float) -> bool:
+        """Wait until the controller has accepted the goal of a stop, to a time of the motion [s] at most."""
+        while not (stop.accepted or stop.ended or self.drive.transport.lost) and self.now < until:
+            stop.wait(lambda: stop.accepted or stop.ended, POLL)
             self._look(None)
-        if goal.accepted:
-            return True
-        if goal is not self.goal:  # a stop, whose failure is not that of the whole
-            return False
-        if goal.refused and not transport.lost:
-            said = f"; it says: {transport.odd}" if transport.odd else ""
-            advice = "its log, which says why; its name, its joints and that it is active"
-            self._fail(FaultKind.CONTROLLER, f"the controller did not take the goal: {goal.refused}{said}", advice)
-        elif not transport.lost:
-            transport.cancel(goal)
-            what = f"the controller did not say within {patience:g} s that it takes the goal, which was cancelled"
-            self._fail(FaultKind.CONNECTION, f"{what}; it may take it later all the same", "see that the arm stands")
-        else:
-            self._broken()
-        return False
+        return stop.accepted
 
     def _look(self, watch: Watcher | None) -> None:
         """Note a new joint state, where the controller is, and joint states that no longer come."""
@@ -187,9 +150,7 @@ class Run:
                     watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy()))
         elif not self._stopping and not self.drive.transport.lost and self.begun is not None and not self.goal.ended:
             names, lost = self.drive.robot.joint_names, np.flatnonzero(~np.isfinite(q))
-            what = f"the joint state of {names[lost[0]]} is no number, or older than {self.drive.timing.state_age:g} s"
-            advice = "see that the encoders and their broadcaster work; then resume"
-            self._fail(FaultKind.ENCODER, what, advice, names[lost[0]])
+            self._fail(FaultKind.ENCODER, *self.drive.unknown(q, self.drive.timing.state_age), names[lost[0]])
             self._stop()
 
     def _locate(self, feedback: Feedback, heard: float) -> None:
@@ -200,8 +161,10 @@ class Run:
             return
         q, dq = feedback.positions[order], np.nan_to_num(feedback.velocities[order])
         t = instant_of(self.motion, q, dq, heard - (self.sent if self.begun is None else self.begun))
-        if t is None or t <= 0.0 or t >= self.motion.end:
-            return
+        speed = float(np.abs(dq).max())
+        if t is None or t <= 0.0 or t >= self.motion.end or speed < 0.5 * self._fastest:
+            return  # near rest a small distance is a long time
+        self._fastest = max(speed, self._fastest)
         self.begun = heard - t
         self.stamp = feedback.stamp - round(t * NANOSECONDS) if feedback.stamp else None
 
@@ -223,7 +186,7 @@ class Run:
                 self.notes += ("the motion ended before a stop could begin",)
                 return
             try:
-                found, message = message_for(replan(self.plan, t, stop=True), self.drive.joint_names)
+                found, message = stop_for(self.plan, t, self.drive.joint_names)
             except (NoSolution, InvalidInput) as error:
                 why = f"no stop could be certified: {error}"
                 break
@@ -232,7 +195,7 @@ class Run:
                 continue
             message["header"]["stamp"] = time_of(self.stamp + round(t * NANOSECONDS))
             goal = self.drive.transport.send(message)
-            if self._taken(goal):
+            if self._taken(goal, t + CONFIRMED):
                 self.goal, self.stop = goal, found
                 self.motion = joined(start_of(self.motion, t), found.trajectory)
                 return
@@ -242,7 +205,7 @@ class Run:
         self._cancel(why)
 
     def _cancel(self, why: str) -> None:
-        """Ask the controller to cancel the goal, and wait for that for a while only."""
+        """Ask the controller to cancel the goal; that is waited for, for a while only."""
         self.cancelled, self._give_up = why, self.now + self.drive.timing.patience
         self.drive.transport.cancel(self.goal)
         self.notes += (f"the goal was cancelled ({why}): how the arm stopped then is the controller's own",)
@@ -260,7 +223,9 @@ class Run:
         """Whether the last two joint states are those of an arm at rest."""
         (_, t, q, _), (_, t_after, q_after, dq) = self.samples[-2:]
         slow = self.drive.start_tolerance / 10.0
-        return bool((np.abs(q_after - q) <= slow * max(t_after - t, 1.0)).all() and not (np.abs(dq) > slow * 10.0).any())
+        return bool(
+            (np.abs(q_after - q) <= slow * max(t_after - t, 1.0)).all() and not (np.abs(dq) > slow * 10.0).any()
+        )
 
     # ------------------------------------------------------------ the report
 
@@ -274,53 +239,73 @@ class Run:
 
     def _judge(self) -> None:
         """Turn the goal's end into a fault where it is one."""
-        result, robot = self.goal.result, self.drive.robot
+        result, refused = self.goal.result, self.goal.refused
         if self.drive.transport.lost and result is None:
-            self._broken()
-        if self.fault is not None:
-            return
-        at = self.samples[-1][2] if self.samples else np.full(robot.n, np.nan)
-        off = np.nan_to_num(np.abs(at - self.motion(min(max(self.now, 0.0), self.motion.end))), nan=np.inf)
-        joint = robot.joint_names[int(off.argmax())]
-        if result is None:
-            what = f"the goal was cancelled, and its end was not told: {self.cancelled}"
+            what = f"{self.drive.transport.lost} while a goal ran: whether the arm still moves is not known"
+            self._fail(FaultKind.CONNECTION, what, "see that the arm stands; connect again, then resume")
+        elif refused:
+            said = f"; it says: {self.drive.transport.odd}" if self.drive.transport.odd else ""
+            advice = "the controller's log; the name of its action, its joints, and that it is active"
+            self._fail(FaultKind.CONTROLLER, f"the controller did not take the goal: {refused}{said}", advice)
+        elif result is None:
+            what = f"the goal was cancelled ({self.cancelled}), and its end was not told"
             self._fail(FaultKind.CONNECTION, what, "see that the arm stands")
         elif result.state is GoalState.SUCCEEDED or (result.state is GoalState.CANCELED and self.cancelled):
-            if off.max() > self.drive.start_tolerance:
-                what = f"{joint} stands {off.max():.3g} from where the motion ends" if not self.cancelled else self._astray(at)
-                if what:
-                    self._fail(FaultKind.STALL, what, "see what holds it; then a new plan from where it stands", joint)
-        elif result.code in TOLERANCES:
-            what = f"the controller ended the goal: {TOLERANCES[result.code]} ({result.words or result.code})"
-            what += f"; {joint} is {off.max():.3g} off its set-point, the most of all"
-            self._fail(FaultKind.STALL, what, "see what holds the joint; then resume", joint)
+            self._judge_rest(result.state is GoalState.SUCCEEDED)
         else:
-            what = f"the controller ended the goal, {result.state.name.lower()}, with code {result.code}"
-            self._fail(FaultKind.CONTROLLER, f"{what}: {result.words or 'no words'}", "its log; then resume")
+            joint, off = self._farthest(self.ended)
+            if result.code in TOLERANCES:
+                what = f"the controller ended the goal: {TOLERANCES[result.code]} ({result.words or result.code})"
+                what += f"; {joint} was {off:.3g} off its set-point, the most of all"
+                self._fail(FaultKind.STALL, what, "see what holds the joint; then resume", joint)
+            else:
+                what = f"the controller ended the goal, {result.state.name.lower()}, with code {result.code}"
+                self._fail(FaultKind.CONTROLLER, f"{what}: {result.words or 'no words'}", "its log; then resume")
 
-    def _astray(self, at: Array) -> str:
-        """Why an arm whose goal was cancelled does not stand on the path; empty where it does."""
-        grid = np.linspace(0.0, self.plan.joint_path.end, 2001)
-        off = np.abs(self.plan.joint_path(grid) - at).max(axis=1).min()
-        return "" if off <= self.drive.start_tolerance else f"the arm came to rest {off:.3g} off the path ({self.cancelled})"
+    def _judge_rest(self, at_end: bool) -> None:
+        """A fault where the arm does not stand at the motion's end, or after a cancellation not on the path."""
+        near = self.drive.start_tolerance
+        joint, off = self._farthest(self.motion.end)
+        if at_end and off > near:
+            what = f"the controller says that it is there, and {joint} stands {off:.3g} from the motion's end"
+            self._fail(FaultKind.STALL, what, "see what holds it; then a new plan from where it stands", joint)
+        elif not at_end and self.samples:
+            grid = np.linspace(0.0, self.plan.joint_path.end, 2001)
+            away = float(np.abs(self.plan.joint_path(grid) - self.samples[-1][2]).max(axis=1).min())
+            if away > near:
+                what = f"the goal was cancelled ({self.cancelled}), and the arm came to rest {away:.3g} off the path"
+                self._fail(FaultKind.CONTROLLER, what, "a new plan from where it stands")
+
+    def _farthest(self, t: float) -> tuple[str, float]:
+        """The joint that the last joint state has farthest from the motion at a time, and how far."""
+        at = self.samples[-1][2] if self.samples else np.full(self.drive.robot.n, np.nan)
+        off = np.nan_to_num(np.abs(at - self.motion(min(t, self.motion.end))), nan=np.inf)
+        return self.drive.robot.joint_names[int(off.argmax())], float(off.max())
 
     def _report(self) -> Execution:
         """What the arm did."""
         if self.fault is None:
             self._judge()
         status, reason, advice = ExecutionStatus.DONE, "", ""
+        result = self.goal.result
         if self.fault is not None:
             status, reason, advice = ExecutionStatus.FAULT, self.fault.reason, self.fault.advice
-        elif self.stop is not None or self.cancelled:
-            begun = self.motion.end - self.stop.trajectory.end if self.stop is not None else self.now
+        elif self.stop is not None:
+            begun = self.motion.end - self.stop.trajectory.end
             status, advice = ExecutionStatus.STOPPED, "resume goes on"
-            reason = f"stopped on request; the stop began at t = {begun:.6g} s" if self.stop else f"stopped: {self.cancelled}"
+            reason = f"stopped on request; the stop began at t = {begun:.6g} s"
+        elif self.cancelled and result is not None and result.state is not GoalState.SUCCEEDED:
+            status, reason, advice = ExecutionStatus.STOPPED, f"stopped: {self.cancelled}", "resume goes on"
         t, q, dq = self._recorded()
+        whole = result is not None and result.state is GoalState.SUCCEEDED
+        count = t.size if whole else max(int(np.searchsorted(t, self.ended, side="right")), 1)
         period = float(np.median(np.diff(t))) if t.size > 1 else self.drive.period
-        stream = Setpoints(period, t, *states(self.motion, np.minimum(t, self.motion.end)))
+        stream = Setpoints(period, t[:count], *states(self.motion, np.minimum(t[:count], self.motion.end)))
+        sent = self.goal.accepted
         return Execution(
-            self.drive.name, self.drive.robot, status, reason, advice, self.plan, self.stop, self.motion, stream,
-            t, q, dq, None, q, fault=self.fault, notes=self.notes,
+            self.drive.name, self.drive.robot, status, reason, advice, self.plan, self.stop,
+            self.motion if sent else None, stream if sent else None,
+            t, q, dq, None, q[:count], fault=self.fault, notes=self.notes,
         )  # fmt: skip
 
     def _recorded(self) -> tuple[Array, Array, Array]:
@@ -332,38 +317,18 @@ class Run:
             rows.append((t, q, dq))
         rows = [row for i, row in enumerate(rows) if row[0] > 0.0 and (i == 0 or row[0] > rows[i - 1][0])]
         first = (0.0, self.samples[0][2] if self.samples else self.drive.measure(), np.zeros(self.drive.robot.n))
-        t, q, dq = zip(first, *rows, strict=True)
-        return np.array(t), np.array(q), np.array(dq)
+        rows.insert(0, first)
+        return (
+            np.array([row[0] for row in rows]),
+            np.array([row[1] for row in rows]),
+            np.array([row[2] for row in rows]),
+        )
 
 
-def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
-    """Find the instant of a motion at which it has a state.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    q, dq : (n,) arrays
-        Position [rad, m] and velocity [rad/s, m/s].
-    near : float
-        About when [s].
-
-    Returns
-    -------
-    float or None
-        Time [s]; None where the motion is not there around that time.
-    """
-    low, high = max(near - NEAR, 0.0), min(near + NEAR, motion.end)
-    if low >= high:
-        return None
-    for _ in range(6):  # a grid that is narrowed to a picosecond: the motion is smooth, but may stand for a while
-        grid = np.linspace(low, high, 101)
-        off = np.abs(motion(grid) - q).max(axis=1) + 0.01 * np.abs(motion(grid, 1) - dq).max(axis=1)
-        best = int(off.argmin())
-        step = float(grid[1] - grid[0])
-        low, high = max(float(grid[best]) - step, 0.0), min(float(grid[best]) + step, motion.end)
-    t = float(grid[best])
-    return t if float(np.abs(motion(t) - q).max()) <= DESIRED else None
+def _not_taken(patience: float) -> tuple[str, str]:
+    """Reason and advice for a goal of which nothing was heard."""
+    what = f"the controller did not say within {patience:g} s that it takes the goal; it may take it later all the same"
+    return what, "see that the arm stands, and the controller's log"
 
 
 def _too_long(seconds: float, grace: float) -> tuple[str, str]:
