@@ -41,9 +41,7 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
     OutputError
         The file cannot be written.
     """
-    for name in (arm.name, *arm.joint_names):
-        if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
-            raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
+    check_xml_names(arm)
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
     links = _links(arm)
@@ -62,6 +60,24 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
     if path is not None:
         write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
     return text
+
+
+def check_xml_names(arm: ArmModel) -> None:
+    """Raise where XML cannot hold the name of an arm or of a joint.
+
+    Parameters
+    ----------
+    arm : ArmModel
+        The arm.
+
+    Raises
+    ------
+    RobotModelError
+        A name that is empty or has a control character.
+    """
+    for name in (arm.name, *arm.joint_names):
+        if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
+            raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
 
 
 def _links(arm: ArmModel) -> list[Body | None]:

@@ -4,10 +4,12 @@ from planners.cell.cell import Cell
 from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives import Drive, drives, make_drive
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
+from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
+from planners.cell.mjcf import mujoco_model, to_mjcf
 from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 
@@ -26,6 +28,7 @@ __all__ = [
     "LateHost",
     "LostEncoder",
     "Moment",
+    "MujocoDrive",
     "Outcome",
     "PanTiltLaser",
     "PathFigures",
@@ -44,10 +47,12 @@ __all__ = [
     "cube_poses",
     "drives",
     "make_drive",
+    "mujoco_model",
     "path_figures",
     "pose_figures",
     "setpoints",
     "split_configurations",
     "split_errors",
+    "to_mjcf",
     "whole_periods",
 ]

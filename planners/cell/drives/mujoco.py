@@ -1,0 +1,272 @@
+"""MujocoDrive: an arm with masses, motors and friction, simulated by MuJoCo under position servos of limited torque."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.inertia import Payload
+from optik.arm.robot import Robot
+from optik.check import check_flag
+from optik.dynamics import joint_torques
+from optik.errors import InvalidInput
+from optik.types import Array, Flags
+from planners.cell._masses import with_masses
+from planners.cell.disturbances import LostEncoder
+from planners.cell.drives._run import Commands, Run, Steps
+from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, gains, servo, tuning
+from planners.cell.drives._simulated import SimulatedDrive
+from planners.cell.drives.base import Execution
+from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model
+
+CREEP = 1e-4
+"""Velocity [rad/s, m/s] below which the feed-forward of Coulomb friction falls to 0, as tanh: a joint that the plan leaves at
+rest has velocities of rounding only, whose signs mean nothing. Ten times more leaves 2e-5 rad at the end of a motion."""
+
+BLOCKED = 1e6
+"""Coulomb friction of a joint that is blocked, and of a brake where no torque limit says how strong it is [N·m, N]."""
+
+SETTLED = 10.0
+"""How long the last set-point is held, in time constants of the slowest servo [1]: of an error, 5e-4 is left then."""
+
+
+class MujocoDrive(SimulatedDrive):
+    """An arm in MuJoCo, driven by a position servo at each joint.
+
+    At each step of the plant the motor's torque is kp (q_set − q_enc) + kd (q̇_set − q̇_enc) + τ_ff, within the torque
+    limits. q_enc are the encoders' readings, q̇_enc their differences over the step (the set-point's velocity is meant
+    half a step earlier, too), and the difference of velocities is filtered. τ_ff is `Robot.torques` at the interpolated
+    set-point: position, velocity and acceleration of the cubic through the set-points' positions and velocities.
+    Its Coulomb friction has the sign of the set-point's velocity.
+
+    A joint whose encoder is lost goes on by τ_ff alone; at rest, its brake holds it. One that is further from its
+    set-point than `following` is braked at once. Brakes are as strong as the motor.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm, as it is planned for; what τ_ff and the gains are computed from. Without masses it gets stated ones and
+        no torque limits, and of a payload whose mass is an interval it takes the middle.
+    q : (n,) array, optional
+        Where it stands [rad, m]; by default at the start of the first plan.
+    plant : Robot, optional
+        The true arm: the same kinematics with other masses, friction or payload. By default the robot itself, with
+        the heaviest payload.
+    feedforward : bool
+        Whether τ_ff acts.
+    bandwidth : scalar or (n,) array
+        Natural frequency of the servos [Hz], at the largest inertia of each joint.
+    damping : float
+        Damping ratio of the servos [1].
+    stiffness : scalar or (n,) array, optional
+        kp in place of that of the bandwidth [N·m/rad, N/m].
+    step : float
+        Of MuJoCo, at most [s]; a whole number of steps is one period.
+    seed : int
+        Of the encoders' noise.
+    **others
+        As for every simulated drive.
+
+    Raises
+    ------
+    InvalidInput
+        One of them out of range, a step above 0.5 ms, a plant with other kinematics or without masses, a joint that moves
+        no mass.
+    MissingDependency
+        MuJoCo is not installed.
+    """
+
+    name: ClassVar[str] = "mujoco"
+    plant: Robot
+    gains: Gains
+
+    def __init__(
+        self, robot: Robot, q: ArrayLike | None = None, *, plant: Robot | None = None, feedforward: bool = True,
+        bandwidth: ArrayLike = BANDWIDTH, damping: float = DAMPING, stiffness: ArrayLike | None = None,
+        step: float = PLANT_STEP, seed: int = 0, **others: Any,
+    ) -> None:  # fmt: skip
+        self._mujoco = import_mujoco("the drive 'mujoco'")
+        super().__init__(robot, step=step, seed=seed, **others)
+        if step > PLANT_STEP:
+            raise InvalidInput(
+                "step", f"{step:g} s", f"at most {PLANT_STEP:g} s, so that friction and servos act in time"
+            )
+        self.feedforward = check_flag(feedforward, "feedforward")
+        self._wishes = bandwidth, damping, stiffness
+        self._build(robot, plant)
+        if q is not None:
+            self._put(q)
+
+    def carry(self, robot: Robot) -> None:
+        """Go on with the same arm at rest, carrying something else; see `Drive.carry`.
+
+        A plant that was given carries the same: what its payload weighed more or less than the robot's, in proportion,
+        that of the new one does, too.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm with what it carries from now on.
+
+        Raises
+        ------
+        InvalidInput
+            Another arm.
+        """
+        before = self.robot
+        super().carry(robot)
+        plant = None if self._given is None else _carrying(self._given, before, robot)
+        here = self._actual() if self._placed else None
+        self._build(robot, plant)
+        if here is not None:
+            self._place(here)
+
+    # ------------------------------------------------------------ the plant
+
+    def _build(self, robot: Robot, plant: Robot | None) -> None:
+        """The model that the servos know, and the plant."""
+        heavy, self._assumed = with_masses(robot)
+        self._given = plant
+        self.plant = _checked_plant(heavy, plant)
+        model = _of_one_mass(heavy, middle=True)
+        assert model.inertia is not None and self.plant.inertia is not None
+        self.gains = gains(model, *self._wishes)
+        self.settling = SETTLED / float(self.gains.frequency.min())
+        self._chain, self._load = model.chain, model.loads[0]
+        self._friction = np.array(self.plant.inertia.coulomb)
+        self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
+        self._step = self.period / self.steps
+        self._tuned = tuning(self.gains, self._step, self.options.resolution, self.options.following, self._most)
+        self._model = mujoco_model(self.plant, step=self._step)
+        self._data = self._mujoco.MjData(self._model)
+
+    def _place(self, q: Array) -> None:
+        self._mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[:] = q
+        self._state = np.zeros((3, q.size))
+        self._state[0] = q
+        self._now = (
+            self._feed_forward(q[None], 0.0 * q[None], 0.0 * q[None])[0] if self.feedforward else np.zeros(q.size)
+        )
+
+    def _actual(self) -> Array:
+        return np.array(self._data.qpos)
+
+    def _torque(self) -> Array:
+        return self._now
+
+    def _advance(self, asked: Commands, stalled: Flags) -> Steps:
+        data, m, n = self._data, self.steps, self.robot.n
+        lost, frozen, instead = self._lost()
+        self._brake(asked, stalled, lost)
+        rows = np.empty((m, 3, n))
+        rows[:, 0], rows[:, 1] = asked.q[:-1], asked.dq[:-1] - 0.5 * self._step * asked.ddq[:-1]
+        rows[:, 2] = self._feed_forward(asked.q[:-1], asked.dq[:-1], asked.ddq[:-1])
+        if not self.feedforward:
+            rows[:, 2, ~lost] = 0.0
+        off = (
+            np.zeros((m, n)) if self.options.noise == 0.0 else self.options.noise * self._noise.standard_normal((m, n))
+        )
+        clean = self.options.noise == 0.0 and not (lost | frozen).any()
+        q, dq, torque = np.empty((3, m, n))
+        tuned, state, h, at, motors = self._tuned, self._state, self._step, data.qpos, data.ctrl
+        for j, row in enumerate(rows):
+            read = at if clean else np.where(lost | frozen, instead, at + off[j])
+            servo(tuned, row, read, state, h, motors)
+            self._mujoco.mj_step(self._model, data)
+            q[j], dq[j], torque[j] = at, data.qvel, motors
+        self._now = torque[-1].copy()
+        return Steps(q, dq, torque)
+
+    def _lost(self) -> tuple[Flags, Flags, Array]:
+        """Which encoders are lost, which are frozen, and what those read instead of where the joints are."""
+        lost, frozen = np.zeros((2, self.robot.n), dtype=bool)
+        instead = np.full(self.robot.n, np.nan)
+        for each in self.options.disturbances:
+            if isinstance(each, LostEncoder) and each.at <= self.clock < each.until:
+                joint = int(each.joint)
+                (frozen if each.frozen else lost)[joint] = True
+                instead[joint] = self._frozen.get(joint, np.nan) if each.frozen else np.nan
+        return lost, frozen, instead
+
+    def _brake(self, asked: Commands, stalled: Flags, lost: Flags) -> None:
+        """Set the friction of the joints: their own, that of a brake, or that of something which blocks them."""
+        self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
+        off = self._state[2] > 0.0
+        brakes = np.where(np.isfinite(self._most), self._most, BLOCKED)
+        friction = np.where(off, np.maximum(brakes, self._friction), self._friction)
+        self._model.dof_frictionloss[:] = np.where(stalled, BLOCKED, friction)
+
+    def _feed_forward(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Torques of the model at set-points, with Coulomb friction that begins smoothly."""
+        torque, smooth = np.empty_like(q), (self._load.viscous, np.zeros(q.shape[1]))
+        joint_torques(self._chain, self._load.bodies, smooth, np.stack([q, dq, ddq], axis=1), torque)
+        return torque + self._load.coulomb * np.tanh(dq / CREEP)
+
+    # ------------------------------------------------------------ the report
+
+    def _remarks(self) -> tuple[str, ...]:
+        remarks = [self._assumed] if self._assumed else []
+        payload = self.robot.payload
+        if payload is not None and len(payload.masses) > 1:
+            known = f"the servos' model carries the middle of {payload}"
+            remarks.append(f"{known}, and the simulated arm {self.plant.payload}")
+        return tuple(remarks)
+
+    def _report(self, run: Run) -> Execution:
+        torque = np.abs(np.concatenate(run.torque)) if run.torque else np.zeros((0, self.robot.n))
+        for i in np.flatnonzero((torque >= self._most).any(axis=0)):
+            for_long = self._step * int((torque[:, i] >= self._most[i]).sum())
+            run.notes.append(
+                f"the motor of {self.robot.joint_names[i]} was at its torque limit for {1000.0 * for_long:.4g} ms"
+            )
+        return super()._report(run)
+
+
+# ---------------------------------------------------------------- arms
+
+
+def _checked_plant(robot: Robot, plant: Robot | None) -> Robot:
+    """The arm that is simulated, with one payload."""
+    if plant is None:
+        return _of_one_mass(robot, middle=False)
+    wanted = f"a Robot with masses and the joints of {robot.name!r}, whose masses, friction or payload differ"
+    if not isinstance(plant, Robot) or plant.inertia is None:
+        raise InvalidInput("plant", repr(plant)[:60], wanted)
+    same = plant.n == robot.n and np.array_equal(plant.fixed, robot.fixed)
+    if not same or not np.array_equal(plant.prismatic, robot.prismatic):
+        raise InvalidInput("plant", f"{plant.name!r}, whose joints are others", wanted)
+    return _of_one_mass(plant, middle=False)
+
+
+def _torque_limits(robot: Robot) -> Array:
+    """Torque limits (n,), infinite where unknown."""
+    known = robot.limits.torque
+    return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,)).astype(float)
+
+
+def _of_one_mass(robot: Robot, *, middle: bool) -> Robot:
+    """The arm with the middle or the heaviest payload, where its mass is an interval."""
+    payload = robot.payload
+    if payload is None or len(payload.masses) == 1:
+        return robot
+    mass = float(np.mean(payload.masses)) if middle else payload.masses[-1]
+    return replace(robot, payload=Payload(mass, payload.com, payload.inertia * (mass / payload.masses[-1])))
+
+
+def _carrying(plant: Robot, before: Robot, now: Robot) -> Robot:
+    """A plant that carries what the robot carries now, heavier or lighter by as much as its payload was."""
+    old, new = before.payload, now.payload
+    factor = plant.payload.masses[-1] / old.masses[-1] if plant.payload and old else 1.0
+    plant = plant.with_payload(None).with_tool(now.tool)
+    if new is None:
+        return plant
+    masses = tuple(factor * mass for mass in new.masses)
+    mass = masses if len(masses) == 2 else masses[0]
+    return replace(plant, payload=Payload(mass, new.com, factor * new.inertia))
+
+
+METHOD = MujocoDrive
