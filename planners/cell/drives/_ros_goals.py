@@ -1,4 +1,4 @@
-"""Goals for a joint_trajectory_controller: the message of a plan and of its stop, certified as the controller executes them."""
+"""Goals for a joint_trajectory_controller: messages of a plan and of its stop, certified as the controller executes them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.files._ros.export import JointNames, ros_message
+from planners.motion import Motion
 from planners.plan import Plan
 from planners.replan import replan
 from planners.trajectory import Trajectory
@@ -48,7 +49,7 @@ def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, An
     InvalidInput
         A motion that the controller refuses.
     """
-    motion = plan.motion
+    motion = judged(plan)
     message, sent = ros_message(motion, joint_names=joint_names)
     proof = replace(motion, trajectory=sent.trajectory).certify()
     if not proof.holds:
@@ -56,6 +57,42 @@ def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, An
         raise NoSolution(why, advice="another law, or lower limits")
     slowed = plan.slowed * sent.factor
     return replace(plan, _trajectory=sent.trajectory, _certificate=proof, slowed=slowed), message
+
+
+def judged(plan: Plan) -> Motion:
+    """Return the motion of a plan as a real arm must keep it: within its velocity limits, whatever its law promises.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion.
+
+    Returns
+    -------
+    Motion
+        Its certificate judges what the law promises, and the velocities.
+    """
+    motion = plan.motion
+    return replace(motion, keeps=tuple(n for n in motion.limits.names if n == "velocity" or n in motion.keeps))
+
+
+def exceeded(plan: Plan) -> str:
+    """Say which limits a motion passes that its law does not promise.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion.
+
+    Returns
+    -------
+    str
+        For a note; empty where there is none.
+    """
+    proof = plan.certificate
+    found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.keeps}
+    words = [f"{name.replace('_', ' ')} {ratio:.3g} times" for name, ratio in found.items() if ratio > 1.0]
+    return f"beyond limits that {plan.law} does not promise: {', '.join(words)}" if words else ""
 
 
 def with_room(plan: Plan) -> Plan:

@@ -139,10 +139,8 @@ class Run:
         feedback = self.goal.feedback
         if feedback is not None and feedback is not self._located:
             self._locate(feedback, self.goal.heard)
-        q, dq = self.drive.measured()
-        readings = [self.drive.transport.readings.get(name) for name in self.drive.columns]
+        q, dq, stamp, at = self.drive.measured()
         if np.isfinite(q).all():
-            stamp, at = min((r.stamp, r.at) for r in readings if r is not None)
             if not self.samples or at > self.samples[-1][1]:
                 self.samples.append((stamp, at, q, dq))
                 if watch is not None:

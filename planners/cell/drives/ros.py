@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._checks import asked, check_plan, no_motion
-from planners.cell.drives._ros_goals import message_for, stop_for, with_room
+from planners.cell.drives._ros_goals import exceeded, judged, message_for, stop_for, with_room
 from planners.cell.drives._ros_run import Run
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
@@ -34,6 +35,10 @@ GRACE = 5.0
 LATENCY = 0.1
 """How long before the instant of a stop its goal is sent by default [s], more than a message takes on a network of
 machines beside each other."""
+COMPILED = 0.3
+"""A stop that takes longer than this [s] was the first of the process, which compiles: the next one tells how long it takes."""
+SLOWER = 1e-3
+"""By how much more a motion must be slowed for the controller before that is said [1]."""
 SAID = (
     "what the controller does after a goal is its own: it holds the last point, or what its settings say",
     "between its points the controller is taken to interpolate by quintics; late cycles of its loop are not known here",
@@ -60,6 +65,18 @@ class Timing(NamedTuple):
     patience: float
     grace: float
     latency: float
+
+
+class Measured(NamedTuple):
+    """Joint states of all joints: positions (n,) [rad, m], velocities (n,) [rad/s, m/s], and the oldest joint's times.
+
+    The stamp is by the robot's clock [ns], the arrival by `time.monotonic` [s].
+    """
+
+    q: Array
+    dq: Array
+    stamp: int
+    at: float
 
 
 class RosDrive(Drive):
@@ -118,23 +135,25 @@ class RosDrive(Drive):
 
     def measure(self) -> Array:
         """Return the joints of the latest joint states (n,) [rad, m]; NaN for one that is unknown or not fresh."""
-        return self.measured()[0]
+        return self.measured().q
 
-    def measured(self) -> tuple[Array, Array]:
-        """Return positions and velocities of the latest joint states.
+    def measured(self) -> Measured:
+        """Return the latest joint states.
 
         Returns
         -------
-        q, dq : (n,) arrays
-            [rad, m] and [rad/s, m/s]; NaN where unknown or not fresh.
+        Measured
+            NaN where unknown or not fresh.
         """
         q, dq = np.full((2, self.robot.n), np.nan)
-        now, readings = time.monotonic(), self.transport.readings
+        stamp, at = 0, time.monotonic()
+        oldest, readings = at - self.timing.state_age, self.transport.readings
         for name, i in self.columns.items():
             reading = readings.get(name)
-            if reading is not None and reading.fresh and now - reading.at <= self.timing.state_age:
+            if reading is not None and reading.fresh and reading.at >= oldest:
                 q[i], dq[i] = reading.position, reading.velocity
-        return q, dq
+                stamp, at = (reading.stamp, reading.at) if reading.at <= at else (stamp, at)
+        return Measured(q, dq, stamp, at)
 
     def unmeasured(self) -> tuple[str, str]:
         """Say why the joints are not known to stand still now, after waiting for that for a while.
@@ -146,13 +165,13 @@ class RosDrive(Drive):
         """
         until = time.monotonic() + self.timing.patience
         while time.monotonic() < until and not self.transport.lost:
-            q, dq = self.measured()
+            q, dq = self.measured()[:2]
             if np.isfinite(q).all() and not (np.abs(dq) > STANDS).any():
                 return "", ""
             time.sleep(0.01)
         if self.transport.lost:
             return self.transport.lost, "see that the other side runs, and connect again"
-        q, dq = self.measured()
+        q, dq = self.measured()[:2]
         if np.isfinite(q).all():
             i = int(np.nanargmax(np.abs(dq)))
             what = f"{self.robot.joint_names[i]} moves at {dq[i]:.3g}, and a plan begins at rest"
@@ -218,18 +237,25 @@ class RosDrive(Drive):
         refusal = no_motion(plan)
         if refusal is not None:
             return self._unsent(plan, ExecutionStatus.REFUSED, *refusal)
+        broken = judged(plan).certify().broken
+        if broken:
+            why = f"the certificate, computed now, does not hold: {'; '.join(broken)}"
+            return self._unsent(plan, ExecutionStatus.REFUSED, why, "a plan within the limits of the robot")
         try:
             sent, message = message_for(with_room(plan), self.joint_names)
         except (NoSolution, InvalidInput) as error:
             advice = error.advice if isinstance(error, NoSolution) else error.expected
             return self._unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
-        rehearsed, notes = self._rehearse(sent) if self.sends else (0.0, ())
+        notes = tuple(filter(None, (_slower(plan, sent), exceeded(sent))))
+        rehearsed, unstoppable = self._rehearse(sent) if self.sends else (0.0, ())
         reason, advice = self._not_at_start(sent)
         if reason:
             return self._unsent(sent, ExecutionStatus.REFUSED, reason, advice)
         if not self.sends:
-            return self._unsent(sent, ExecutionStatus.DRY_RUN, *_would_send(sent, message, self.transport.place))
-        return Run(self, sent, self.transport.send(message), rehearsed, (*SAID, *notes)).follow(asking, watch)
+            dry = self._unsent(sent, ExecutionStatus.DRY_RUN, *_would_send(sent, message, self.transport.place))
+            return replace(dry, notes=notes)
+        said = (*SAID, *notes, *unstoppable)
+        return Run(self, sent, self.transport.send(message), rehearsed, said).follow(asking, watch)
 
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
@@ -294,14 +320,17 @@ class RosDrive(Drive):
 
     def _rehearse(self, plan: Plan) -> tuple[float, tuple[str, ...]]:
         """How long a stop takes to compute [s], and what the reader must know where none is found."""
-        # The first one compiles: only the second tells how long a stop takes while the arm moves.
+        taken = np.inf
         for _ in range(2):
+            if taken < COMPILED:
+                break
             since = time.monotonic()
             try:
                 stop_for(plan, 0.5 * plan.trajectory.end, self.joint_names)
             except (NoSolution, InvalidInput) as error:
                 return 0.0, (f"a stop in the middle cannot be certified ({error}): it would be a cancellation",)
-        return time.monotonic() - since, ()
+            taken = time.monotonic() - since
+        return taken, ()
 
     def _unsent(self, plan: Plan, status: ExecutionStatus, reason: str, advice: str) -> Execution:
         """Record an execution for which nothing was sent."""
@@ -318,6 +347,12 @@ def _where(execution: Execution) -> float:
         return execution.stop.span[1]
     binding = execution.plan.certificate.binding
     return float(np.interp(execution.t[-1], binding.t, binding.s))
+
+
+def _slower(plan: Plan, sent: Plan) -> str:
+    """A note on a motion that is sent slower than it was planned; empty for one that is not."""
+    factor = sent.trajectory.end / plan.trajectory.end
+    return f"slowed by {factor:.6g}, so that the controller keeps its limits" if factor > 1.0 + SLOWER else ""
 
 
 def _would_send(plan: Plan, message: dict[str, Any], place: str) -> tuple[str, str]:
