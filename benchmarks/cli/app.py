@@ -13,6 +13,7 @@ from rich.table import Table
 
 import optik
 from benchmarks.cli.bench import bench_app, demo
+from benchmarks.cli.cell import cell
 from benchmarks.cli.doctor import doctor
 from benchmarks.cli.drive import drive
 from benchmarks.cli.output import guard_output
@@ -31,6 +32,7 @@ from benchmarks.cli.shared import (
     out_console,
     print_json,
 )
+from benchmarks.cli.view import view
 from optik.arm.robot import Robot
 from optik.arm.units import per, units
 from optik.errors import NoSolution, OptikError
@@ -233,6 +235,8 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 command(app)(demo)
 command(app)(doctor)
 command(app)(drive)
+command(app)(cell)
+command(app)(view)
 command(bench_app, "peer")(bench_peer)
 
 

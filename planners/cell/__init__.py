@@ -1,9 +1,11 @@
 """The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
 
+from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
-from planners.cell.drives import Drive, drives, make_drive
+from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
+from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
@@ -14,6 +16,8 @@ from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 
 __all__ = [
+    "Calibration",
+    "CalibrationStatus",
     "Cell",
     "CellStatus",
     "Cube",
@@ -25,6 +29,7 @@ __all__ = [
     "FaultKind",
     "Gripper",
     "Held",
+    "IdealDrive",
     "LateHost",
     "LostEncoder",
     "Moment",
@@ -39,10 +44,12 @@ __all__ = [
     "Setpoints",
     "SightStatus",
     "Sighting",
+    "SimulatedDrive",
     "Spot",
     "Stall",
     "Step",
     "WrongSetpoint",
+    "calibrate",
     "crossings",
     "cube_poses",
     "drives",

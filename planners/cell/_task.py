@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from optik import se3
+from optik.arm.reach import outside_reach, reach_bound
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, solver_for
+from optik.task import POSE
 from optik.types import Array
 from planners.cell._along import split_along
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
@@ -96,8 +98,10 @@ class Task:
         self.spot: Array | None = None
         self.true_spot: Array | None = None
         self.target: Array | None = None
+        self.variance = 0.0
+        self.floor: float | None = None
         self.clock = 0.0
-        self.lost: Sighting | InvalidInput | None = None
+        self._stopped_by_spot = False
 
     # ------------------------------------------------------------ steps
 
@@ -138,11 +142,12 @@ class Task:
     def _outcome(self, status: CellStatus) -> Outcome:
         cell = self.cell
         beam = None if self.spot is None else (cell.laser.pose[:3, 3], self.spot)
-        notes = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
+        said = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
+        notes = tuple(dict.fromkeys(cell.notes + said))
         return Outcome(
             cell.robot, status, tuple(self.steps), tuple(self.rounds),
             self.along[-1].error.at(-1) if self.along else None, self.along[0] if self.along else None,
-            self.target, self.spot, self.true_spot, beam, cell.base, cell.scene, tuple(dict.fromkeys(cell.notes + notes)),
+            self.target, self.spot, self.true_spot, beam, self.floor, cell.base, cell.scene, notes,
         )  # fmt: skip
 
     # ------------------------------------------------------------ laser and target
@@ -156,10 +161,11 @@ class Task:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
         if not seen:
             raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
-        self.spot = seen.point
+        self.spot, self.variance = seen.point, self.cell.noise(reading, self.wishes.plane)
         given = self.wishes.true_spot
         self.true_spot = self.cell.truth(reading, self.wishes.plane) if given is None else given
-        noise = "" if seen.covariance is None else f", ± {_mm(np.sqrt(np.trace(seen.covariance)))}"
+        off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
+        noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
 
     def _measured_start(self) -> Array:
@@ -183,6 +189,13 @@ class Task:
         R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
         assert self.spot is not None
         self.target = se3.pose(R, self.spot)
+        reach = reach_bound(self.cell.robot, POSE)
+        away = float(outside_reach(reach, self.target, 0.0, 0.0))
+        if away >= 0.0:
+            reason = (
+                f"out of reach: {away:.4g} m away, where the arm's own parts span {reach[6]:.4g} to {reach[7]:.4g} m"
+            )
+            raise self._fail("target", CellStatus.NO_PLAN, reason, "a spot nearer to the arm", self.target, since)
         said = "the tool keeps its orientation" if asked is None else "the tool turns to the orientation that was asked"
         self._add("target", said, self.target, since)
 
@@ -266,15 +279,17 @@ class Task:
         self._add("tool", said, pose, since)
 
     def _rest(self, tool: Array) -> Array:
-        """Measured spot minus measured tool."""
+        """Measured spot minus measured tool, both measured in the same way, so that the calibration's error cancels."""
         try:
-            seen = self.cell.seen_tool(tool, self.wishes.readings, self.wishes.look)
+            read = self.cell.read_tool(tool, self.wishes.readings, self.wishes.look)
+            seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.wishes.plane)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
             reason = f"the laser unit cannot measure the tool: {seen.status}: {seen.reason}"
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, seen.advice, seen)
-        assert seen.point is not None and self.spot is not None
+        assert seen.point is not None and self.spot is not None and isinstance(read, Spot)
+        self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.wishes.plane)))
         return self.spot - seen.point
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections
@@ -365,7 +380,7 @@ def wishes_of(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> Wishes:
 
 
 def _mm(metres: Any) -> str:
-    return f"{1e3 * float(metres):.3g} mm"
+    return f"{1e3 * float(metres):.3g} mm" if metres >= 1e-9 else "less than 1e-6 mm"
 
 
 def _metres(point: Any) -> str:

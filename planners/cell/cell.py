@@ -20,7 +20,7 @@ from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell._checks import vectors
-from planners.cell._seeing import seen_from
+from planners.cell._seeing import meant, reading_variance, seen_from
 from planners.cell._task import Follow, Look, Task, wishes_of
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
@@ -204,7 +204,7 @@ class Cell:
         return spot
 
     def truth(self, spot: Spot, plane: Plane | None = None) -> Array:
-        """Return where a spot truly is: the point of the last `read`, or what the true unit means by the reading.
+        """Return where a spot truly is: the point of the last `read`, or where the true unit's beam points with the reading.
 
         Parameters
         ----------
@@ -225,8 +225,7 @@ class Cell:
         """
         if self._last is not None and self._last[0] is spot:
             return self._last[1]
-        seen = seen_from(self.unit, spot, plane)
-        return np.full(3, np.nan) if seen.point is None else seen.point
+        return meant(self.unit, spot, plane)
 
     def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
         """Return where the calibrated unit says that a spot is: the mean of its readings.
@@ -250,8 +249,25 @@ class Cell:
         """
         return seen_from(self.laser, spot, plane)
 
-    def seen_tool(self, tool: Array, readings: int, look: Look | None) -> Sighting:
-        """Return where the calibrated unit says that the tool is.
+    def noise(self, spot: Spot, plane: Plane | None = None) -> float:
+        """Return the variance of a measured point by the noise of its readings alone, summed over the three axes.
+
+        Parameters
+        ----------
+        spot : Spot
+            A reading, or several.
+        plane : Plane, optional
+            On which the spot is.
+
+        Returns
+        -------
+        float
+            The variance [m²], by the stated noise of the calibrated unit.
+        """
+        return reading_variance(self.laser, spot, plane)
+
+    def read_tool(self, tool: Array, readings: int, look: Look | None) -> Spot | Sighting:
+        """Return a reading of the tool, or why the true unit cannot see it.
 
         Parameters
         ----------
@@ -264,18 +280,13 @@ class Cell:
 
         Returns
         -------
-        Sighting
-            The point, or why the unit cannot see it.
-
-        Raises
-        ------
-        InvalidInput
-            A reading that is none.
+        Spot or Sighting
+            The reading; a sighting that is not found where the unit cannot see the tool.
         """
         if look is not None:
-            return self.sighting(look())
+            return look()
         visible = self.unit.angles(tool)
-        return self.sighting(self.read(tool, readings)) if visible else visible
+        return self.read(tool, readings) if visible else visible
 
     # ------------------------------------------------------------ tasks
 
@@ -302,7 +313,8 @@ class Cell:
         timing, ik, samples
             Law, IK method and samples of the line, as for `planners.plan`.
         plane : Plane, optional
-            On which the spot is; the range that was read is then not used.
+            On which the spot is. Ranges are then not used: spot and tool are where the beam meets the plane, and
+            corrections are along it.
         true_spot : (3,) array, optional
             Where the spot truly is [m], where a simulation knows more than `truth`.
         follow : callable, optional
@@ -408,10 +420,10 @@ class Cell:
         since = perf_counter()
         try:
             if self.gripper is None:
-                raise InvalidInput("gripper", "a cell without one", "Cell(..., gripper=Gripper(...))")
+                raise InvalidInput("gripper", "none", "a cell with a gripper: Cell(..., gripper=Gripper(...))")
             said, status, advice = act(self.gripper), CellStatus.ARRIVED, ""
         except InvalidInput as error:
-            said, status, advice = str(error), CellStatus.REFUSED, f"{error.argument}: {error.expected}"
+            said, status, advice = f"{error.argument} is {error.got}", CellStatus.REFUSED, error.expected
         good = status is CellStatus.ARRIVED
         step = Step(name, good, said, advice, self.robot if good else None, perf_counter() - since)
         return Outcome(self.robot, status, (step,), base=self.base, scene=self.scene, notes=tuple(self.notes))

@@ -123,6 +123,9 @@ class Outcome:
         Where it truly is, as far as a simulation knows [m].
     beam : ((3,), (3,)) tuple of arrays, or None
         The laser's origin and the spot, to be drawn [m].
+    floor : float or None
+        What the noise of the readings of spot and tool leaves of the error after a correction, root mean square [m]; None
+        where nothing was corrected.
     base : (4, 4) array
         T_world_platform, the pose of the base frame in the world [1, m].
     scene : Scene or None
@@ -141,6 +144,7 @@ class Outcome:
     spot: Array | None = None
     true_spot: Array | None = None
     beam: tuple[Array, Array] | None = None
+    floor: float | None = None
     base: Array | None = None
     scene: Scene | None = None
     notes: tuple[str, ...] = ()
@@ -172,6 +176,48 @@ class Outcome:
     def tool(self) -> Array | None:
         """Where the tool really is at the end (3,) [m]; None where nothing was executed."""
         return self.rounds[-1].tool if self.rounds else None
+
+    def __str__(self) -> str:
+        lines = [f"{self.status}" + (f" at step {self.failed.name}" if self.failed is not None else "")]
+        for step in self.steps:
+            mark = "ok" if step.ok else "FAILED"
+            lines.append(f"  {step.name:<12}{1e3 * step.seconds:9.1f} ms  {mark:<6}  {step.reason}")
+        if self.advice:
+            lines.append(f"  try: {self.advice}")
+        if self.error is not None:
+            rows = self.error.to_dict().items()
+            lines.append("  error [mm]" + "".join(f"{axis:>11}" for axis in ("x", "y", "z", "length")))
+            for name, part in rows:
+                numbers = "".join(f"{round(1e3 * x, 4) + 0.0:11.4f}" for x in (*part, float(np.linalg.norm(part))))
+                lines.append(f"    {name:<8}{numbers}")
+        if len(self.rounds) > 1:
+            off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in self.rounds)
+            lines.append(
+                f"  round by round: {off} mm; the readings' noise leaves {1e3 * (self.floor or 0.0):.3g} mm (RMS)"
+            )
+        return "\n".join(lines + [f"  note: {note}" for note in self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files and programs [m, s]; the plans and executions themselves are not in it."""
+        failed = (
+            {} if self.failed is None else {"failed": self.failed.name, "reason": self.reason, "advice": self.advice}
+        )
+        points = {name: getattr(self, name) for name in ("spot", "true_spot", "tool", "target", "base")}
+        along = None
+        if self.along is not None:
+            along = {"t": self.along.t.tolist(), "s": self.along.s.tolist(), "error": self.along.error.to_dict()}
+        return {
+            "format": "optik-cell/1", "robot": self.robot.name, "robot_fingerprint": self.robot.fingerprint,
+            "status": str(self.status), **failed,
+            "steps": [step._asdict() | {"result": type(step.result).__name__} for step in self.steps],
+            **{name: None if point is None else point.tolist() for name, point in points.items()},
+            "error": None if self.error is None else self.error.to_dict(), "along": along,
+            "rounds": [
+                {"tool": r.tool.tolist(), "rest": None if r.rest is None else r.rest.tolist(), "error": r.error.tolist()}
+                for r in self.rounds
+            ],
+            "floor": self.floor, "notes": list(self.notes),
+        }  # fmt: skip
 
     def in_world(self, points: Array) -> Array:
         """Return points of the arm's base frame in the world.

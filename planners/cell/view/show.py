@@ -250,7 +250,8 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
         ratio, joint, t = proof.worst(name)
         if not np.isnan(ratio):
             promised = "" if name in proof.keeps else ", not promised by the law"
-            words = f"{100 * ratio:.4g} % of its limit at {t:.3f} s, {joint}{promised}"
+            much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
+            words = f"{much} at {t:.3f} s, {joint}{promised}"
             rows.append((f"Largest {name.replace('_', ' ')}", words))
     return tuple(rows)
 

@@ -1,0 +1,84 @@
+"use strict";
+// Numbers of the page: the arm's forward kinematics and the state of a motion at any time. Lengths in m, angles in rad.
+
+const Arm = (() => {
+  /** Decode an array of 64-bit floats from base64. */
+  const numbers = text => new Float64Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
+
+  /** Product of two poses, 16 numbers each, row after row. */
+  const times = (a, b) => {
+    const out = new Float64Array(16);
+    for (let r = 0; r < 4; r++) for (let c = 0; c < 4; c++)
+      for (let k = 0; k < 4; k++) out[4 * r + c] += a[4 * r + k] * b[4 * k + c];
+    return out;
+  };
+
+  /** A point of a frame in the base frame. */
+  const moved = (T, p) => [0, 1, 2].map(r => T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3]);
+  const origin = T => [T[3], T[7], T[11]];
+  const axis = (T, k) => [T[k], T[4 + k], T[8 + k]];
+  const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+  const plus = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const length = a => Math.hypot(...a);
+  const unit = a => a.map(v => v / length(a));
+
+  /** The motion of one joint about or along its z axis, as a pose. */
+  const joint = (q, slides) => {
+    const c = slides ? 1 : Math.cos(q), s = slides ? 0 : Math.sin(q);
+    return [c, -s, 0, 0, s, c, 0, 0, 0, 0, 1, slides ? q : 0, 0, 0, 0, 1];
+  };
+
+  /** What an arm is, from the page's data. */
+  const made = data => {
+    const fixed = numbers(data.fixed), tool = numbers(data.tool), n = data.joints.length;
+
+    /** Poses of the base, of every joint frame and, last, of the tool: n + 2 of them. */
+    const frames = q => {
+      const out = [Float64Array.of(1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)];
+      for (let i = 0; i < n; i++)
+        out.push(times(times(out[i], fixed.subarray(16 * i, 16 * i + 16)), joint(q[i], data.prismatic[i])));
+      out.push(times(out[n], tool));
+      return out;
+    };
+
+    /** Velocity of the tool's point [m/s]. */
+    const velocity = (poses, dq) => {
+      let v = [0, 0, 0];
+      const p = origin(poses[n + 1]);
+      for (let i = 0; i < n; i++) {
+        const z = axis(poses[i + 1], 2);
+        v = plus(v, data.prismatic[i] ? z : cross(z, minus(p, origin(poses[i + 1]))), dq[i]);
+      }
+      return v;
+    };
+    return { n, frames, velocity, tool: q => origin(frames(q)[n + 1]) };
+  };
+
+  /** A motion: its configuration and velocities at any time, by cubics between its instants; at rest outside of them. */
+  const track = (data, n) => {
+    const t = numbers(data.t), q = numbers(data.q), dq = numbers(data.dq), last = t.length - 1;
+    const row = (values, k) => values.subarray(n * k, n * k + n);
+    const at = time => {
+      if (!(time > t[0])) return { q: [...row(q, 0)], dq: [...row(dq, 0)] };
+      if (time >= t[last]) return { q: [...row(q, last)], dq: time > t[last] ? Array(n).fill(0) : [...row(dq, last)] };
+      let low = 0, high = last; // t[low] <= time < t[high]
+      while (high - low > 1) {
+        const k = (low + high) >> 1;
+        if (t[k] <= time) low = k; else high = k;
+      }
+      const h = t[high] - t[low], u = (time - t[low]) / h, out = { q: [], dq: [] };
+      for (let i = 0; i < n; i++) {
+        const a = q[n * low + i], b = q[n * high + i], va = h * dq[n * low + i], vb = h * dq[n * high + i];
+        const c = 3 * (b - a) - 2 * va - vb, d = 2 * (a - b) + va + vb;
+        out.q.push(a + u * (va + u * (c + u * d)));
+        out.dq.push((va + u * (2 * c + 3 * u * d)) / h);
+      }
+      return out;
+    };
+    return { t, q, dq, at, end: t[last], count: t.length, row };
+  };
+
+  return { numbers, made, track, moved, origin, axis, minus, plus, cross, dot, length, unit };
+})();

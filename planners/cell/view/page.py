@@ -1,0 +1,195 @@
+"""A motion in one page that plays it in any browser: no request, no package beside it, at most 2 MB."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.robot import Robot
+from optik.arm.units import per, units
+from optik.errors import InvalidInput
+from optik.files import suffix_of, write_whole
+from optik.scene import Scene
+from optik.types import Array
+from planners.cell.view.show import Show, Track
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+SCRIPTS = ("arm.js", "draw.js", "picture.js", "page.js")
+"""Scripts of the page, each of which uses those before it."""
+MOST_PAGE = 2_000_000
+"""Largest page [bytes]: it still goes by mail, and a browser reads it at once."""
+MOST_OBJECTS_DRAWN = 2000
+"""Objects of a scene that are drawn, the nearest to the path: as many as a phone still turns smoothly."""
+MOST_NUMBERS = 60_000
+"""Numbers of a motion: with base64 of 64-bit floats, two motions take 1.3 MB of the page. Arms of up to 14 joints fit."""
+
+
+def write_page(show: Show, file: str | os.PathLike[str]) -> None:
+    """Write the page, whole or not at all.
+
+    Parameters
+    ----------
+    show : Show
+        What is drawn: see `show_of`.
+    file : str or path
+        Its name ends in .html.
+
+    Raises
+    ------
+    InvalidInput
+        Another suffix, or more than fits in 2 MB.
+    OutputError
+        The file cannot be written.
+    """
+    suffix_of(file, (".html", ".htm"))
+    content = page_of(show).encode()
+    if len(content) > MOST_PAGE:
+        got = f"a page of {len(content) / 1e6:.1f} MB"
+        raise InvalidInput("show", got, f"what fits in {MOST_PAGE / 1e6:.0f} MB: a shorter path or fewer facts")
+    write_whole(file, lambda part: part.write_bytes(content))
+
+
+def page_of(show: Show) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    show : Show
+        What is drawn.
+
+    Returns
+    -------
+    str
+        HTML with its style, scripts and data inside.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    import optik
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, loader=PackageLoader("planners.cell", "view"),
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    kinds = sorted({unit.strip() for unit in units(show.robot)}, reverse=True)
+    scene, facts = _scene(show)
+    return environment.get_template("page.html.j2").render(
+        show=show,
+        facts=(*show.facts, *facts),
+        unit=", ".join(kinds),
+        rate=", ".join(f"{kind}/s" for kind in kinds),
+        version=optik.__version__,
+        style=_asset("page.css"),
+        scripts=[_asset(name) for name in SCRIPTS],
+        data=_script(_data(show, scene)),
+    )
+
+
+def _asset(name: str) -> Markup:
+    """A file beside this one, as it is."""
+    from markupsafe import Markup
+
+    return Markup(files("planners.cell").joinpath("view", name).read_text(encoding="utf-8"))
+
+
+def _script(data: Any) -> Markup:
+    """JSON that can stand in a page's script: no text in it ends that."""
+    from markupsafe import Markup
+
+    text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c"))
+
+
+def _numbers(values: ArrayLike) -> str:
+    """An array as the script reads it: base64 of 64-bit floats."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()
+
+
+# ---------------------------------------------------------------- what the script reads
+
+
+def _data(show: Show, scene: dict[str, str]) -> dict[str, Any]:
+    """Everything that the script draws."""
+    shapes = show.robot.shapes
+    return {
+        "arm": _arm(show.robot),
+        "up": upward(show.robot).tolist(),
+        "capsules": None if shapes is None else _numbers(np.column_stack(shapes.capsules)),
+        "planned": _track(show.planned),
+        "executed": None if show.executed is None else _track(show.executed),
+        "path": _numbers(show.path),
+        "scene": scene,
+        "beam": None if show.beam is None else [point.tolist() for point in show.beam],
+    }
+
+
+def _arm(robot: Robot) -> dict[str, Any]:
+    fixed, prismatic, tool = robot.chain
+    return {
+        "joints": list(robot.joint_names),
+        "fixed": _numbers(fixed),
+        "prismatic": [bool(slides) for slides in prismatic],
+        "tool": _numbers(tool),
+        "per": per(robot).tolist(),
+        "units": units(robot),
+    }
+
+
+def upward(robot: Robot) -> Array:
+    """Return the direction against gravity, in which a viewer stands upright.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    (3,) array
+        Of length 1 [1].
+    """
+    return np.asarray(-robot.gravity / np.linalg.norm(robot.gravity), dtype=np.float64)
+
+
+def _track(track: Track) -> dict[str, str]:
+    """A motion, thinned out where it has more numbers than fit."""
+    most = max(2, MOST_NUMBERS // (1 + 2 * track.q.shape[1]))
+    kept = np.unique(np.linspace(0, len(track.t) - 1, min(len(track.t), most)).round().astype(np.int64))
+    return {name: _numbers(values[kept]) for name, values in track._asdict().items()}
+
+
+def _scene(show: Show) -> tuple[dict[str, str], tuple[tuple[str, str], ...]]:
+    """The scene for the script, and a row of the facts where not all of it is drawn."""
+    scene = show.scene or Scene()
+    boxes = [(np.linalg.norm(edges) / 2, T[:3, 3], np.append(T, edges)) for T, edges in scene.boxes]
+    ends = [(c, c, r) for c, r in scene.spheres] + list(scene.capsules)
+    rounds = [(r + np.linalg.norm(b - a) / 2, (a + b) / 2, np.concatenate((a, b, [r]))) for a, b, r in ends]
+    planes = [np.concatenate(plane) for plane in scene.planes]
+    count = len(boxes) + len(rounds)
+    facts: tuple[tuple[str, str], ...] = ()
+    if count > MOST_OBJECTS_DRAWN:
+        distances = [_distance(show.path, middle) - radius for radius, middle, _ in (*boxes, *rounds)]
+        near = set(np.argsort(distances)[:MOST_OBJECTS_DRAWN].tolist())
+        boxes, rounds = (
+            [one for i, one in enumerate(boxes) if i in near],
+            [one for i, one in enumerate(rounds, len(boxes)) if i in near],
+        )
+        facts = (("Scene drawn", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {count}"),)
+    arrays = {
+        "boxes": np.reshape([row for *_, row in boxes], (-1, 19)),
+        "rounds": np.reshape([row for *_, row in rounds], (-1, 7)),
+        "planes": np.reshape(planes, (-1, 6)),
+    }
+    return {name: _numbers(values) for name, values in arrays.items()}, facts
+
+
+def _distance(path: Array, point: Array) -> float:
+    """From a point to the nearest drawn point of the path [m]."""
+    return float(np.nanmin(np.linalg.norm(path - point, axis=1), initial=np.inf))

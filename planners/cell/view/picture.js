@@ -1,0 +1,205 @@
+"use strict";
+// What is in the picture: the arm at an instant, the path and the executed one, scene, laser beam, grid and frames.
+
+const Picture = (canvas, labels, data, arm, tracks) => {
+  const { numbers, moved, origin, axis, plus, minus, dot, length } = Arm;
+  const rows = (text, width) => {
+    const flat = numbers(text);
+    return Array.from({ length: flat.length / width }, (_, k) => [...flat.subarray(width * k, width * k + width)]);
+  };
+  const capsules = data.capsules && rows(data.capsules, 8).map(c => ({ link: c[0], a: c.slice(1, 4), b: c.slice(4, 7), r: c[7] }));
+  const path = rows(data.path, 3), up = data.up;
+  const boxes = rows(data.scene.boxes, 19).map(b => ({ pose: b.slice(0, 16), edges: b.slice(16) }));
+  const rounds = rows(data.scene.rounds, 7), planes = rows(data.scene.planes, 6);
+  const toolPath = Object.fromEntries(Object.entries(tracks).map(([name, track]) =>
+    [name, Array.from({ length: track.count }, (_, k) => arm.tool(track.row(track.q, k)))]));
+
+  // ---- how large everything is
+
+  /** Middles of the arm's bodies, base first: ends of its capsules, or its joint frames. */
+  const armPoints = poses => capsules
+    ? capsules.flatMap(c => [moved(poses[c.link], c.a), moved(poses[c.link], c.b)]) : poses.map(origin);
+  const everywhere = Object.values(tracks).flatMap(track => Array.from({ length: 25 }, (_, k) =>
+    armPoints(arm.frames(track.at(track.end * k / 24).q))).flat());
+  const reach = Math.max(0.05, ...everywhere.map(length), ...path.map(length));
+  const corners = box => [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
+    moved(box.pose, box.edges.map((e, i) => (k >> i & 1 ? 0.5 : -0.5) * e)));
+  const seen = [[0, 0, 0], ...everywhere, ...path, ...(data.beam || []), ...boxes.flatMap(corners),
+    ...rounds.flatMap(r => [r.slice(0, 3), r.slice(3, 6)])].filter(p => length(p) <= 2.5 * reach);
+
+  // ---- the camera
+
+  const camera = Draw.camera(up);
+  const fit = () => {
+    const middle = path[path.length >> 1] || [1, 0, 0], level = plus(middle, up, -dot(middle, up));
+    camera.azimuth = (length(level) > 0.01 * reach ? camera.towards(level) : 0) + 0.75;
+    camera.elevation = 0.35;
+    const views = [camera.right, camera.above, camera.back];
+    camera.target = [0, 0, 0];
+    for (const view of views) {
+      const along = seen.map(p => dot(p, view));
+      camera.target = plus(camera.target, view, 0.5 * (Math.min(...along) + Math.max(...along)));
+    }
+    const wide = camera.opening * camera.aspect;
+    const needed = seen.map(p => minus(p, camera.target)).map(p =>
+      dot(p, camera.back) + Math.max(Math.abs(dot(p, views[0])) / wide, Math.abs(dot(p, views[1])) / camera.opening));
+    camera.distance = 1.15 * Math.max(0.1 * reach, ...needed);
+  };
+
+  // ---- what does not move
+
+  const steps = [1, 2, 5].flatMap(m => [0.001, 0.01, 0.1, 1, 10].map(p => m * p)).sort((a, b) => a - b);
+  const spacing = steps.find(s => s >= reach / 10) || 10;
+  const foot = Math.min(0, ...(capsules || []).filter(c => !c.link).flatMap(c => [c.a, c.b].map(p => dot(p, up) - c.r)));
+  const gridLines = () => { // level, through the base frame or below what stands of the arm below it
+    const [x, y] = Draw.across(up), count = Math.ceil(1.3 * reach / spacing), level = up.map(c => c * foot), out = [];
+    for (let k = -count; k <= count; k++) for (const [u, v] of [[x, y], [y, x]])
+      out.push([-1, 1].map(side => plus(plus(level, u, k * spacing), v, side * count * spacing)));
+    return out;
+  };
+  const square = plane => {
+    const normal = plane.slice(3), near = normal.map(c => c * dot(plane.slice(0, 3), normal)), [x, y] = Draw.across(normal);
+    return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([i, j]) => plus(plus(near, x, 1.2 * i * reach), y, 1.2 * j * reach));
+  };
+  const faces = box => {
+    const c = corners(box), out = [];
+    for (let i = 0; i < 3; i++) for (const side of [0, 1]) {
+      const normal = axis(box.pose, i).map(v => (side ? 1 : -1) * v), j = 1 << (i + 1) % 3, k = 1 << (i + 2) % 3, s = side << i;
+      for (const corner of [s, s | j, s | j | k, s, s | j | k, s | k]) out.push(c[corner], normal);
+    }
+    return out;
+  };
+  const edges = box => {
+    const c = corners(box), out = [];
+    for (let k = 0; k < 8; k++) for (const bit of [1, 2, 4]) if (!(k & bit)) out.push([c[k], c[k | bit]]);
+    return out;
+  };
+  const triad = (pose, size) => [0, 1, 2].map(k => [origin(pose), plus(origin(pose), axis(pose, k), size)]);
+
+  // ---- drawing
+
+  let surface = null, layers = null, colours = {};
+  const colour = name => {
+    const text = getComputedStyle(canvas).getPropertyValue(`--${name}`).trim();
+    return [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16) / 255);
+  };
+  const theme = () => {
+    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "grid", "mark", "x", "y", "z"];
+    colours = Object.fromEntries(names.map(name => [name, colour(name)]));
+  };
+  const build = () => {
+    surface = Draw.on(canvas);
+    if (!surface) return false;
+    const { lines, capsules: round, triangles } = surface;
+    layers = {
+      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), edges: lines(),
+      x: lines(), y: lines(), z: lines(), arm: round(), marks: round(), rounds: round(), boxes: triangles(), planes: triangles(),
+    };
+    layers.grid.set(gridLines());
+    layers.path.set([path]);
+    layers.executed.set(toolPath.executed ? [toolPath.executed] : []);
+    layers.beam.set(data.beam ? [data.beam] : []);
+    layers.boxes.set(boxes.flatMap(faces).reduce((out, v, k, all) => (k % 2 ? out : [...out, [v, all[k + 1]]]), []));
+    layers.planes.set(planes.flatMap(p => { const c = square(p); return [0, 1, 2, 0, 2, 3].map(k => [c[k], p.slice(3)]); }));
+    layers.edges.set([...boxes.flatMap(edges), ...planes.map(p => { const c = square(p); return [...c, c[0]]; })]);
+    return true;
+  };
+
+  const bodies = poses => {
+    if (capsules) return capsules.map(c =>
+      [moved(poses[c.link], c.a), moved(poses[c.link], c.b), c.r, c.link % 2 ? colours.link : colours.arm]);
+    const points = poses.map(origin), thin = 0.008 * reach;
+    return [...points.slice(1).map((p, k) => [points[k], p, thin, colours.arm]),
+      ...points.slice(0, -1).map(p => [p, p, 2 * thin, colours.link])];
+  };
+  const move = (poses, ghost) => {
+    const tool = poses[arm.n + 1], dot_ = 0.006 * camera.distance;
+    layers.arm.set(bodies(poses));
+    layers.rounds.set(rounds.map(r => [r.slice(0, 3), r.slice(3, 6), r[6], colours.scene]));
+    const marks = [[origin(tool), origin(tool), dot_, colours.mark]];
+    for (const p of data.beam || []) marks.push([p, p, dot_, colours.beam]);
+    layers.marks.set(marks);
+    layers.planned.set(ghost ? [ghost.map(origin)] : []);
+    const triads = [triad(poses[0], 0.16 * reach), triad(tool, 0.1 * reach)];
+    ["x", "y", "z"].forEach((name, k) => layers[name].set(triads.map(t => t[k])));
+  };
+
+  const paintLines = (gl, names, alpha) => {
+    const { line } = surface;
+    const widths = { grid: 1, edges: 1.5, path: 5, executed: 2.5, planned: 2.5, beam: 3, x: 3, y: 3, z: 3 };
+    line.use();
+    gl.uniformMatrix4fv(line.at("camera"), false, camera.matrix);
+    gl.uniform2f(line.at("viewport"), gl.drawingBufferWidth, gl.drawingBufferHeight);
+    for (const name of names) {
+      gl.uniform1f(line.at("width"), widths[name] * devicePixelRatio);
+      gl.uniform4f(line.at("paint"), ...colours[name === "edges" ? "scene" : name], alpha);
+      layers[name].draw();
+    }
+  };
+  const paintSolid = (gl, program, names, alpha, plain = 0) => {
+    program.use();
+    gl.uniformMatrix4fv(program.at("camera"), false, camera.matrix);
+    gl.uniform3f(program.at("eye"), ...camera.eye);
+    gl.uniform3f(program.at("up"), ...up);
+    gl.uniform1f(program.at("alpha"), alpha);
+    gl.uniform1f(program.at("plain"), plain);
+    if (program === surface.mesh) gl.uniform3f(program.at("paint"), ...colours.scene);
+    for (const name of names) layers[name].draw();
+  };
+
+  /** Draw the arm at the poses of its frames, and lines between others' origins beside it. */
+  const draw = (poses, ghost) => {
+    const ratio = devicePixelRatio, width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+    if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+    camera.aspect = width / Math.max(1, height);
+    camera.update();
+    label(poses);
+    if (!surface) return;
+    const { gl, solid, mesh } = surface, traces = ["path", "executed", "planned", "beam", "x", "y", "z"];
+    move(poses, ghost);
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(...colours.back, 1);
+    gl.depthMask(true);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.depthFunc(gl.LEQUAL);
+    paintLines(gl, ["grid"], 1);
+    paintSolid(gl, solid, ["arm"], 1);
+    paintLines(gl, [...traces, "edges"], 1);
+    gl.depthFunc(gl.GREATER); // what stands behind something shines through it
+    gl.depthMask(false);
+    paintLines(gl, traces, 0.3);
+    gl.depthFunc(gl.LEQUAL);
+    paintSolid(gl, solid, ["rounds"], 0.5);
+    paintSolid(gl, mesh, ["boxes"], 0.4);
+    paintSolid(gl, mesh, ["planes"], 0.18);
+    gl.disable(gl.DEPTH_TEST);
+    paintSolid(gl, solid, ["marks"], 1, 1);
+  };
+
+  // ---- words in the picture
+
+  const words = [["X", 0], ["Y", 1], ["Z", 2]].map(([text, k]) => [text, () => [0, 1, 2].map(i => (i === k ? 0.18 * reach : 0))]);
+  if (path.length) words.push(["start", () => path[0]]);
+  if (data.beam) words.push(["laser unit", () => data.beam[0]], ["spot", () => data.beam[1]]);
+  else if (path.length) words.push(["goal", () => path[path.length - 1]]);
+  words.push(["tool", poses => origin(poses[arm.n + 1])]);
+  const places = words.map(([text]) => {
+    const place = labels.appendChild(document.createElement("span"));
+    place.textContent = text;
+    place.classList.toggle("before", text === "tool");
+    return place;
+  });
+  const label = poses => words.forEach(([, point], k) => {
+    const at = camera.project(point(poses));
+    places[k].hidden = !at;
+    if (!at) return;
+    const across = Math.min(at[0] * canvas.clientWidth, canvas.clientWidth - places[k].offsetWidth - 8);
+    places[k].style.translate = `${across}px ${at[1] * canvas.clientHeight}px`;
+  });
+
+  theme();
+  return { build, draw, fit, theme, camera, spacing, reach, toolPath };
+};

@@ -1,0 +1,240 @@
+"""The page that plays a motion, in a real browser: the picture against the arm's kinematics, time, keys, touch, themes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+from optik.scene import Scene
+from optik.types import Array
+from planners.cell.view.page import write_page
+from planners.cell.view.show import Beam, Show, Track, show_of
+from tests.benchmarks.browser import CHROMIUM, Browser
+from tests.planners.motions import planned
+
+SIZE = (1280, 900)
+READ = """(() => {
+    optikView.draw();
+    const canvas = document.getElementById('canvas'), gl = canvas.getContext('webgl2'), c = optikView.camera;
+    const w = gl.drawingBufferWidth, h = gl.drawingBufferHeight, pixels = new Uint8Array(4 * w * h);
+    gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    let n = 0, x = 0, y = 0;
+    for (let k = 0; k < w * h; k++)
+        if (pixels[4 * k] === 0x11 && pixels[4 * k + 1] === 0x14 && pixels[4 * k + 2] === 0x17) {
+            n++; x += k % w + 0.5; y += h - Math.floor(k / w) - 0.5;
+        }
+    return { n, at: [x / n, y / n], back: [...pixels.slice(0, 3)], size: [w, h],
+        eye: c.eye, target: c.target, opening: c.opening };
+})()"""
+"""Middle of the pixels in the colour of the tool's mark, and the camera that they were drawn with."""
+
+
+def shown() -> Show:
+    """A motion with an execution 0.01 rad beside it, a beam and a scene."""
+    show = show_of(planned())
+    t, q, dq = show.planned
+    late = np.append(t, t[-1] + 0.1)  # it settles for another 0.1 s
+    q, dq = (np.vstack([values, values[-1]]) for values in (q, dq))
+    T = np.eye(4)
+    T[:3, 3] = [0.45, 0.55, 0.25]
+    scene = Scene([(T, [0.2, 0.1, 0.3])], [([-0.3, 0.5, 0.3], 0.1)], [([0.4, -0.3, 0.2], [0.6, -0.3, 0.4], 0.05)],
+                  [([0.0, 0.65, 0.0], [0.0, -1.0, 0.0])])  # fmt: skip
+    return replace(
+        show, executed=Track(late, q + 0.01, dq), beam=Beam(np.array([-0.4, -0.2, 0.1]), show.path[-1]), scene=scene
+    )
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("view") / "page.html"
+    write_page(shown(), file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def drawn(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    with Browser(tmp_path_factory.mktemp("profile"), *SIZE) as browser:
+        browser.emulate(width=SIZE[0])
+        browser.open(page)
+        browser.until("window.optikView")
+        yield browser
+
+
+@pytest.fixture
+def opened(drawn: Browser, page: Path) -> Iterator[Browser]:
+    """The page at the start of the motion; after the test its console must be empty and nothing must have been asked for."""
+    drawn.emulate(width=SIZE[0])
+    drawn.run("document.activeElement.blur(); optikView.play(false); optikView.seek(0)")
+    drawn.run("document.getElementById('reset').click()")
+    yield drawn
+    assert drawn.errors == []
+    assert drawn.asked(page) == []
+
+
+def press(browser: Browser, key: str, **more: Any) -> None:
+    for kind in ("keyDown", "keyUp"):
+        browser.send("Input.dispatchKeyEvent", type=kind, key=key, **more)
+
+
+def time_of(browser: Browser) -> float:
+    return float(browser.run("optikView.shown.time"))
+
+
+def text_of(browser: Browser, name: str) -> str:
+    return str(browser.run(f"optikView.draw(), document.getElementById('{name}').textContent"))
+
+
+def picture(point: Array, found: dict[str, Any], up: Array) -> Array:
+    """Where a camera at the eye, upright and turned to its target, sees a point [pixels]."""
+    eye, target = np.array(found["eye"]), np.array(found["target"])
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+    x, y, depth = np.stack([right, np.cross(right, forward), forward]) @ (point - eye)
+    width, height = found["size"]
+    scale = 0.5 * height / found["opening"]
+    return np.array([0.5 * width + scale * x / depth, 0.5 * height - scale * y / depth])
+
+
+def test_frames_and_velocities_are_those_of_the_arm(opened: Browser) -> None:
+    robot, motion = planned().robot, planned().trajectory
+    for t in np.linspace(0.0, motion.duration, 23).tolist():
+        found = opened.run(f"(({{q, poses, velocity}}) => ({{q, poses: poses.map(T => [...T]), velocity}}))"
+                           f"(optikView.state({t!r}, 'planned'))")  # fmt: skip
+        np.testing.assert_allclose(found["q"], motion(t), atol=1e-7)
+        poses = np.reshape(found["poses"], (-1, 4, 4))
+        np.testing.assert_array_equal(poses[0], np.eye(4))
+        np.testing.assert_allclose(poses[1:], robot.frames(motion(t)), atol=1e-6)
+        speed = (robot.jacobian(motion(t)) @ motion(t, 1))[:3]
+        np.testing.assert_allclose(found["velocity"], speed, atol=1e-4)
+
+
+def test_the_tool_is_drawn_where_it_is_and_up_is_up(opened: Browser) -> None:
+    robot, up = planned().robot, np.array([0.0, -1.0, 0.0])  # this arm's gravity is along +y
+    for t, keys in ((0.1, 0), (0.4, 3)):
+        opened.run(f"optikView.seek({t}); document.getElementById('canvas').focus()")
+        for _ in range(keys):
+            press(opened, "ArrowLeft")
+        found = opened.run(READ)
+        tool = robot.fk(planned().trajectory(t) + 0.01)[:3, 3]
+        assert found["n"] > 50
+        assert np.abs(np.array(found["at"]) - picture(tool, found, up)).max() < 1.0
+        at_base, above = (opened.run(f"optikView.project({p.tolist()})") for p in (0.0 * up, 0.2 * up))
+        assert above[1] < at_base[1] - 20.0
+        assert abs(above[0] - at_base[0]) < 12.0  # upright, but for the perspective
+
+
+def test_it_plays_to_the_end_and_again_from_the_start(opened: Browser) -> None:
+    end = opened.run("optikView.end")
+    assert end == pytest.approx(planned().trajectory.duration + 0.1)
+    opened.run("document.getElementById('play').click()")
+    assert opened.run("document.getElementById('play').getAttribute('aria-pressed')") == "true"
+    opened.until("optikView.shown.time > 0.05")
+    opened.until("!optikView.shown.playing")
+    assert time_of(opened) == end
+    assert text_of(opened, "play") == "Play"
+    press(opened, " ", text=" ")
+    opened.until("optikView.shown.time < 0.5 * optikView.end")
+    press(opened, " ", text=" ")
+    assert not opened.run("optikView.shown.playing")
+
+
+def test_speed_is_that_of_the_clock(opened: Browser) -> None:
+    slow = """(async () => { const s = document.getElementById('speed'); s.value = '0.1'; optikView.play(true);
+        const from = performance.now(); await new Promise(r => setTimeout(r, 900)); optikView.play(false);
+        s.value = '1'; return optikView.shown.time / (performance.now() - from) * 1e3; })()"""
+    assert opened.run(slow) == pytest.approx(0.1, rel=0.3)  # to within a picture or two
+
+
+def test_the_slider_and_keys_lead_to_a_time_and_its_numbers(opened: Browser) -> None:
+    opened.run(
+        "(() => { const s = document.getElementById('time'); s.value = 0.3; s.dispatchEvent(new Event('input')); })()"
+    )
+    assert time_of(opened) == pytest.approx(0.3)
+    robot, q = planned().robot, planned().trajectory(0.3) + 0.01
+    tool = 1e3 * robot.fk(q)[:3, 3]
+    assert text_of(opened, "tool").replace("−", "-") == ", ".join(f"{v:.2f}" for v in tool)
+    row = "[...document.querySelectorAll('#joints tbody tr')].map(r => r.cells[1].textContent)"
+    assert [c.replace("−", "-") for c in opened.run(row)] == [f"{v:.2f}°" for v in np.rad2deg(q)]
+    off = 1e3 * np.linalg.norm(robot.fk(q)[:3, 3] - robot.fk(planned().trajectory(0.3))[:3, 3])
+    assert float(text_of(opened, "off")) == pytest.approx(off, abs=1e-3)
+    for key, wanted in (("ArrowRight", 0.31), ("ArrowLeft", 0.3), ("End", opened.run("optikView.end")), ("Home", 0.0)):
+        press(opened, key)
+        assert time_of(opened) == pytest.approx(wanted), key
+
+
+def test_the_arm_can_be_shown_as_planned(opened: Browser) -> None:
+    choose = "(w => { w.value = '{}'; w.dispatchEvent(new Event('change')); })(document.getElementById('which'))"
+    opened.run(choose.replace("{}", "planned"))
+    tool = 1e3 * planned().robot.fk(planned().trajectory(0.0))[:3, 3]
+    assert text_of(opened, "tool").replace("−", "-") == ", ".join(f"{v:.2f}" for v in tool)
+    assert text_of(opened, "off") == "0.0000"
+    opened.run(choose.replace("{}", "executed"))
+
+
+def test_mouse_wheel_and_two_fingers_move_the_camera(opened: Browser) -> None:
+    view = "(({azimuth, elevation, distance, target}) => [azimuth, elevation, distance, ...target])(optikView.camera)"
+    mouse = {"x": 400, "y": 400, "button": "left", "clickCount": 1}
+    before = opened.run(view)
+    for kind, x in (("mousePressed", 400), ("mouseMoved", 460), ("mouseReleased", 460)):
+        opened.send("Input.dispatchMouseEvent", type=kind, **(mouse | {"x": x, "buttons": 1}))
+    turned = opened.run(view)
+    assert turned[0] == pytest.approx(before[0] - 0.48)
+    assert turned[1:] == before[1:]
+    opened.send("Input.dispatchMouseEvent", type="mouseWheel", x=400, y=400, deltaX=0, deltaY=-240)
+    opened.until(f"({view})[2] < {0.9 * before[2]}")
+    near = opened.run(view)[2]
+    for kind, gap in (("touchStart", 100), ("touchMove", 200), ("touchEnd", 0)):
+        points = [{"x": 400 + side * gap, "y": 400, "id": side + 1} for side in (0, 1)] if gap else []
+        opened.send("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+    opened.until(f"({view})[2] < {0.6 * near}")
+    press(opened, "r", text="r")
+    np.testing.assert_allclose(opened.run(view), before, atol=1e-9)
+
+
+def test_it_is_dark_where_the_system_is_and_fits_narrow_screens(opened: Browser) -> None:
+    assert opened.run(READ)["back"] == [255, 255, 255]
+    opened.emulate(scheme="dark", width=SIZE[0])
+    opened.until(f"Math.max(...{READ}.back) < 40", 10.0)
+    assert opened.run("getComputedStyle(document.body).color") == "rgb(233, 236, 240)"
+    for width in (320, 400):
+        opened.emulate(width=width, height=800)
+        opened.until(f"innerWidth === {width}")
+        assert opened.run("document.documentElement.scrollWidth") <= width
+        assert opened.run("document.getElementById('play').getBoundingClientRect().bottom") < 800
+
+
+def test_without_webgl_the_numbers_work(drawn: Browser, page: Path) -> None:
+    source = "HTMLCanvasElement.prototype.getContext = (own => function (kind, ...more) { return kind === 'webgl2' ? null : own.call(this, kind, ...more); })(HTMLCanvasElement.prototype.getContext)"  # noqa: E501
+    script = drawn.send("Page.addScriptToEvaluateOnNewDocument", source=source)
+    drawn.open(page)
+    drawn.until("window.optikView && !document.getElementById('without').hidden")
+    drawn.run("optikView.seek(0.2)")
+    assert text_of(drawn, "clock").startswith("0.200 s")
+    drawn.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
+    assert drawn.errors == []
+
+
+def test_an_arm_without_shapes_and_with_a_sliding_joint(drawn: Browser, tmp_path: Path) -> None:
+    robot = optik.load("irb910sc")
+    assert robot.shapes is None
+    assert robot.prismatic.any()
+    q = robot.limits.middle + np.linspace(0.0, 0.1, 5)[:, None]
+    file = tmp_path / "lines.html"
+    write_page(Show(robot, "SCARA", Track(np.arange(5.0), q, np.full_like(q, 0.025)), robot.fk(q)[:, :3, 3]), file)
+    drawn.open(file)
+    drawn.until("document.title === 'SCARA' && window.optikView")
+    found = drawn.run("optikView.state(2.0).poses.map(T => [...T])")
+    np.testing.assert_allclose(np.reshape(found[1:], (-1, 4, 4)), robot.frames(q[2]), atol=1e-9)
+    speed = (robot.jacobian(q[2]) @ np.full(robot.n, 0.025))[:3]
+    np.testing.assert_allclose(drawn.run("optikView.state(2.0).velocity"), speed, atol=1e-9)
+    assert "no shapes" in drawn.run("document.getElementById('legend').textContent")
+    assert " mm/s" in drawn.run("document.getElementById('joints').textContent")
+    assert drawn.errors == []
