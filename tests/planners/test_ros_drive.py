@@ -11,6 +11,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +45,12 @@ def plan() -> planners.Plan:
     return hop(2.5)
 
 
+@cache
 def hop(seconds: float) -> planners.Plan:
     """A motion in joint space with few knots, of an arm without masses: its certificates take milliseconds."""
     robot = optik.load("irb120")
     limits = planners.MotionLimits(velocity=2.0, acceleration=10.0, jerk=200.0)
-    q, options = robot.limits.middle, {"timing": "quintic", "samples": 9, "limits": limits}
+    q, options = robot.limits.middle, {"timing": "ruckig", "limits": limits}
     return planners.plan(robot, q + np.array([0.3, -0.2, 0.25, 0.1, 0.2, 0.1]), q, duration=seconds, **options)
 
 
@@ -197,6 +199,8 @@ def test_nothing_is_sent_whose_certificate_does_not_hold_now(port, plan):
         refused = drive.execute(stale)
         assert stale.certificate.holds and refused.status == "refused" and "velocity" in refused.reason, refused.reason
         assert "begins in motion" in drive.execute(moving).reason
+        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, timing="quintic")  # promises no limits
+        assert quintic and "acceleration" in drive.execute(quintic).reason
         with pytest.raises(InvalidInput, match="this drive's arm"):
             drive.execute(replace(plan, robot=optik.load("ur5e")))
 
@@ -293,13 +297,20 @@ def test_the_command_line_checks_sends_and_reports(port, plan, tmp_path):
     file, out = str(tmp_path / "hop.json"), str(tmp_path / "done.json")
     hop(0.6).save(file)
     code, said = typed(file, "--on", "ros", "--url", address(port, "ok", plan))
-    assert code == 0 and "nothing was sent: 9 points" in said and "--execute" in said, said
+    assert code == 0 and "nothing was sent" in said and "points of 0.60006 s" in said and "--execute" in said, said
     code, said = typed(file, "--on", "ros", "--url", address(port, "close", plan), "--execute", "--json")
     assert code == 1 and json.loads(said.rpartition("}")[0] + "}")["fault"]["kind"] == "connection", said
     code, said = typed(file, "--on", "ideal", "--execute", "--out", out)
     data = json.loads(Path(out).read_text())
     assert code == 0 and "needs no --execute" in said and data["status"] == "done", said
     assert max(data["tracking"]) < 1e-5 and len(data["t"]) == len(data["q"])
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("stored")
+    hop(0.6).save(folder / "hop.json")
+    return folder
 
 
 @pytest.mark.parametrize(
@@ -316,8 +327,7 @@ def test_the_command_line_checks_sends_and_reports(port, plan, tmp_path):
         (["hop.json", "--out", "done.csv"], "ends with .json"),
     ],
 )
-def test_what_is_typed_wrong_is_named(tmp_path, monkeypatch, words, why):
-    monkeypatch.chdir(tmp_path)
-    hop(0.6).save("hop.json")
+def test_what_is_typed_wrong_is_named(stored, monkeypatch, words, why):
+    monkeypatch.chdir(stored)
     code, said = typed(*words)
     assert code != 0 and why in said

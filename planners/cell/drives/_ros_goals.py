@@ -15,6 +15,8 @@ from planners.plan import Plan
 from planners.replan import replan
 from planners.trajectory import Trajectory
 
+MOTORS = ("velocity", "acceleration", "torque")
+"""Limits of the motors, which no law can pass on a real arm; the others say how smooth the motion is."""
 DESIRED = 1e-3
 """Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
 something else, and nothing is known of where it is."""
@@ -60,7 +62,7 @@ def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, An
 
 
 def judged(plan: Plan) -> Motion:
-    """Return the motion of a plan as a real arm must keep it: within its velocity limits, whatever its law promises.
+    """Return the motion of a plan as a real arm must keep it: within what its motors can do, whatever its law promises.
 
     Parameters
     ----------
@@ -70,10 +72,10 @@ def judged(plan: Plan) -> Motion:
     Returns
     -------
     Motion
-        Its certificate judges what the law promises, and the velocities.
+        Its certificate judges what the law promises, and velocity, acceleration and torque where they are limited.
     """
     motion = plan.motion
-    return replace(motion, keeps=tuple(n for n in motion.limits.names if n == "velocity" or n in motion.keeps))
+    return replace(motion, keeps=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.keeps))
 
 
 def exceeded(plan: Plan) -> str:
