@@ -168,13 +168,14 @@ def test_a_step_that_fails_ends_the_task_with_its_name_and_reason_and_the_arm_at
     assert f"{status} at step {name}" in str(outcome) and outcome.to_dict()["failed"] == name
 
 
-def test_a_certificate_that_does_not_hold_is_not_executed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tolerance that no motion keeps stands for a certificate that fails."""
+def test_a_motion_whose_certificate_does_not_hold_is_not_executed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of a nanometre, which the law's cubics in time do not keep."""
     from planners.cell import _task
 
-    monkeypatch.setattr(_task, "plan", lambda *a, **k: planners.plan(*a, **k, tolerance=(1e-16, 1e-16)))
-    outcome = cell_of().move_to_spot(EXACT.reading(SPOT))
-    assert not outcome and outcome.failed.name in ("joints", "certificate") and not outcome.executions
+    monkeypatch.setattr(_task, "plan", lambda *a, **k: planners.plan(*a, **k, tolerance=(1e-10, 1e-10)))
+    outcome = cell_of().move_to_spot(EXACT.reading(SPOT), timing="ruckig")
+    assert outcome.status is CellStatus.NO_PLAN and outcome.failed.name == "certificate" and not outcome.executions
+    assert "not_proved" in outcome.reason and [s.name for s in outcome.steps[-3:-1]] == ["joints", "timing"]
 
 
 @pytest.mark.soak
@@ -378,3 +379,35 @@ def test_a_spot_that_trembles_within_the_threshold_is_no_reason_to_stop() -> Non
         EXACT.reading(SPOT), follow=lambda t: EXACT.reading(SPOT + 0.003 * np.sin(50.0 * t) * np.eye(3)[0])
     )
     assert outcome and len(outcome.executions) == 1
+
+
+def test_what_moves_less_than_the_threshold_is_still_corrected_at_the_end() -> None:
+    late = SPOT + np.array([0.003, 0.0, -0.002])
+    cell = cell_of(drive=ideal(encoder=np.inf))
+    outcome = cell.move_to_spot(
+        EXACT.reading(SPOT), follow=lambda t: EXACT.reading(SPOT if t < 0.3 else late), corrections=1
+    )
+    assert outcome and [step.name for step in outcome.steps].count("replan") == 0
+    first, second = (float(np.linalg.norm(each.error)) for each in outcome.rounds)
+    assert abs(first - np.linalg.norm(late - SPOT)) < 1e-9 and second < 1e-9
+
+
+def test_a_follower_that_raises_is_heard_only_when_the_arm_is_at_rest() -> None:
+    drive, told = ideal(), []
+
+    def follow(t: float) -> Spot:
+        if t > 0.05:
+            raise RuntimeError("camera unplugged")
+        return EXACT.reading(SPOT)
+
+    with pytest.raises(RuntimeError, match="camera"):
+        cell_of(drive=drive).move_to_spot(EXACT.reading(SPOT), follow=follow, watch=told.append)
+    assert np.abs(told[-1].setpoint - told[-2].setpoint).max() < 1e-6  # it came to rest before
+    assert drive.clock > 0.1
+
+
+def test_a_reading_from_elsewhere_is_said_to_be_taken_as_exact() -> None:
+    cell = cell_of()
+    assert not cell.move_to_spot(cell.read(SPOT)).notes
+    assert "taken as exact" in cell.move_to_spot(EXACT.reading(SPOT + 0.01)).notes[0]
+    assert not cell.move_to_spot(EXACT.reading(SPOT), true_spot=SPOT).notes
