@@ -26,31 +26,33 @@ EXECUTION = "optik-execution/1"
 """Value of the key ``format`` in every file of an execution; a change of the keys needs another number."""
 
 
+Url = Annotated[str | None, typer.Option(help="Of rosbridge, ws://127.0.0.1:9090 if left out; with --on ros.")]
+Via = Annotated[str, typer.Option(help="rosbridge, or rclpy where a ROS 2 is sourced; with --on ros.")]
+Action = Annotated[str | None, typer.Option(help="Name of the controller's action; with --on ros.")]
+States = Annotated[str | None, typer.Option(help="Topic of the joint states; with --on ros.")]
+JointNames = Annotated[
+    str | None, typer.Option(help="The controller's joint names, comma separated, in the robot's order; with --on ros.")
+]
+
+
 class Reached(NamedTuple):
     """How a controller of ROS 2 is reached, as typed; None where it was not."""
 
-    url: str | None
-    via: str
-    action: str | None
-    states: str | None
-    joint_names: str | None
+    url: str | None = None
+    via: str = "rosbridge"
+    action: str | None = None
+    states: str | None = None
+    joint_names: str | None = None
 
 
 def drive(
     plan: Annotated[Path, typer.Argument(help="A motion that `optik plan --out` wrote: .json, .npz or .csv.")],
     on: Annotated[str, typer.Option(help=f"One of: {', '.join(DRIVES)}; or a file: ./drive.py.")] = "ideal",
-    url: Annotated[
-        str | None, typer.Option(help="Of rosbridge, ws://127.0.0.1:9090 if left out; with --on ros.")
-    ] = None,
-    via: Annotated[
-        str, typer.Option(help="rosbridge, or rclpy where a ROS 2 is sourced; with --on ros.")
-    ] = "rosbridge",
-    action: Annotated[str | None, typer.Option(help="Name of the controller's action; with --on ros.")] = None,
-    states: Annotated[str | None, typer.Option(help="Topic of the joint states; with --on ros.")] = None,
-    joint_names: Annotated[
-        str | None,
-        typer.Option(help="The controller's joint names, comma separated, in the robot's order; with --on ros."),
-    ] = None,
+    url: Url = None,
+    via: Via = "rosbridge",
+    action: Action = None,
+    states: States = None,
+    joint_names: JointNames = None,
     execute: Annotated[bool, typer.Option("--execute", help="Send the motion; with --on ros, THE ARM MOVES.")] = False,
     stop: Annotated[float | None, typer.Option(help="Stop on the path, from this time on [s].")] = None,
     ik: Annotated[str, typer.Option(help="The IK method that the motion was planned with.")] = "lm",
@@ -76,34 +78,40 @@ def drive(
     MissingDependency
         A drive whose package is not installed.
     """
+    reached = Reached(url, via, action, states, joint_names)
+    if out is not None and out.suffix.lower() != ".json":
+        raise InvalidInput("--out", str(out), "a file that ends with .json")
+    if on != "ros" and reached != Reached():
+        raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
     import planners
     from planners.cell.stored import plan_of
 
-    if out is not None and out.suffix.lower() != ".json":
-        raise InvalidInput("--out", str(out), "a file that ends with .json")
-    reached = Reached(url, via, action, states, joint_names)
-    if on != "ros" and reached != Reached(None, "rosbridge", None, None, None):
-        raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
-    motion = planners.load_motion(plan)
-    planned = plan_of(motion, ik=ik)
-    if on == "ros":
-        executed = _through_ros(planned, reached, execute, stop)
-    else:
-        if execute:
-            err_console.print(f"{on} is simulated: it needs no --execute", style="yellow", highlight=False)
-        from planners.cell.drives import make_drive
+    planned = plan_of(planners.load_motion(plan), ik=ik)
+    executed = _through_ros(planned, reached, execute, stop) if on == "ros" else _simulated(planned, on, execute, stop)
+    _say(executed, out, as_json)
+    raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
 
-        executed = _executed(make_drive(on, planned.robot), planned, stop)
+
+def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
+    """Write and print what the arm did."""
     data = execution_data(executed)
     if out is not None:
         write_whole(out, lambda part: part.write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8"))
     if as_json:
         print_json(data)
-    else:
-        print_execution(executed)
-        if out is not None:
-            out_console.print(f"written to {out}", highlight=False)
-    raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
+        return
+    print_execution(executed)
+    if out is not None:
+        out_console.print(f"written to {out}", highlight=False)
+
+
+def _simulated(planned: Plan, on: str, execute: bool, stop: float | None) -> Execution:
+    """Execute the motion on a simulated arm."""
+    from planners.cell.drives import make_drive
+
+    if execute:
+        err_console.print(f"{on} is simulated: it needs no --execute", style="yellow", highlight=False)
+    return _executed(make_drive(on, planned.robot), planned, stop)
 
 
 def _through_ros(planned: Plan, reached: Reached, execute: bool, stop: float | None) -> Execution:

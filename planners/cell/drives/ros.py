@@ -37,7 +37,7 @@ LATENCY = 0.1
 machines beside each other."""
 COMPILED = 0.3
 """A stop that takes longer than this [s] was the first of the process, which compiles: the next one tells how long it takes."""
-SLOWER = 1e-3
+SAID_FROM = 1e-3
 """By how much more a motion must be slowed for the controller before that is said [1]."""
 SAID = (
     "what the controller does after a goal is its own: it holds the last point, or what its settings say",
@@ -352,7 +352,7 @@ def _where(execution: Execution) -> float:
 def _slower(plan: Plan, sent: Plan) -> str:
     """A note on a motion that is sent slower than it was planned; empty for one that is not."""
     factor = sent.trajectory.end / plan.trajectory.end
-    return f"slowed by {factor:.6g}, so that the controller keeps its limits" if factor > 1.0 + SLOWER else ""
+    return f"slowed by {factor:.6g}, so that the controller keeps its limits" if factor > 1.0 + SAID_FROM else ""
 
 
 def _would_send(plan: Plan, message: dict[str, Any], place: str) -> tuple[str, str]:
