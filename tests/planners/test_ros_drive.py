@@ -42,7 +42,7 @@ def port() -> Iterator[int]:
 
 @pytest.fixture(scope="module")
 def plan() -> planners.Plan:
-    return hop(2.5)
+    return hop(4.0)  # long enough for a stop that a busy machine computes late
 
 
 @cache
@@ -69,18 +69,18 @@ def test_a_dry_run_checks_everything_and_sends_nothing(port, plan):
     with drive.transport:
         dry = drive.execute(plan)
         assert (dry.status, dry.motion) == ("dry_run", None)
-        assert "points of 2.50025 s to ws://127.0.0.1" in dry.reason and "--execute" in dry.advice
+        assert "points of 4.0004 s to ws://127.0.0.1" in dry.reason and "--execute" in dry.advice
         time.sleep(0.2)
         np.testing.assert_array_equal(drive.measure(), plan.trajectory(0.0))  # and the arm stands where it stood
 
 
-def test_an_execution_follows_the_controller_by_the_robots_clock(port, plan):
-    seen = []
+def test_an_execution_follows_the_controller_by_the_robots_clock(port):
+    seen, plan = [], hop(1.5)
     drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
     with drive.transport:
         done = drive.execute(plan, watch=seen.append)
     assert done and done.status == "done" and done.fault is None, done.reason
-    assert done.plan.certificate.holds and abs(done.motion.end - 2.5) < 1e-3
+    assert done.plan.certificate.holds and abs(done.motion.end - 1.5) < 1e-3
     np.testing.assert_allclose(done.q[-1], plan.trajectory(plan.trajectory.end), atol=1e-9)
     # What the joint states say is what was sent, at the instants of the robot's clock: its points reproduce the motion.
     assert len(done.t) > 20 and np.abs(done.q - done.setpoints.q).max() < 1e-5
@@ -93,11 +93,11 @@ def test_a_stop_replaces_the_goal_at_an_instant_of_the_controllers_clock_and_res
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
         assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
-        assert stopped.stop.certificate.holds and stopped.motion.end < 2.0
+        assert stopped.stop.certificate.holds and stopped.motion.end < 3.9
         # Older controllers go to the first point of the stop by a quintic of their own; newer ones go on along the plan.
         assert np.abs(stopped.q - stopped.setpoints.q).max() < off
         np.testing.assert_allclose(stopped.q[-1], stopped.stop.trajectory(stopped.stop.trajectory.end), atol=1e-6)
-        assert np.abs(stopped.q[-1] - plan.trajectory(2.5)).max() > 0.01  # it did not go to the end
+        assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01  # it did not go to the end
         rest = drive.resume(stopped)
         assert rest, (rest.reason, rest.notes)
         np.testing.assert_allclose(rest.q[-1], plan.trajectory(plan.trajectory.end), atol=1e-6)
@@ -129,7 +129,7 @@ def test_where_no_stop_is_taken_the_goal_is_cancelled(port, plan, mode, why):
         stopped = drive.execute(plan, stop=0.2)
     assert (stopped.status, stopped.stop) == ("stopped", None), (stopped.reason, stopped.notes)
     assert why in stopped.reason and any("controller's own" in note for note in stopped.notes)
-    assert np.abs(stopped.q[-1] - plan.trajectory(2.5)).max() > 0.01
+    assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_an_exception_of_the_caller_stops_the_arm(port, plan):
         with pytest.raises(KeyboardInterrupt):
             drive.execute(plan, watch=careless)
         reason, _ = drive.unmeasured()  # waits until it stands
-        assert reason == "" and np.abs(drive.measure() - plan.trajectory(2.5)).max() > 0.01
+        assert reason == "" and np.abs(drive.measure() - plan.trajectory(4.0)).max() > 0.01
 
 
 def test_a_server_that_never_answers_or_is_not_there(plan, capfd):
