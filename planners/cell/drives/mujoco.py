@@ -147,6 +147,7 @@ class MujocoDrive(SimulatedDrive):
         self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
         self._step = self.period / self.steps
         self._tuned = tuning(self.gains, self._step, self.options.resolution, self.options.following, self._most)
+        self._stood = False  # whether the friction of a joint is that of a brake or a block
         self._model = mujoco_model(self.plant, step=self._step)
         self._data = self._mujoco.MjData(self._model)
 
@@ -204,6 +205,10 @@ class MujocoDrive(SimulatedDrive):
         """Set the friction of the joints: their own, that of a brake, or that of something which blocks them."""
         self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
         off = self._state[2] > 0.0
+        stands = off | stalled
+        if not stands.any() and not self._stood:
+            return
+        self._stood = bool(stands.any())
         brakes = np.where(np.isfinite(self._most), self._most, BLOCKED)
         friction = np.where(off, np.maximum(brakes, self._friction), self._friction)
         self._model.dof_frictionloss[:] = np.where(stalled, BLOCKED, friction)
