@@ -175,7 +175,8 @@ class Outcome:
     @property
     def tool(self) -> Array | None:
         """Where the tool really is at the end, stopped or not (3,) [m]; None where nothing was executed."""
-        return self.robot.fk(self.executions[-1].q[-1])[:3, 3] if self.executions else None
+        q = self.executions[-1].q[-1:] if self.executions else np.empty((0, self.robot.n))
+        return self.robot.fk(q[0])[:3, 3] if len(q) and np.isfinite(q).all() else None
 
     def __str__(self) -> str:
         lines = [f"{self.status}" + (f" at step {self.failed.name}" if self.failed is not None else "")]

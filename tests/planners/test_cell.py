@@ -184,6 +184,21 @@ def test_what_is_in_the_way_is_named() -> None:
     assert outcome.failed.name == "joints" and "box1" in outcome.reason and not outcome.executions
 
 
+@pytest.mark.parametrize("drive", [{}, {"disturbances": (Stall(0, 0.1, until=0.5),)}], ids=["stopped", "blocked"])
+def test_after_a_stop_or_a_fault_the_same_task_goes_on(drive) -> None:
+    cell = cell_of(drive=ideal(**drive))
+    spot = cell.read(SPOT)
+    first = cell.move_to_spot(spot, stop=None if drive else 0.05)
+    assert first.status is (CellStatus.FAULT if drive else CellStatus.STOPPED)
+    assert np.linalg.norm(first.tool - SPOT) > 0.01
+    again = cell.move_to_spot(spot)
+    assert again and np.linalg.norm(again.tool - SPOT) < 3e-6
+    if not drive:  # the rest of the same line
+        line = planners.Line(TOOL, se3.pose(TOOL[:3, :3], SPOT))
+        tools = ARM.fk(again.executions[0].q)
+        assert np.abs(line.pose(line.nearest(tools))[:, :3, 3] - tools[:, :3, 3]).max() < 1e-5
+
+
 def test_misuse_is_refused_by_name() -> None:
     spot = EXACT.reading(SPOT)
     with pytest.raises(InvalidInput, match="spot"):
@@ -298,6 +313,19 @@ def test_corrections_fall_to_the_noise_of_the_readings() -> None:
         e = outcome.rounds[-1].error
         scaled.append(float(e @ np.linalg.solve(S, e)))
     assert 8.0 < sum(scaled) < 51.2  # 0.1 % to 99.9 % of χ²(24)
+
+
+def test_corrections_remove_what_an_unknown_load_leaves() -> None:
+    """Three kilograms that the servos' feed-forward does not know: they hang lower by more than a millimetre."""
+    pytest.importorskip("mujoco")
+    drive = make_drive("mujoco", ARM, q=START, plant=ARM.with_payload(3.0))
+    cell = cell_of(drive=drive)
+    outcome = cell.move_to_spot(cell.read(SPOT), corrections=2)
+    off = [float(np.linalg.norm(each.error)) for each in outcome.rounds]
+    assert outcome and off[0] > 1e-3 and off[1] < 0.3 * off[0] and off[2] < 0.2 * off[0]
+    assert (
+        np.linalg.norm(outcome.error.servo) > 1e-3 and np.linalg.norm(outcome.error.laser) > 1e-3
+    )  # one undoes the other
 
 
 # ---------------------------------------------------------------- the gripper
