@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
 
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number, real_array
@@ -17,12 +18,14 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certificate import check_tolerance
 from planners.certificate.statics import check_statics
+from planners.fit import fitted
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, over
 from planners.plan import Asked, Plan
 from planners.splice import State, begun, joined, rest_of
 from planners.timing import TimeLaw, law_for
-from planners.timing.base import PathState, check_motion
+from planners.timing.base import PathState, check_motion, refit
+from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory
 
 OFF_PATH = 1e-6
@@ -150,6 +153,10 @@ def _answer(asked: Asked, plan: Plan, start: _Start, stop: bool, strict: bool) -
         if solved.certificate.holds:
             return solved
         found.append(solved)
+    if start.still and not stop:
+        slowed = _slowed(asked, plan.joint_path, start)
+        if slowed is not None:
+            return slowed
     if not strict:
         for share in WIDENED:
             wider = _by_law(asked, plan.joint_path, asked.limits.scaled(share), start.at, stop)
@@ -178,6 +185,34 @@ def _motions(asked: Asked, plan: Plan, start: _Start, stop: bool) -> Iterator[Tr
         second = _by_law(asked, joints, asked.limits, still, False)
         if second is not None:
             yield joined(start.rest, second)
+
+
+def _slowed(asked: Asked, joints: JointPath, start: _Start) -> Plan | None:
+    """A motion from a state at rest, slowed as a whole until it keeps the limits: the law's, or else a quintic in s."""
+    assert start.at.joints is not None
+    keeps = asked.law.promises(asked.limits)
+    for found in _from_rest(asked, joints, start.at):
+        try:
+            slower = fitted(asked.robot, found, asked.limits, keeps, asked.path)
+        except NoSolution:
+            continue
+        solved = _solved(asked, joints, start, begun(slower, start.at.joints, asked.limits), False)
+        if solved.certificate.holds:
+            return solved
+    return None
+
+
+def _from_rest(asked: Asked, joints: JointPath, at: PathState) -> Iterator[Trajectory]:
+    """Motions to the path's end that may pass the limits: the law's within wider ones, and a quintic in s."""
+    for share in WIDENED:
+        found = _by_law(asked, joints, asked.limits.scaled(share), at, False)
+        if found is not None:
+            yield found
+            break
+    if at.s < joints.end:
+        c = (joints.end - at.s) * QUINTIC
+        c[-1] = at.s
+        yield refit(joints, PPoly(c[:, None], np.array([0.0, 1.0]), extrapolate=True))
 
 
 def _by_law(asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState, stop: bool) -> Trajectory | None:
@@ -267,8 +302,11 @@ def _start(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, Arra
     acceleration = float(q1 @ (ddq - q2 * speed**2)) / size
     if not of_it:
         _check_on_path(plan, s, (speed, acceleration), given)
+    standing = speed <= STANDING and abs(acceleration) <= STANDING
+    still = standing if measured else not (left and dq.any())
+    if standing and (measured or not left):  # rounding and noise only
+        speed = acceleration = 0.0
     at = PathState(s, max(speed, 0.0), acceleration, given)
-    still = speed <= STANDING and abs(acceleration) <= STANDING if measured else not (left and dq.any())
     return _Start(at, begun(rest_of(running, t), given, plan.limits) if left else None, still)
 
 

@@ -13,6 +13,7 @@ EXAMPLES = {
     "planners.timing": "law.py",
     "planners.paths": "spiral.py",
     "planners.files": "tsv.py",
+    "planners.cell.drives": "lagging.py",
     "benchmarks.problems": "beside.py",
     "benchmarks.peers.ik": "scipy_least_squares.py",
     "benchmarks.peers.laws": "scipy_spline.py",

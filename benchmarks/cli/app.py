@@ -13,6 +13,7 @@ from rich.table import Table
 
 import optik
 from benchmarks.cli.bench import bench_app, demo
+from benchmarks.cli.cell import cell
 from benchmarks.cli.doctor import doctor
 from benchmarks.cli.output import guard_output
 from benchmarks.cli.peer import bench_peer
@@ -232,6 +233,7 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 
 command(app)(demo)
 command(app)(doctor)
+command(app)(cell)
 command(app)(view)
 command(bench_app, "peer")(bench_peer)
 

@@ -3,8 +3,9 @@
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
-from planners.cell.drives import Drive, drives, make_drive
+from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
+from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
@@ -28,6 +29,7 @@ __all__ = [
     "FaultKind",
     "Gripper",
     "Held",
+    "IdealDrive",
     "LateHost",
     "LostEncoder",
     "Moment",
@@ -42,6 +44,7 @@ __all__ = [
     "Setpoints",
     "SightStatus",
     "Sighting",
+    "SimulatedDrive",
     "Spot",
     "Stall",
     "Step",

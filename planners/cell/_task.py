@@ -279,17 +279,17 @@ class Task:
         self._add("tool", said, pose, since)
 
     def _rest(self, tool: Array) -> Array:
-        """Measured spot minus measured tool."""
+        """Measured spot minus measured tool, both measured in the same way, so that the calibration's error cancels."""
         try:
             read = self.cell.read_tool(tool, self.wishes.readings, self.wishes.look)
-            seen = read if isinstance(read, Sighting) else self.cell.sighting(read)
+            seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.wishes.plane)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
             reason = f"the laser unit cannot measure the tool: {seen.status}: {seen.reason}"
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, seen.advice, seen)
         assert seen.point is not None and self.spot is not None and isinstance(read, Spot)
-        self.floor = float(np.sqrt(self.variance + self.cell.noise(read)))
+        self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.wishes.plane)))
         return self.spot - seen.point
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections

@@ -313,7 +313,8 @@ class Cell:
         timing, ik, samples
             Law, IK method and samples of the line, as for `planners.plan`.
         plane : Plane, optional
-            On which the spot is; the range that was read is then not used.
+            On which the spot is. Ranges are then not used: spot and tool are where the beam meets the plane, and
+            corrections are along it.
         true_spot : (3,) array, optional
             Where the spot truly is [m], where a simulation knows more than `truth`.
         follow : callable, optional

@@ -15,7 +15,7 @@ class Stall:
     joint : str or int
         Its name or its index.
     at, until : float
-        From when to when, on the drive's clock (`planners.cell.drives.simulated.SimulatedDrive.clock`) [s].
+        From when to when, on the drive's clock (`SimulatedDrive.clock`) [s].
     """
 
     joint: str | int

@@ -68,11 +68,29 @@ def whole_periods(plan: Plan, period: float = PERIOD) -> Plan:
         A period that is not above 0, or longer than the motion.
     """
     motion, proof = plan.trajectory, plan.certificate
-    count = periods_of(motion, period)
-    duration = count * period
+    duration = periods_of(motion, period) * period
     if plan.speed is not None or not proof.rest[0] or motion.end == duration:
         return plan
-    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # a period of rounding less is cut to it below
+    return slowed_to(plan, duration)
+
+
+def slowed_to(plan: Plan, duration: float) -> Plan:
+    """Slow a plan that begins at rest uniformly to a duration, and certify it again.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion from rest to rest.
+    duration : float
+        At least its own, but for rounding [s].
+
+    Returns
+    -------
+    Plan
+        Its last knot is the duration exactly; the slowing is in `Plan.slowed`.
+    """
+    motion, proof = plan.trajectory, plan.certificate
+    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # what is rounding is cut off the last piece
     knots = stretched.knots.copy()
     knots[-1] = duration
     moved = replace(plan.motion, trajectory=Trajectory(PPoly(stretched.coefficients, knots)))

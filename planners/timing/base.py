@@ -45,7 +45,7 @@ class PathState(NamedTuple):
     joints: tuple[Array, Array, Array] | None = None
 
 
-class _ClassName:
+class ClassName:
     """The name of a class that states none: that of the class in lower case.
 
     No attribute of the class itself, so that the class in a file can still be given the name of its file.
@@ -61,7 +61,7 @@ class TimeLaw(ABC):
     A class outside of a file needs no ``name``: by default it is the class's in lower case.
     """
 
-    name: ClassVar[str] = _ClassName()  # type: ignore[assignment] # read as a str
+    name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
     keeps: ClassVar[tuple[str, ...]]
     """Which limits the law promises to keep; the certificate judges exactly those."""
     counts_torque: ClassVar[bool] = False
@@ -268,7 +268,7 @@ def refit(joint_path: JointPath, law: PPoly, jerk_scale: ArrayLike = 1.0) -> Tra
     joint_path : JointPath
         q(s).
     law : scipy.interpolate.PPoly
-        s(t) from 0 to the path's end, increasing; coefficients (·, m).
+        s(t) from 0, or a place on the path, to the path's end, increasing; coefficients (·, m).
     jerk_scale : scalar or (n,) array
         Size of a jerk that matters [rad/s³]; agreement is asked to 0.2 % of it.
 
@@ -321,7 +321,7 @@ def _through(joint_path: JointPath, law: PPoly, t: Array) -> Trajectory:
     ends = np.stack([t[:-1], t[1:]], axis=1)
     s, v, a = (_piecewise(law, t, ends, order) for order in (0, 1, 2))
     s = np.clip(s, 0.0, joint_path.end)
-    s[0, 0], s[-1, 1] = 0.0, joint_path.end
+    s[0, 0], s[-1, 1] = law.c[-1, 0], joint_path.end
     q, q1, q2 = (joint_path(s.ravel(), order).reshape(*s.shape, -1) for order in (0, 1, 2))
     dq, ddq = composed((q1, q2), (v[..., None], a[..., None]))
     q[1:, 0], dq[1:, 0] = q[:-1, 1], dq[:-1, 1]  # one value of q and q̇ at a knot, to the last bit

@@ -132,7 +132,8 @@ class Optimal(TimeLaw):
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
         """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as possible.
 
-        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly.
+        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly; one
+        that starts at rest is slowed as `run` does it.
 
         Parameters
         ----------
@@ -161,9 +162,13 @@ class Optimal(TimeLaw):
         self.need(limits, joint_path.robot)
         known = straight_stop(joint_path, limits, state) if stop else None
         ends = stopping_places(joint_path, limits, state, known) if stop else [joint_path.end]
+        at_rest = state.speed == 0.0 and state.acceleration == 0.0  # then it can be slowed as a whole, as any other
         for end in ends:
             problem = programme(joint_path, limits, self.intervals, state, end)
-            found = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+            close = SLOWDOWN_LOADED if at_rest else 0.0
+            found = None if problem is None else _solved(joint_path, problem, limits, close)
+            if found is not None and at_rest:
+                return fitted(joint_path.robot, found.motion, limits, self.promises(limits), joint_path.path)
             if found is not None:
                 return found.motion if known is None or found.motion.duration <= known.duration else known
         if known is not None:

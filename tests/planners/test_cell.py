@@ -274,6 +274,15 @@ def test_corrections_remove_a_wrong_laser_pose_round_by_round() -> None:
     assert outcome.floor == 0.0
 
 
+def test_corrections_on_the_graph_paper_measure_the_tool_as_they_measure_the_spot() -> None:
+    """By range the tool would be measured with another error than the spot on the plane, and the rest would stay."""
+    v, w = sides(4)
+    cell = cell_of(unit=EXACT.with_pose(turned(BESIDE, v, w)))
+    outcome = cell.move_to_spot(cell.read(SPOT), plane=Plane(SPOT, [-1.0, 0.0, -0.3]), corrections=3)
+    off = [float(np.linalg.norm(each.error)) for each in outcome.rounds]
+    assert outcome and off[0] > 5e-4 and off[-1] < 3e-6
+
+
 def test_corrections_fall_to_the_noise_of_the_readings() -> None:
     """Squared errors in units of what the noise of the last readings leaves: χ² with three degrees of freedom each."""
     noisy = PanTiltLaser(BESIDE, angle_noise=2e-4, range_noise=5e-4)

@@ -7,9 +7,11 @@ from typing import Any
 
 from optik.arm.robot import Robot
 from optik.registry import build_method, names
+from planners.cell.drives._run import Commands, Steps
+from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Drive
 
-__all__ = ["Drive", "drives", "make_drive"]
+__all__ = ["Commands", "Drive", "SimulatedDrive", "Steps", "drives", "make_drive"]
 
 
 def drives() -> tuple[str, ...]:

@@ -8,8 +8,9 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._run import ends_at_goal
+from planners.cell.drives._run import ends_at_goal, speed_kept
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.setpoints import slowed_to
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
@@ -66,13 +67,14 @@ def resumed(
             assert back.stop is not None
             why = f"there is no way back to the path: {back.stop.reason}"
             return nothing_sent(drive, execution.plan, why, back.stop.advice)
-        before = drive.execute(back, stop=stop, watch=watch)
+        before = drive.execute(long_enough(back, drive.period), stop=stop, watch=watch)
         if not before or execution.stop is None or ends_at_goal(execution.stop):
             return before
     if execution.stop is None or ends_at_goal(execution.stop):
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    onward = replan(execution.stop, execution.stop.trajectory.end)
+    limits = speed_kept(execution.plan)
+    onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
     return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
 
 
@@ -124,7 +126,25 @@ def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
     )
 
 
-def nothing_sent(drive: Drive, plan: Plan, reason: str, advice: str) -> Execution:
+def long_enough(found: Plan, period: float) -> Plan:
+    """Slow a plan that is shorter than the servo's period to it: what is left of a way may be some micrometres.
+
+    Parameters
+    ----------
+    found : Plan
+        From rest to rest, where it succeeded.
+    period : float
+        Of the servo [s].
+
+    Returns
+    -------
+    Plan
+        The same, or the slower one.
+    """
+    return slowed_to(found, period) if found and found.trajectory.end < period else found
+
+
+def nothing_sent(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
     """Return the record of an execution for which nothing was sent: REFUSED.
 
     Parameters
@@ -135,13 +155,15 @@ def nothing_sent(drive: Drive, plan: Plan, reason: str, advice: str) -> Executio
         What was to be executed.
     reason, advice : str
         Why nothing was sent, and what to try.
+    placed : bool
+        Whether it is known where the arm stands.
 
     Returns
     -------
     Execution
-        The arm stands where it stood.
+        The arm stands where it stood; NaN where that is not known.
     """
-    at = drive.measure()
+    at = drive.measure() if placed else np.full(drive.robot.n, np.nan)
     return Execution(
         drive.name, drive.robot, ExecutionStatus.REFUSED, reason, advice, plan, None, None, None,
         np.zeros(1), at[None], np.zeros((1, at.size)), None, at[None],

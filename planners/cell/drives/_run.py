@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optik.types import Array
 from planners.cell.drives.base import Fault
 from planners.cell.setpoints import Setpoints, setpoints
+from planners.limits import MotionLimits
 from planners.plan import Plan
 from planners.replan import replan
 from planners.splice import joined, start_of
 from planners.trajectory import Trajectory
 
-END_SHARE = 1e-9
-"""Share of a path before its end that counts as its end: rounding."""
+END_SHARE = 2e-9
+"""Share of a path before its end that counts as its end: `replan` plans nothing from half of that."""
+
+SPEED_SPARE = 1e-6
+"""Share by which a stop may exceed a constant tool speed that was asked: what rounding makes of a motion at that speed."""
 
 
 class Commands(NamedTuple):
@@ -104,6 +108,29 @@ def ends_at_goal(plan: Plan) -> bool:
     return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
 
 
+def speed_kept(running: Plan) -> MotionLimits:
+    """Limits of a stop and of the rest of the way: those of the plan, and a constant tool speed that was asked as one more.
+
+    Parameters
+    ----------
+    running : Plan
+        What is executed.
+
+    Returns
+    -------
+    MotionLimits
+        With a limit on the speed of the tool, or of its rotation where it only turns.
+    """
+    limits, speed = running.limits, running.speed
+    if speed is None:
+        return limits
+    most, moves = speed * (1.0 + SPEED_SPARE), running.certificate.tool_speed.value > 0.5 * speed
+    name = "tool_speed" if moves else "rotation_speed"
+    known = getattr(limits, name)
+    kept: dict[str, Any] = {name: most if known is None else np.minimum(known, most)}
+    return replace(limits, **kept)
+
+
 @dataclass
 class Run:
     """The state of one execution.
@@ -172,7 +199,7 @@ class Run:
                 "the set-points that the drive held already reached the end of the plan: no stop was needed"
             )
             return
-        found = replan(self.plan, t, stop=True)
+        found = replan(self.plan, t, stop=True, limits=speed_kept(self.plan))
         if not found:
             assert found.stop is not None
             self.notes.append(

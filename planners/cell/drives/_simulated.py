@@ -100,9 +100,20 @@ class SimulatedDrive(Drive):
     # ------------------------------------------------------------ executing
 
     def measure(self) -> Array:
-        """Return the encoders' configuration now (n,) [rad, m]; NaN for a lost encoder, and before the arm was placed."""
+        """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost.
+
+        Returns
+        -------
+        (n,) array
+            The reading [rad, m].
+
+        Raises
+        ------
+        InvalidInput
+            The drive was not told where its arm stands, and has executed no plan yet.
+        """
         if not self._placed:
-            return np.full(self.robot.n, np.nan)
+            raise InvalidInput("q", "none, and no plan executed yet", "where the arm stands: a configuration at rest")
         return _checks.reading(self._actual(), self.options, self.clock, self._noise, self._frozen)
 
     def execute(self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None) -> Execution:
@@ -230,7 +241,7 @@ class SimulatedDrive(Drive):
 
     def _refused(self, plan: Plan, reason: str, advice: str) -> Execution:
         """Nothing was sent."""
-        return replace(nothing_sent(self, plan, reason, advice), notes=self._remarks())
+        return replace(nothing_sent(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
 
     def _report(self, run: Run) -> Execution:
         """What the arm did; after a fault the servo is set to where the arm stands, so that nothing moves later."""

@@ -15,6 +15,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.setpoints import Setpoints
 from planners.plan import Plan
+from planners.timing.base import ClassName
 from planners.trajectory import Trajectory
 
 
@@ -144,7 +145,7 @@ class Drive(ABC):
     Attributes
     ----------
     name : str
-        By which it is found: that of its file.
+        By which it is found: that of its file. A class outside of a file is called by its own in lower case.
     simulated : bool
         Whether it moves nothing real.
     robot : Robot
@@ -153,7 +154,7 @@ class Drive(ABC):
         Of its servo [s].
     """
 
-    name: ClassVar[str]
+    name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
     simulated: ClassVar[bool] = False
     robot: Robot
     period: float

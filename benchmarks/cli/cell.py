@@ -1,0 +1,315 @@
+"""`optik cell`: the paper's task from end to end: laser, control, drive, and where the tool really went."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+import optik
+from benchmarks.cli.plan import numbers
+from benchmarks.cli.planning import START, Wish, limits_of, start_of
+from benchmarks.cli.shared import AsJson, RobotName, arm_of, err_console, out_console, print_json
+from optik.check import check_count
+from optik.errors import InvalidInput
+from optik.registry import names
+
+if TYPE_CHECKING:
+    from planners.cell import Outcome, PanTiltLaser
+
+WAY = (-0.12, 0.0, 0.20)
+"""From the tool to the spot where none is typed, in the base frame [m]: the default line of the paper's arm."""
+BEHIND, ASIDE = 0.3, 0.3
+"""Where the laser unit stands: so far behind the arm's base, seen from the spot, and so far to the left [m]; from there
+the beam does not graze the graph paper."""
+TYPED_NOISE = "0.2,0.5"
+"""Noise of the readings where none is typed [mrad, mm]: a unit with encoders of 13 bits and a range finder of its class."""
+
+
+Spot = Annotated[
+    str, typer.Option(help="Where the spot truly is: x,y,z in the base frame [m]; by default the paper's line's end.")
+]
+Start = Annotated[
+    str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")
+]
+Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco where it is installed, else ideal.")]
+Noise = Annotated[str, typer.Option(help="Standard deviations of pan and tilt [mrad] and of the range [mm].")]
+Miscalibration = Annotated[
+    str, typer.Option(help="How far the laser's true pose is from the calibrated one [mm, mrad]; direction by --seed.")
+]
+Timing = Annotated[
+    str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
+]
+Ik = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")]
+Out = Annotated[Path, typer.Option(help="The page to write, FILE.html; FILE.json is written beside it.")]
+
+
+def cell(
+    robot: RobotName = "paper6r",
+    spot: Spot = "",
+    start_deg: Start = START,
+    drive: Drive = "",
+    corrections: Annotated[int, typer.Option(help="How often the rest is measured and corrected.")] = 0,
+    readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
+    noise: Noise = TYPED_NOISE,
+    miscalibration: Miscalibration = "0,0",
+    seed: Annotated[int, typer.Option(help="Of everything that is random.")] = 0,
+    velocity: Annotated[
+        float | None, typer.Option(help="Limit on every joint [rad/s, m/s]; else the robot's own.")
+    ] = None,
+    acceleration: Annotated[float | None, typer.Option(help="Likewise [rad/s², m/s²].")] = None,
+    jerk: Annotated[float | None, typer.Option(help="Likewise [rad/s³, m/s³].")] = None,
+    timing: Timing = "optimal",
+    ik: Ik = "lm",
+    out: Out = Path("optik-cell.html"),
+    as_json: AsJson = False,
+) -> None:
+    """Move the tool to a spot that the laser shows on the graph paper, as in the paper, executed on a simulated arm.
+
+    A simulated pan-tilt laser beside the arm reads the spot, a straight line to it is planned and certified, a drive
+    executes it, and the error of the tool is split into laser, inverse kinematics, path and servo.
+    Exit status 0 where the tool arrived; 1 where a step failed, which is named.
+
+    Parameters
+    ----------
+    robot, spot, start_deg, drive, corrections, readings, noise, miscalibration, seed
+        As ``--help`` says.
+    velocity, acceleration, jerk, timing, ik, out, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    InvalidInput
+        An option that cannot be meant.
+    """
+    from planners.cell import Cell, Plane
+    from planners.timing import make_law
+
+    check_count(seed, "--seed", 0)
+    if out.suffix.lower() != ".html":
+        raise InvalidInput("--out", str(out), "a name that ends in .html")
+    law, arm = make_law(timing), arm_of(robot)
+    q, (chosen, why) = start_of(arm, start_deg), drive_of(drive)
+    point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(numbers(spot, "--spot", 3))
+    laser = unit_of(arm, point, noise)
+    limits = limits_of(arm, Wish(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
+    there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
+    outcome = there.move_to_spot(
+        there.read(point, readings), plane=Plane(point, -laser.pose[:3, 0]), corrections=corrections, readings=readings,
+        timing=law, ik=ik,
+    )  # fmt: skip
+    report(outcome, chosen, why, out, as_json)
+
+
+def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
+    """Write page and data, print what came of it; exit status 1 where the tool did not arrive.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What came of it.
+    drive, why : str
+        Which drive executed it, and why that one.
+    out : Path
+        The page.
+    as_json : bool
+        Whether to print for programs.
+
+    Raises
+    ------
+    OutputError
+        The page cannot be written.
+    Exit
+        With status 1.
+    """
+    from optik.files import write_whole
+
+    page = page_of(outcome, out) if outcome.executions else None
+    data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
+    file = out.with_suffix(".json")
+    write_whole(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
+    if as_json:
+        print_json(data)
+    else:
+        print_outcome(outcome, why)
+        written = f"data: {file}" if page is None else f"page: {page} (open it in a browser), data: {file}"
+        out_console.print(written, highlight=False, soft_wrap=True)
+    if outcome.failed is not None:
+        said = f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; try {outcome.advice}"
+        err_console.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    if not outcome:
+        raise typer.Exit(1)
+
+
+# ---------------------------------------------------------------- the cell
+
+
+def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
+    """The laser unit: beside the arm's base, level, looking ahead to the spot.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm, whose gravity says which way is down.
+    point : (3,) array
+        The spot [m].
+    noise : str
+        As typed.
+
+    Returns
+    -------
+    PanTiltLaser
+        The unit.
+
+    Raises
+    ------
+    InvalidInput
+        No two numbers of 0 or more.
+    """
+    from optik import se3
+    from planners.cell import PanTiltLaser
+
+    angle, distance = numbers(noise, "--noise", 2)
+    if not (0.0 <= angle < np.inf and 0.0 <= distance < np.inf):
+        raise InvalidInput("--noise", noise, "two numbers of 0 or more: pan and tilt [mrad], range [mm]")
+    up = -np.asarray(arm.gravity) / np.linalg.norm(arm.gravity)
+    ahead = point - up * (up @ point)
+    if np.linalg.norm(ahead) < 1e-6:  # the spot is above the base: any level direction looks ahead
+        ahead = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    ahead = ahead / np.linalg.norm(ahead)
+    left = np.cross(up, ahead)
+    pose = se3.pose(np.stack([ahead, left, up], axis=1), ASIDE * left - BEHIND * ahead)
+    return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
+
+
+def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
+    """The true unit, which stands a little away from where it was calibrated, in a random direction.
+
+    Parameters
+    ----------
+    laser : PanTiltLaser
+        The unit as it was calibrated.
+    typed : str
+        How far [mm, mrad].
+    seed : int
+        Of the direction.
+
+    Returns
+    -------
+    PanTiltLaser
+        The true unit.
+
+    Raises
+    ------
+    InvalidInput
+        No two numbers of 0 or more.
+    """
+    from optik import se3
+
+    far, turned = numbers(typed, "--miscalibration", 2)
+    if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
+        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: millimetres, milliradians")
+    v, w = (x / np.linalg.norm(x) for x in np.random.default_rng(seed).normal(size=(2, 3)))
+    pose = np.array(laser.pose)
+    pose[:3, 3] += 1e-3 * far * v
+    pose[:3, :3] = se3.exp_so3(1e-3 * turned * w) @ pose[:3, :3]
+    return laser.with_pose(pose)
+
+
+def drive_of(typed: str) -> tuple[str, str]:
+    """The drive's name, and the sentence that says why it is that one.
+
+    Parameters
+    ----------
+    typed : str
+        What ``--drive`` was given; empty for the best that is installed.
+
+    Returns
+    -------
+    tuple of str
+        Name and sentence.
+
+    Raises
+    ------
+    InvalidInput
+        A drive that is no simulated one.
+    """
+    simulated = {
+        "ideal": "on the ideal drive, which follows its set-points exactly",
+        "mujoco": "on the simulated arm in MuJoCo",
+    }
+    if typed:
+        if typed not in simulated:
+            raise InvalidInput("--drive", repr(typed), "ideal or mujoco: this command moves simulated arms only")
+        return typed, simulated[typed]
+    if find_spec("mujoco") is not None:
+        return "mujoco", simulated["mujoco"]
+    return "ideal", simulated["ideal"] + "; MuJoCo, extra sim, is not installed"
+
+
+# ---------------------------------------------------------------- what it says
+
+
+def page_of(outcome: Outcome, file: Path) -> Path:
+    """Write the page that plays the task.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        With at least one execution.
+    file : Path
+        Where to.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    from dataclasses import replace
+
+    from planners.cell.view.page import write_page
+    from planners.cell.view.show import Beam, show_of_execution
+
+    beam = None if outcome.beam is None else Beam(*outcome.beam)
+    write_page(replace(show_of_execution(outcome.executions[0]), beam=beam), file)
+    return file
+
+
+def print_outcome(outcome: Outcome, why: str) -> None:
+    """Print the steps, the errors and the rounds of a task.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What came of it.
+    why : str
+        Which drive executed it.
+    """
+    table = Table("step", "", "took", "what it found", title=f"{outcome.robot.name} to a laser spot, {why}")
+    for step in outcome.steps:
+        mark = "ok" if step.ok else "[red]failed[/red]"
+        table.add_row(step.name, mark, f"{1e3 * step.seconds:.1f} ms", escape(step.reason))
+    out_console.print(table)
+    if outcome.error is not None:
+        errors = Table("error at the end", "x, mm", "y, mm", "z, mm", "length, mm")
+        for name, part in outcome.error._asdict().items():
+            values = (*part, float(np.linalg.norm(part)))
+            errors.add_row(name, *(f"{round(1e3 * x, 4) + 0.0:+.4f}" for x in values[:3]), f"{1e3 * values[3]:.4f}")
+        out_console.print(errors)
+    if len(outcome.rounds) > 1:
+        off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in outcome.rounds)
+        floor = 1e3 * (outcome.floor or 0.0)
+        out_console.print(f"error round by round: {off} mm; the readings' noise leaves {floor:.3g} mm (RMS)")
+    for note in outcome.notes:
+        out_console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
