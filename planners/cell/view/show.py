@@ -396,16 +396,21 @@ def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     if outcome.failed is not None:
         rows += [("Failed step", outcome.failed.name), ("Reason", outcome.reason), ("Advice", outcome.advice)]
     if outcome.error is not None:
-        norms = {name: f"{1e3 * float(size):.4g} mm" for name, size in outcome.error.norms.items()}
+        norms = {name: _millimetres(float(size)) for name, size in outcome.error.norms.items()}
         rows.append(("Error at the end", norms.pop("total")))
         rows.append(("Parts of it", ", ".join(f"{name} {size}" for name, size in norms.items())))
     for k, each in enumerate(outcome.rounds):
         what = f"Correction {k}" if k else "First motion"
-        rows.append((what, f"{1e3 * float(np.linalg.norm(each.error)):.4g} mm from the spot"))
+        rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
     if outcome.executions:
         rows.append(("Drive", outcome.executions[0].drive))
     rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
     return (*rows, *(("Note", note) for note in outcome.notes))
+
+
+def _millimetres(length: float) -> str:
+    """A length [m] in words; what is below a nanometre is rounding."""
+    return f"{1e3 * length:.3g} mm" if length >= 1e-9 else "below 1 nm"
 
 
 def _unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
