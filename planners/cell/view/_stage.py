@@ -15,7 +15,7 @@ ARM_COLOURS = ((217, 138, 61), (143, 153, 166))
 """Colours of the links in turn [RGB], those of the page."""
 PATH_COLOUR, EXECUTED_COLOUR, BEAM_COLOUR = (47, 111, 222), (194, 37, 122), (224, 38, 31)
 """Of the path, of the tool's executed path and of the laser beam [RGB], those of the page."""
-SCENE_COLOUR, LEVEL_COLOUR = (93, 138, 120), (190, 196, 204)
+OBJECT_COLOUR, LEVEL_COLOUR = (93, 138, 120), (190, 196, 204)
 """Of the scene and of the grid [RGB]."""
 AROUND_CAPSULE = 24
 """Corners of a drawn capsule's section."""
@@ -94,20 +94,20 @@ class Stage:
         add = self.server.scene
         for i, (T, edges) in enumerate(scene.boxes):
             add.add_box(
-                f"/scene/box{i}", color=SCENE_COLOUR, dimensions=tuple(edges), opacity=0.5,
+                f"/scene/box{i}", color=OBJECT_COLOUR, dimensions=tuple(edges), opacity=0.5,
                 wxyz=_quaternion(T), position=T[:3, 3],
             )  # fmt: skip
         for i, (centre, radius) in enumerate(scene.spheres):
-            self._ball(f"/scene/sphere{i}", centre, radius, SCENE_COLOUR, 0.5)
+            self._ball(f"/scene/sphere{i}", centre, radius, OBJECT_COLOUR, 0.5)
         for i, (a, b, radius) in enumerate(scene.capsules):
             vertices, faces = capsule_mesh(a, b, radius)
-            add.add_mesh_simple(f"/scene/capsule{i}", vertices, faces, color=SCENE_COLOUR, opacity=0.5)
+            add.add_mesh_simple(f"/scene/capsule{i}", vertices, faces, color=OBJECT_COLOUR, opacity=0.5)
         for i, (point, normal) in enumerate(scene.planes):
             x, y = _across(normal)
             corners = [(point @ normal) * normal + 1.2 * self.reach * (u * x + v * y) for u in (-1, 1) for v in (-1, 1)]
             faces = np.array([[0, 1, 3], [0, 3, 2]])
             add.add_mesh_simple(
-                f"/scene/plane{i}", np.array(corners), faces, color=SCENE_COLOUR, opacity=0.25, side="double"
+                f"/scene/plane{i}", np.array(corners), faces, color=OBJECT_COLOUR, opacity=0.25, side="double"
             )
 
     def _ball(self, name: str, centre: Array, radius: float, colour: tuple[int, int, int], opacity: float) -> None:

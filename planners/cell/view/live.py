@@ -23,7 +23,7 @@ VIEW_PORT = 8080
 """Port by default, viser's own."""
 PICTURE_PERIOD = 1.0 / 30.0
 """Time between two pictures [s]."""
-SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
+PLAY_SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 """Seconds of the motion per second."""
 
 
@@ -118,7 +118,7 @@ class Viewer:
         self.time = gui.add_slider("Time [s]", 0.0, self.show.duration or 1.0, 1e-3, 0.0)
         self._player = gui.add_button("Play")
         self._player.on_click(lambda _: self.play(not self.playing))
-        self.speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1")
+        self.speed = gui.add_dropdown("Speed", PLAY_SPEEDS, initial_value="1")
         self.which = gui.add_dropdown("Arm", ("as executed", "as planned"), visible=False)
         self.which.on_update(lambda _: self._draw())
         if self.drive is not None:
