@@ -58,6 +58,8 @@ def _rows(spot: Spot, plane: Plane | None) -> Array:
         rows: Array = np.atleast_2d(np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in spot)), axis=-1))
     except (TypeError, ValueError):
         raise InvalidInput("spot", shown(spot), "pan, tilt [rad] and range [m]") from None
+    if rows.ndim != 2 or not len(rows):
+        raise InvalidInput("spot", f"readings of shape {rows.shape[:-1]}", "one reading, or arrays (k,) of several")
     for name, values in zip(Spot._fields, rows.T, strict=True):
         if not np.isfinite(values).all() and (plane is None or name != "range"):
             raise InvalidInput("spot", f"{name} = {values[~np.isfinite(values)][0]}", "finite pan, tilt and range")
@@ -107,15 +109,17 @@ def meant(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Array:
     Returns
     -------
     (3,) array
-        The point [m]; NaN where the beam does not meet the plane.
+        The point [m].
 
     Raises
     ------
     InvalidInput
-        NaN in the reading.
+        NaN in the reading, or a beam that does not meet the plane.
     """
     if plane is None:
         points: Array = np.atleast_2d(unit.point(*spot)).mean(axis=0)
         return points
     seen = seen_from(unit, spot, plane)
-    return np.full(3, np.nan) if seen.point is None else seen.point
+    if seen.point is None:
+        raise InvalidInput("spot", f"one that the true unit does not see: {seen.reason}", "a beam that meets the plane")
+    return seen.point

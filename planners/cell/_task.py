@@ -45,6 +45,11 @@ EXECUTED = {
 }
 """How a task ends whose execution ended so."""
 
+TAKEN_AS_EXACT = (
+    "where the spot truly is was not given: the reading was taken as exact, so the laser's error is that of its pose"
+)
+"""Note on an outcome whose reading was not made by `Cell.read`."""
+
 Follow = Callable[[float], Spot]
 """Asked for a reading of the spot at every tick, with the time for which the arm has been moving [s]."""
 Look = Callable[[], Spot]
@@ -98,6 +103,7 @@ class Task:
         self.spot: Array | None = None
         self.true_spot: Array | None = None
         self.target: Array | None = None
+        self.notes: list[str] = []
         self.variance = 0.0
         self.floor: float | None = None
         self.clock = 0.0
@@ -143,7 +149,7 @@ class Task:
         cell = self.cell
         beam = None if self.spot is None else (cell.laser.pose[:3, 3], self.spot)
         said = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
-        notes = tuple(dict.fromkeys(cell.notes + said))
+        notes = tuple(dict.fromkeys(cell.notes + self.notes + said))
         return Outcome(
             cell.robot, status, tuple(self.steps), tuple(self.rounds),
             self.along[-1].error.at(-1) if self.along else None, self.along[0] if self.along else None,
@@ -155,15 +161,17 @@ class Task:
     def _see(self, reading: Spot) -> None:
         """Step "laser": from a reading to a point."""
         since = perf_counter()
+        given = self.wishes.true_spot
         try:
             seen = self.cell.sighting(reading, self.wishes.plane)
+            if not seen:
+                raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
+            self.true_spot, known = self.cell.truth(reading, self.wishes.plane) if given is None else (given, True)
         except InvalidInput as error:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
-        if not seen:
-            raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
+        if not known:
+            self.notes.append(TAKEN_AS_EXACT)
         self.spot, self.variance = seen.point, self.cell.noise(reading, self.wishes.plane)
-        given = self.wishes.true_spot
-        self.true_spot = self.cell.truth(reading, self.wishes.plane) if given is None else given
         off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
         noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
@@ -296,52 +304,55 @@ class Task:
 
     def _reach(self) -> None:
         """Go to the target; where the spot moves on the way, stop and go to where it is now."""
-        for replans in range(self.wishes.most_replans + 1):
+        follow, most = self.wishes.follow, self.wishes.most_replans
+        for replans in range(most + 1):
             self._stopped_by_spot = False
             found = self._planned()
             execution = None if found is None else self._executed(found, self._stop())
-            if not self._stopped_by_spot and not self._has_moved():
+            if follow is not None:
+                self._see(follow(self.clock))
+            if not self._stopped_by_spot and not self._away(self.spot):
                 if found is not None and execution is not None:
                     self._arrived(found, execution)
                 return
-            if replans < self.wishes.most_replans:
-                self._look_again()
-        reason = f"the spot moved on {self.wishes.most_replans + 1} times"
+            if replans < most:
+                self._turn_to_spot()
+        reason = f"the spot moved on {most + 1} times"
         raise self._fail("replan", CellStatus.SPOT_MOVES, reason, "wait until it rests, or a larger most_replans")
 
-    def _look_again(self) -> None:
-        """Steps "laser" and "replan": the new place of the spot becomes the target."""
-        assert self.wishes.follow is not None and self.spot is not None and self.target is not None
-        before = self.spot
-        self._see(self.wishes.follow(self.clock))
+    def _turn_to_spot(self) -> None:
+        """Step "replan": the new place of the spot becomes the target."""
         since = perf_counter()
+        assert self.spot is not None and self.target is not None
+        by = float(np.linalg.norm(self.spot - self.target[:3, 3]))
         self.target = se3.pose(self.target[:3, :3], self.spot)
-        self._add("replan", f"the spot moved by {_mm(np.linalg.norm(self.spot - before))}", self.target, since)
+        self._add("replan", f"the spot moved by {_mm(by)}", self.target, since)
+
+    def _away(self, point: Array | None) -> bool:
+        """Whether a point is away from where the tool is sent."""
+        assert self.target is not None
+        return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.wishes.moved
 
     def _stop(self) -> StopRequest | None:
         """When to stop: as asked, or when the spot has moved."""
-        asked, since = self.wishes.stop, self.clock
-        if self.wishes.follow is None:
+        asked, follow, since = self.wishes.stop, self.wishes.follow, self.clock
+        if follow is None:
             return asked
 
         def request(t: float) -> bool:
             if asked is not None and (asked(t) if callable(asked) else t >= asked):
                 return True
-            self._stopped_by_spot = self._has_moved(since + t)
+            self._stopped_by_spot = self._has_moved(follow, since + t)
             return self._stopped_by_spot
 
         return request
 
-    def _has_moved(self, t: float | None = None) -> bool:
-        """Whether the spot is away from where the tool is sent; also where it cannot be seen any more."""
-        if self.wishes.follow is None:
-            return False
-        assert self.spot is not None
+    def _has_moved(self, follow: Follow, t: float) -> bool:
+        """Whether the spot is away from where the tool is sent, or cannot be seen any more; asked while the arm moves."""
         try:
-            seen = self.cell.sighting(self.wishes.follow(self.clock if t is None else t), self.wishes.plane)
-        except InvalidInput:
+            return self._away(self.cell.sighting(follow(t), self.wishes.plane).point)
+        except Exception:  # whatever a reading fails with, the arm must come to rest first; then it is read again
             return True
-        return seen.point is None or float(np.linalg.norm(seen.point - self.spot)) > self.wishes.moved
 
     def _correct(self) -> None:
         """Move the target by the rest that was measured, and go there."""

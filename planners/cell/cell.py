@@ -34,6 +34,9 @@ from planners.timing import TimeLaw
 MOST_ROUNDS = 100
 """Most corrections of one task: noise keeps them from getting better after two or three."""
 
+MOST_KNOWN = 10_000
+"""Readings whose true points are kept, the last ones."""
+
 
 class Cell:
     """The paper's system: a laser unit beside an arm on one platform, the control that plans, and the drive that executes.
@@ -109,7 +112,7 @@ class Cell:
         self.scene, self.margin = scene, 0.0 if scene is None else check_scene(self.robot, scene, margin)
         self.drive = self._driven(drive, q)
         self._rng = np.random.default_rng(seed)
-        self._last: tuple[Spot, Array] | None = None
+        self._known: dict[int, tuple[Spot, Array]] = {}
 
     def _driven(self, drive: Any, q: ArrayLike | None) -> Drive:
         """The drive, for the arm with its gripper."""
@@ -199,12 +202,17 @@ class Cell:
         """
         check_count(readings, "readings", 1)
         true = vectors(point, "point")
-        spot = self.unit.read(true if readings == 1 else np.tile(true, (readings, 1)), self._rng)
-        self._last = (spot, true)
+        spot = self._read(true, readings)
+        self._known[id(spot)] = (spot, true)
+        if len(self._known) > MOST_KNOWN:
+            self._known.pop(next(iter(self._known)))
         return spot
 
-    def truth(self, spot: Spot, plane: Plane | None = None) -> Array:
-        """Return where a spot truly is: the point of the last `read`, or where the true unit's beam points with the reading.
+    def _read(self, true: Array, readings: int) -> Spot:
+        return self.unit.read(true if readings == 1 else np.tile(true, (readings, 1)), self._rng)
+
+    def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
+        """Return where a spot truly is, and whether that is known.
 
         Parameters
         ----------
@@ -215,17 +223,19 @@ class Cell:
 
         Returns
         -------
-        (3,) array
-            The point [m].
+        point : (3,) array
+            The point that `read` was given; of another reading, where the true unit's beam points with it [m].
+        known : bool
+            Whether the reading was made by `read`.
 
         Raises
         ------
         InvalidInput
-            A reading that is none.
+            A reading that is none, or whose beam does not meet the plane.
         """
-        if self._last is not None and self._last[0] is spot:
-            return self._last[1]
-        return meant(self.unit, spot, plane)
+        if id(spot) in self._known:
+            return self._known[id(spot)][1], True
+        return meant(self.unit, spot, plane), False
 
     def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
         """Return where the calibrated unit says that a spot is: the mean of its readings.
@@ -286,7 +296,7 @@ class Cell:
         if look is not None:
             return look()
         visible = self.unit.angles(tool)
-        return self.read(tool, readings) if visible else visible
+        return self._read(tool, readings) if visible else visible
 
     # ------------------------------------------------------------ tasks
 

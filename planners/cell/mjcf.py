@@ -160,14 +160,16 @@ def _root(robot: Robot, step: float, limits: bool) -> ET.Element:
     gravity = _words(robot.gravity_magnitude * robot.gravity)
     option = ET.SubElement(root, "option", timestep=repr(step), gravity=gravity, integrator="implicitfast")
     ET.SubElement(option, "flag", contact="disable", limit="enable" if limits else "disable")
-    _add_bodies(ET.SubElement(root, "worldbody"), heavy, step)
+    stiff = {"solreffriction": _words([STIFF_STEPS * step, 1.0]), "solimpfriction": STIFF_SOLIMP}
+    ET.SubElement(ET.SubElement(root, "default"), "joint", stiff)
+    _add_bodies(ET.SubElement(root, "worldbody"), heavy)
     motors = ET.SubElement(root, "actuator")
     for i, name in enumerate(heavy.joint_names):
         _add_motor(motors, heavy, name, i)
     return root
 
 
-def _add_bodies(world: ET.Element, robot: Robot, step: float) -> None:
+def _add_bodies(world: ET.Element, robot: Robot) -> None:
     """The chain of bodies, each with its mass, joint and capsules; the payload and the tool in the last."""
     assert robot.inertia is not None
     _add_capsules(world, robot, 0)
@@ -183,9 +185,6 @@ def _add_bodies(world: ET.Element, robot: Robot, step: float) -> None:
         for attribute, values in _JOINT.items():
             if (value := float(getattr(robot.inertia, values)[i])) > 0.0:
                 joint.set(attribute, repr(value))
-        if "frictionloss" in joint.attrib:
-            joint.set("solreffriction", _words([STIFF_STEPS * step, 1.0]))
-            joint.set("solimpfriction", STIFF_SOLIMP)
         _add_capsules(body, robot, i + 1)
     if robot.payload is not None:
         _add_inertial(ET.SubElement(body, "body", _place(robot.tool), name="payload"), robot.payload.bodies[0])

@@ -112,7 +112,7 @@ class Outcome:
     rounds : tuple of Round
         The motion and its corrections.
     error : ErrorSplit or None
-        Of the last round at its end; None where nothing was executed.
+        Of the last round at its end; None where there is none.
     along : PathSplit or None
         Of the first round, along its path.
     target : (4, 4) array or None
@@ -174,8 +174,9 @@ class Outcome:
 
     @property
     def tool(self) -> Array | None:
-        """Where the tool really is at the end (3,) [m]; None where nothing was executed."""
-        return self.rounds[-1].tool if self.rounds else None
+        """Where the tool really is at the end, stopped or not (3,) [m]; None where nothing was executed."""
+        q = self.executions[-1].q[-1:] if self.executions else np.empty((0, self.robot.n))
+        return self.robot.fk(q[0])[:3, 3] if len(q) and np.isfinite(q).all() else None
 
     def __str__(self) -> str:
         lines = [f"{self.status}" + (f" at step {self.failed.name}" if self.failed is not None else "")]

@@ -15,8 +15,8 @@ from planners.cell import Drive, ExecutionStatus, Moment, drives, make_drive
 from tests.outside import everything
 from tests.planners.cases import START, default_line, paper6r
 
-NEEDS_MORE = ("mujoco", "ros")
-"""Drives that need a package or a transport: they have tests of their own."""
+NEEDS_MORE = ("ros",)
+"""Drives that need a transport: they have tests of their own."""
 NAMES = tuple(name for name in everything("planners.cell.drives") if name not in NEEDS_MORE)
 each_drive = pytest.mark.parametrize("name", NAMES, ids=[name.rpartition("/")[2] for name in NAMES])
 NEAR = 1e-3

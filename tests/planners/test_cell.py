@@ -168,19 +168,35 @@ def test_a_step_that_fails_ends_the_task_with_its_name_and_reason_and_the_arm_at
     assert f"{status} at step {name}" in str(outcome) and outcome.to_dict()["failed"] == name
 
 
-def test_a_certificate_that_does_not_hold_is_not_executed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tolerance that no motion keeps stands for a certificate that fails."""
+def test_a_motion_whose_certificate_does_not_hold_is_not_executed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of a nanometre, which the law's cubics in time do not keep."""
     from planners.cell import _task
 
-    monkeypatch.setattr(_task, "plan", lambda *a, **k: planners.plan(*a, **k, tolerance=(1e-16, 1e-16)))
-    outcome = cell_of().move_to_spot(EXACT.reading(SPOT))
-    assert not outcome and outcome.failed.name in ("joints", "certificate") and not outcome.executions
+    monkeypatch.setattr(_task, "plan", lambda *a, **k: planners.plan(*a, **k, tolerance=(1e-10, 1e-10)))
+    outcome = cell_of().move_to_spot(EXACT.reading(SPOT), timing="ruckig")
+    assert outcome.status is CellStatus.NO_PLAN and outcome.failed.name == "certificate" and not outcome.executions
+    assert "not_proved" in outcome.reason and [s.name for s in outcome.steps[-3:-1]] == ["joints", "timing"]
 
 
 @pytest.mark.soak
 def test_what_is_in_the_way_is_named() -> None:
     outcome = cell_of(scene=BOX).move_to_spot(EXACT.reading(SPOT))
     assert outcome.failed.name == "joints" and "box1" in outcome.reason and not outcome.executions
+
+
+@pytest.mark.parametrize("drive", [{}, {"disturbances": (Stall(0, 0.1, until=0.5),)}], ids=["stopped", "blocked"])
+def test_after_a_stop_or_a_fault_the_same_task_goes_on(drive) -> None:
+    cell = cell_of(drive=ideal(**drive))
+    spot = cell.read(SPOT)
+    first = cell.move_to_spot(spot, stop=None if drive else 0.05)
+    assert first.status is (CellStatus.FAULT if drive else CellStatus.STOPPED)
+    assert np.linalg.norm(first.tool - SPOT) > 0.01
+    again = cell.move_to_spot(spot)
+    assert again and np.linalg.norm(again.tool - SPOT) < 3e-6
+    if not drive:  # the rest of the same line
+        line = planners.Line(TOOL, se3.pose(TOOL[:3, :3], SPOT))
+        tools = ARM.fk(again.executions[0].q)
+        assert np.abs(line.pose(line.nearest(tools))[:, :3, 3] - tools[:, :3, 3]).max() < 1e-5
 
 
 def test_misuse_is_refused_by_name() -> None:
@@ -299,6 +315,19 @@ def test_corrections_fall_to_the_noise_of_the_readings() -> None:
     assert 8.0 < sum(scaled) < 51.2  # 0.1 % to 99.9 % of χ²(24)
 
 
+def test_corrections_remove_what_an_unknown_load_leaves() -> None:
+    """Three kilograms that the servos' feed-forward does not know: they hang lower by more than a millimetre."""
+    pytest.importorskip("mujoco")
+    drive = make_drive("mujoco", ARM, q=START, plant=ARM.with_payload(3.0))
+    cell = cell_of(drive=drive)
+    outcome = cell.move_to_spot(cell.read(SPOT), corrections=2)
+    off = [float(np.linalg.norm(each.error)) for each in outcome.rounds]
+    assert outcome and off[0] > 1e-3 and off[1] < 0.3 * off[0] and off[2] < 0.2 * off[0]
+    assert (
+        np.linalg.norm(outcome.error.servo) > 1e-3 and np.linalg.norm(outcome.error.laser) > 1e-3
+    )  # one undoes the other
+
+
 # ---------------------------------------------------------------- the gripper
 
 
@@ -378,3 +407,35 @@ def test_a_spot_that_trembles_within_the_threshold_is_no_reason_to_stop() -> Non
         EXACT.reading(SPOT), follow=lambda t: EXACT.reading(SPOT + 0.003 * np.sin(50.0 * t) * np.eye(3)[0])
     )
     assert outcome and len(outcome.executions) == 1
+
+
+def test_what_moves_less_than_the_threshold_is_still_corrected_at_the_end() -> None:
+    late = SPOT + np.array([0.003, 0.0, -0.002])
+    cell = cell_of(drive=ideal(encoder=np.inf))
+    outcome = cell.move_to_spot(
+        EXACT.reading(SPOT), follow=lambda t: EXACT.reading(SPOT if t < 0.3 else late), corrections=1
+    )
+    assert outcome and [step.name for step in outcome.steps].count("replan") == 0
+    first, second = (float(np.linalg.norm(each.error)) for each in outcome.rounds)
+    assert abs(first - np.linalg.norm(late - SPOT)) < 1e-9 and second < 1e-9
+
+
+def test_a_follower_that_raises_is_heard_only_when_the_arm_is_at_rest() -> None:
+    drive, told = ideal(), []
+
+    def follow(t: float) -> Spot:
+        if t > 0.05:
+            raise RuntimeError("camera unplugged")
+        return EXACT.reading(SPOT)
+
+    with pytest.raises(RuntimeError, match="camera"):
+        cell_of(drive=drive).move_to_spot(EXACT.reading(SPOT), follow=follow, watch=told.append)
+    assert np.abs(told[-1].setpoint - told[-2].setpoint).max() < 1e-6  # it came to rest before
+    assert drive.clock > 0.1
+
+
+def test_a_reading_from_elsewhere_is_said_to_be_taken_as_exact() -> None:
+    cell = cell_of()
+    assert not cell.move_to_spot(cell.read(SPOT)).notes
+    assert "taken as exact" in cell.move_to_spot(EXACT.reading(SPOT + 0.01)).notes[0]
+    assert not cell.move_to_spot(EXACT.reading(SPOT), true_spot=SPOT).notes

@@ -1,4 +1,4 @@
-"""Position servos of simulated motors: their gains, derived from the arm, and their law at every step of the plant."""
+"""Position servos of simulated motors: gains, derived from the arm's inertia, and the law at every step of the plant."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.types import Array
 
-BANDWIDTH = 15.0
-"""Natural frequency of the servos by default [Hz]: position loops of industrial arms are tuned to 10 to 20 Hz, below the
-first resonance of their gears."""
+BANDWIDTH = 10.0
+"""Natural frequency of the servos by default [Hz]: position loops of industrial arms stay below the first resonance of their
+gears, some 10 to 20 Hz."""
 
 DAMPING = 1.0
-"""Damping ratio of the servos by default [1]: no overshoot."""
+"""Damping ratio of the servos by default [1]: no overshoot, but for the filter of the velocity."""
 
-FILTER_SHARE = 0.4
-"""Time constant of the velocity filter, times the natural frequency in rad/s [1]: 4 ms at 15 Hz. One count of an encoder with
-20 bits then changes the torque by 0.6 % of what holds the default arm; the damping of the loop falls to 0.8."""
+FILTER_SHARE = 0.25
+"""Time constant of the filter of the velocity, times the natural frequency in rad/s [1]: 4 ms at 10 Hz. More makes the loop
+ring (the damping ratio of its fast part is 0.65), less makes motors shake by the counts of the encoders."""
 
-DRAWN = 200
-"""Configurations at which the inertia of each joint is looked up: the largest hardly grows beyond."""
+EXAMINED = 20
+"""Configurations at which it is examined whether every joint moves a mass: one is enough but for singular ones."""
 
 FULL_TURN = pi
-"""Position limits are cut to this on both sides for it [rad, m]: joints without limits repeat after a turn."""
+"""Position limits are cut to this on both sides of 0 [rad, m]: joints without limits repeat after a turn."""
 
 
 class Gains(NamedTuple):
-    """Gains of the servos, by joint.
+    """Gains of the servos, by joint: accelerations per error, which the mass matrix turns into torques.
 
     Attributes
     ----------
-    stiffness : (n,) array
-        Torque per difference of position [N·m/rad, N/m].
-    damping : (n,) array
-        Torque per difference of velocity [N·m·s/rad, N·s/m].
     frequency : (n,) array
-        Natural frequency at the joint's largest inertia [rad/s].
+        Natural frequency [rad/s]; its square is the gain of the position [1/s²].
+    damping : (n,) array
+        Gain of the velocity, 2 ζ ω [1/s].
+    filter : (n,) array
+        Time constant of the filter of the velocity [s].
     """
 
-    stiffness: Array
-    damping: Array
     frequency: Array
+    damping: Array
+    filter: Array
 
 
-def gains(robot: Robot, bandwidth: ArrayLike, damping: float, stiffness: ArrayLike | None) -> Gains:
-    """Derive the gains from the arm: those of a mass of each joint's largest inertia on a spring and a damper.
+def gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:
+    """Return the gains of servos under which every joint's error decays like a mass on a spring and a damper.
 
     Parameters
     ----------
@@ -59,10 +59,8 @@ def gains(robot: Robot, bandwidth: ArrayLike, damping: float, stiffness: ArrayLi
         The arm, with masses.
     bandwidth : scalar or (n,) array
         Natural frequency of the joints [Hz].
-    damping : float
+    damping : scalar or (n,) array
         Damping ratio [1].
-    stiffness : scalar or (n,) array, optional
-        Stiffness in place of that of the bandwidth [N·m/rad, N/m].
 
     Returns
     -------
@@ -72,44 +70,24 @@ def gains(robot: Robot, bandwidth: ArrayLike, damping: float, stiffness: ArrayLi
     Raises
     ------
     InvalidInput
-        Numbers that are not above 0, or of another number of joints.
+        Numbers that are not above 0 or of another number of joints, or a joint that moves no mass.
     """
-    inertia = largest_inertia(robot)
+    _check_inertia(robot)
     w = 2.0 * pi * _positive(robot, bandwidth, "bandwidth")
-    spring = inertia * w**2
-    if stiffness is not None:
-        spring = _positive(robot, stiffness, "stiffness")
-        w = np.sqrt(spring / inertia)
-    ratio = _positive(robot, damping, "damping")
-    return Gains(spring, 2.0 * ratio * w * inertia, w)
+    return Gains(w, 2.0 * w * _positive(robot, damping, "damping"), FILTER_SHARE / w)
 
 
-def largest_inertia(robot: Robot) -> Array:
-    """Return the largest inertia that each joint moves, among configurations all over the position limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, with masses.
-
-    Returns
-    -------
-    (n,) array
-        Diagonal of the mass matrix [kg·m², kg].
-
-    Raises
-    ------
-    InvalidInput
-        A joint that moves no mass.
-    """
+def _check_inertia(robot: Robot) -> None:
+    """Raise InvalidInput where a joint moves no mass: no torque would be finite."""
     low, high = np.maximum(robot.limits.lower, -FULL_TURN), np.minimum(robot.limits.upper, FULL_TURN)
     low, high = np.minimum(low, high), np.maximum(low, high)  # limits that begin beyond a turn
-    q = np.random.default_rng(0).uniform(low, high, (DRAWN, robot.n))
-    inertia = np.asarray(np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2).max(axis=0))
-    if not (inertia > 0.0).all():
+    M = robot.mass_matrix(np.random.default_rng(0).uniform(low, high, (EXAMINED, robot.n)))
+    if not (np.linalg.eigvalsh(M) > 0.0).all():
+        inertia = np.diagonal(M, axis1=1, axis2=2).max(axis=0)
         joint = robot.joint_names[int(inertia.argmin())]
-        raise InvalidInput("robot", f"{robot.name!r}, whose joint {joint} moves no mass", "a mass or a motor's inertia")
-    return inertia
+        raise InvalidInput(
+            "robot", f"{robot.name!r}, whose joint {joint} moves no mass", "masses, or inertia of the motors"
+        )
 
 
 def _positive(robot: Robot, value: ArrayLike, argument: str) -> Array:
@@ -121,14 +99,14 @@ def _positive(robot: Robot, value: ArrayLike, argument: str) -> Array:
     return np.broadcast_to(array, (robot.n,)).copy()
 
 
-STIFFNESS, DAMPING_ROW, NEW_SHARE, RESOLUTION, FOLLOWING_ROW, MOST = range(6)
-"""Rows of a servo's tuning: stiffness [N·m/rad, N/m], damping [N·m·s/rad, N·s/m], share of a new difference in the filtered
+POSITION_GAIN, VELOCITY_GAIN, NEW_SHARE, COUNT, FARTHEST_OFF, MOST_TORQUE = range(6)
+"""Rows of what the compiled law takes: gains of position [1/s²] and velocity [1/s], share of a new difference in the filtered
 velocity [1], resolution of the encoder [rad, m] (0 where exact), difference of position at which the motor is switched off
 [rad, m], and largest torque [N·m, N]."""
 
 
 def tuning(found: Gains, step: float, resolution: Array, following: Array, most: Array) -> Array:
-    """Put together what the compiled law takes; one array, as each costs 0.2 µs at every step.
+    """Put together what the compiled law takes: one array, as each costs 0.2 µs at every step.
 
     Parameters
     ----------
@@ -148,12 +126,12 @@ def tuning(found: Gains, step: float, resolution: Array, following: Array, most:
     (6, n) array
         By row, as `servo` takes it [as the rows say].
     """
-    share = step / (FILTER_SHARE / found.frequency + step)
-    return np.array([found.stiffness, found.damping, share, resolution, following, most])
+    share = step / (found.filter + step)
+    return np.array([found.frequency**2, found.damping, share, resolution, following, most])
 
 
 @compiled
-def servo(tuned: Array, asked: Array, position: Array, state: Array, step: float, torque: Array) -> None:
+def servo(tuned: Array, M: Array, asked: Array, position: Array, state: Array, step: float, torque: Array) -> None:
     """Torques of the motors for one step of the plant.
 
     The velocity is the difference of two encoder readings over the step, and so is compared with the difference of two
@@ -164,31 +142,40 @@ def servo(tuned: Array, asked: Array, position: Array, state: Array, step: float
     ----------
     tuned : (6, n) array
         Of `tuning` [as the rows say].
+    M : (n, n) array
+        Mass matrix [kg·m², kg·m, kg].
     asked : (3, n) array
         Commanded positions [rad, m] and velocities [rad/s, m/s], and feed-forward torques [N·m, N].
     position : (n,) array
         Where the encoders are, NaN where one is lost: there, the feed-forward alone acts [rad, m].
-    state : (3, n) array
-        Last readings [rad, m], filtered differences of velocity [rad/s, m/s], and 1 where a motor is off; changed.
+    state : (4, n) array
+        Last readings [rad, m], filtered differences of velocity [rad/s, m/s], 1 where a motor is off, and accelerations that
+        correct the errors [rad/s², m/s²]; changed.
     step : float
         Of the plant [s].
     torque : (n,) array
         Torques of the motors [N·m, N]; overwritten.
     """
-    for i in range(position.size):
-        counts = tuned[RESOLUTION, i]
+    n = position.size
+    for i in range(n):
+        counts = tuned[COUNT, i]
         read = np.round(position[i] / counts) * counts if counts > 0.0 else position[i]
-        wanted = asked[2, i]
+        state[3, i] = 0.0
         if read == read:  # no NaN
             difference = asked[1, i] - (read - state[0, i]) / step
             if difference != difference:  # the encoder is back
                 difference = 0.0
             state[1, i] += tuned[NEW_SHARE, i] * (difference - state[1, i])
-            wanted += tuned[STIFFNESS, i] * (asked[0, i] - read) + tuned[DAMPING_ROW, i] * state[1, i]
-            if abs(asked[0, i] - read) > tuned[FOLLOWING_ROW, i]:
+            if abs(asked[0, i] - read) > tuned[FARTHEST_OFF, i]:
                 state[2, i] = 1.0
+            if state[2, i] == 0.0:
+                error = asked[0, i] - read
+                state[3, i] = tuned[POSITION_GAIN, i] * error + tuned[VELOCITY_GAIN, i] * state[1, i]
         else:
             state[1, i] = 0.0
         state[0, i] = read
-        most = tuned[MOST, i]
+    for i in range(n):
+        wanted, most = asked[2, i], tuned[MOST_TORQUE, i]
+        for j in range(n):
+            wanted += M[i, j] * state[3, j]
         torque[i] = min(max(wanted, -most), most) if state[2, i] == 0.0 else 0.0

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from optik.arm.inertia import Payload
 from optik.arm.robot import Robot
 from optik.check import check_flag
-from optik.dynamics import joint_torques
+from optik.dynamics import joint_torques, mass_matrices
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell._masses import with_masses
@@ -22,9 +22,9 @@ from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
 from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model
 
-CREEP = 1e-4
+CREEP = 1e-5
 """Velocity [rad/s, m/s] below which the feed-forward of Coulomb friction falls to 0, as tanh: a joint that the plan leaves at
-rest has velocities of rounding only, whose signs mean nothing. Ten times more leaves 2e-5 rad at the end of a motion."""
+rest has velocities of rounding only, whose signs mean nothing. Ten times more costs 1e-4 rad in a motion of 12 s."""
 
 BLOCKED = 1e6
 """Coulomb friction of a joint that is blocked, and of a brake where no torque limit says how strong it is [N·m, N]."""
@@ -32,15 +32,21 @@ BLOCKED = 1e6
 SETTLED = 10.0
 """How long the last set-point is held, in time constants of the slowest servo [1]: of an error, 5e-4 is left then."""
 
+SAG = (0.03, 0.003)
+"""Largest difference of the arm's reading and a plan's start without feed-forward, by default [rad, m]: under gravity such
+servos stand off by the acceleration of a free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
+
 
 class MujocoDrive(SimulatedDrive):
     """An arm in MuJoCo, driven by a position servo at each joint.
 
-    At each step of the plant the motor's torque is kp (q_set − q_enc) + kd (q̇_set − q̇_enc) + τ_ff, within the torque
-    limits. q_enc are the encoders' readings, q̇_enc their differences over the step (the set-point's velocity is meant
-    half a step earlier, too), and the difference of velocities is filtered. τ_ff is `Robot.torques` at the interpolated
-    set-point: position, velocity and acceleration of the cubic through the set-points' positions and velocities.
-    Its Coulomb friction has the sign of the set-point's velocity.
+    At each step of the plant the torques of the motors are M (ω² (q_set − q_enc) + 2 ζ ω (q̇_set − q̇_enc)) + τ_ff, within
+    the torque limits: the gains follow from the mass matrix M at the set-point, taken anew every period, so that every
+    joint has the natural frequency ω and the damping ratio ζ in every configuration. q_enc are the encoders'
+    readings, q̇_enc their differences over the step (the set-point's velocity is meant half a step earlier, too), and
+    the difference of velocities is filtered. τ_ff is `Robot.torques` at the interpolated set-point: position, velocity
+    and acceleration of the cubic through the set-points' positions and velocities. Its Coulomb friction has the sign of
+    the set-point's velocity.
 
     A joint whose encoder is lost goes on by τ_ff alone; at rest, its brake holds it. One that is further from its
     set-point than `following` is braked at once. Brakes are as strong as the motor.
@@ -58,17 +64,15 @@ class MujocoDrive(SimulatedDrive):
     feedforward : bool
         Whether τ_ff acts.
     bandwidth : scalar or (n,) array
-        Natural frequency of the servos [Hz], at the largest inertia of each joint.
-    damping : float
-        Damping ratio of the servos [1].
-    stiffness : scalar or (n,) array, optional
-        kp in place of that of the bandwidth [N·m/rad, N/m].
+        Natural frequency of the servos, ω / 2π [Hz].
+    damping : scalar or (n,) array
+        Damping ratio ζ of the servos [1].
     step : float
         Of MuJoCo, at most [s]; a whole number of steps is one period.
     seed : int
         Of the encoders' noise.
     **others
-        As for every simulated drive.
+        As for every simulated drive. Without feed-forward, the default of ``start_tolerance`` is 0.03 rad and 3 mm.
 
     Raises
     ------
@@ -85,17 +89,19 @@ class MujocoDrive(SimulatedDrive):
 
     def __init__(
         self, robot: Robot, q: ArrayLike | None = None, *, plant: Robot | None = None, feedforward: bool = True,
-        bandwidth: ArrayLike = BANDWIDTH, damping: float = DAMPING, stiffness: ArrayLike | None = None,
+        bandwidth: ArrayLike = BANDWIDTH, damping: ArrayLike = DAMPING,
         step: float = PLANT_STEP, seed: int = 0, **others: Any,
     ) -> None:  # fmt: skip
         self._mujoco = import_mujoco("the drive 'mujoco'")
+        self.feedforward = check_flag(feedforward, "feedforward")
+        if not feedforward and isinstance(robot, Robot):
+            others.setdefault("start_tolerance", np.where(robot.prismatic, *reversed(SAG)))
         super().__init__(robot, step=step, seed=seed, **others)
         if step > PLANT_STEP:
             raise InvalidInput(
                 "step", f"{step:g} s", f"at most {PLANT_STEP:g} s, so that friction and servos act in time"
             )
-        self.feedforward = check_flag(feedforward, "feedforward")
-        self._wishes = bandwidth, damping, stiffness
+        self._wishes = bandwidth, damping
         self._build(robot, plant)
         if q is not None:
             self._put(q)
@@ -136,6 +142,7 @@ class MujocoDrive(SimulatedDrive):
         self.gains = gains(model, *self._wishes)
         self.settling = SETTLED / float(self.gains.frequency.min())
         self._chain, self._load = model.chain, model.loads[0]
+        self._M = np.empty((1, robot.n, robot.n))
         self._friction = np.array(self.plant.inertia.coulomb)
         self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
         self._step = self.period / self.steps
@@ -146,7 +153,7 @@ class MujocoDrive(SimulatedDrive):
     def _place(self, q: Array) -> None:
         self._mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[:] = q
-        self._state = np.zeros((3, q.size))
+        self._state = np.zeros((4, q.size))
         self._state[0] = q
         self._now = (
             self._feed_forward(q[None], 0.0 * q[None], 0.0 * q[None])[0] if self.feedforward else np.zeros(q.size)
@@ -171,11 +178,12 @@ class MujocoDrive(SimulatedDrive):
             np.zeros((m, n)) if self.options.noise == 0.0 else self.options.noise * self._noise.standard_normal((m, n))
         )
         clean = self.options.noise == 0.0 and not (lost | frozen).any()
+        mass_matrices(self._chain, self._load.bodies, asked.q[:1], self._M)
         q, dq, torque = np.empty((3, m, n))
-        tuned, state, h, at, motors = self._tuned, self._state, self._step, data.qpos, data.ctrl
+        M, tuned, state, h, at, motors = self._M[0], self._tuned, self._state, self._step, data.qpos, data.ctrl
         for j, row in enumerate(rows):
             read = at if clean else np.where(lost | frozen, instead, at + off[j])
-            servo(tuned, row, read, state, h, motors)
+            servo(tuned, M, row, read, state, h, motors)
             self._mujoco.mj_step(self._model, data)
             q[j], dq[j], torque[j] = at, data.qvel, motors
         self._now = torque[-1].copy()
