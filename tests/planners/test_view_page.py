@@ -163,7 +163,7 @@ def test_a_task_is_shown_with_all_its_executions_and_its_beam() -> None:
     assert np.isnan(shown.path).any(axis=1).sum() == 1
     facts = dict(shown.facts)
     assert facts["Task"] == "arrived"
-    assert facts["Error at the end"].endswith(" mm")
+    assert facts["Error at the end"].endswith(("mm", "nm"))
     assert "NaN" not in page_of(shown)
 
 

@@ -13,7 +13,7 @@ from planners.cell.view.show import Show, Track
 
 ARM_COLOURS = ((217, 138, 61), (143, 153, 166))
 """Colours of the links in turn [RGB], those of the page."""
-PATH_COLOUR, EXECUTED_COLOUR, BEAM_COLOUR = (47, 111, 222), (194, 37, 122), (224, 38, 31)
+PATH_COLOUR, EXECUTED_COLOUR, LASER_COLOUR = (47, 111, 222), (194, 37, 122), (224, 38, 31)
 """Of the path, of the tool's executed path and of the laser beam [RGB], those of the page."""
 OBJECT_COLOUR, LEVEL_COLOUR = (93, 138, 120), (190, 196, 204)
 """Of the scene and of the grid [RGB]."""
@@ -80,9 +80,9 @@ class Stage:
         if show.executed is not None:
             self._polyline("/executed", tool_points(show.robot, show.executed), EXECUTED_COLOUR, 2.5)
         if show.beam is not None:
-            self._polyline("/laser/beam", np.array(show.beam), BEAM_COLOUR, 3.0)
+            self._polyline("/laser/beam", np.array(show.beam), LASER_COLOUR, 3.0)
             for name, point in show.beam._asdict().items():
-                self._ball(f"/laser/{name}", point, 0.012 * self.reach, BEAM_COLOUR, 1.0)
+                self._ball(f"/laser/{name}", point, 0.012 * self.reach, LASER_COLOUR, 1.0)
                 self.server.scene.add_label(f"/laser/{name}/label", {"origin": "laser unit"}.get(name, name))
         self._scene()
 
