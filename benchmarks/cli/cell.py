@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 WAY = (-0.12, 0.0, 0.20)
 """From the tool to the spot where none is typed, in the base frame [m]: the default line of the paper's arm."""
-BEHIND, ASIDE = 0.3, 0.3
-"""Where the laser unit stands: so far behind the arm's base, seen from the spot, and so far to the left [m]; from there
-the beam does not graze the graph paper."""
+ASIDE, RAISED = 0.3, 0.3
+"""Where the laser unit stands: so far to the left of the arm's base, seen towards the spot, and so far above base and spot [m];
+from there the beam does not graze the graph paper."""
 TYPED_NOISE = "0.2,0.5"
 """Noise of the readings where none is typed [mrad, mm]: a unit with encoders of 13 bits and a range finder of its class."""
 
@@ -72,8 +72,9 @@ def cell(
 ) -> None:
     """Move the tool to a spot that the laser shows on the graph paper, as in the paper, executed on a simulated arm.
 
-    A simulated pan-tilt laser beside the arm reads the spot, a straight line to it is planned and certified, a drive
-    executes it, and the error of the tool is split into laser, inverse kinematics, path and servo.
+    A simulated pan-tilt laser beside the arm reads the spot on the graph paper, which lies level on a table. A straight
+    line to it is planned and certified, a drive executes it, and the error of the tool is split into laser, inverse
+    kinematics, path and servo.
     Exit status 0 where the tool arrived; 1 where a step failed, which is named.
 
     Parameters
@@ -101,7 +102,7 @@ def cell(
     limits = limits_of(arm, Wish(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
     there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
     outcome = there.move_to_spot(
-        there.read(point, readings), plane=Plane(point, -laser.pose[:3, 0]), corrections=corrections, readings=readings,
+        there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
         timing=law, ik=ik,
     )  # fmt: skip
     report(outcome, chosen, why, out, as_json)
@@ -184,7 +185,7 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
         ahead = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     ahead = ahead / np.linalg.norm(ahead)
     left = np.cross(up, ahead)
-    pose = se3.pose(np.stack([ahead, left, up], axis=1), ASIDE * left - BEHIND * ahead)
+    pose = se3.pose(np.stack([ahead, left, up], axis=1), ASIDE * left + (max(float(up @ point), 0.0) + RAISED) * up)
     return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
 
 
