@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from benchmarks.kinds._block import Entry
 from benchmarks.kinds._problems import ProblemBlock, check_set
 from benchmarks.kinds.base import Block, Kind
+from benchmarks.kinds.cell.settings import Noise
 from benchmarks.kinds.laws.motions import path_in_file
 from benchmarks.kinds.laws.sets import LineSet
 from benchmarks.kinds.laws.settings import Example, LawBlock
@@ -206,6 +207,7 @@ def _entry(key: str, inner: str, value: Any, where: str) -> Explained:
         "example": described(Example),
         "limits": MOTION_LIMIT_KEYS,
         "targets": _target_keys(),
+        "noise": described(Noise),
     }
     if key in tables:
         about = tables[key].get(inner, Described("", "", ""))

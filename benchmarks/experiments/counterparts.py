@@ -31,7 +31,7 @@ class Counterpart(NamedTuple):
 
 COUNTERPARTS = (
     Counterpart(
-        "Fig. 1, 2, 7, 8, 9", "hardware, control system, workflow, set-up, photograph", "optik plan, not this report"
+        "Fig. 1, 2, 7, 8, 9", "hardware, control system, workflow, set-up, photograph", "optik cell, and the suite cell"
     ),
     Counterpart("Table 1, Fig. 3, eq. 1–2", "modified DH parameters, forward kinematics", "robot paper6r", "misprints"),
     Counterpart("Eq. 3–13, Fig. 4", "Jacobian iteration with damping λ and step size α", "method dls", "methods"),

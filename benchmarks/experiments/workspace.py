@@ -225,11 +225,11 @@ def linear_error(folder: RunFolder) -> Finding:
         "the distance."
     )
     figures = tuple(
-        (f"{method}, {budget} iteration{'s' if budget > 1 else ''}", _fit_words(fit))
+        (f"{method}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(fit))
         for method, at in fits.items()
         for budget, fit in at.items()
     )
-    return Finding("c", claim, _linear_verdict(fits), text, rule, figures)
+    return Finding("c", claim, linear_verdict(fits), text, rule, figures)
 
 
 def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
@@ -249,24 +249,48 @@ def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
     for method, at in fits.items():
         if at:
             budget = max(at, key=lambda b: min(at[b][c].r2 for c in AXIS_ERRORS))
-            words.append(f"{method} after {budget}: {_fit_words(at[budget])}")
+            words.append(f"{method} after {budget}: {fit_words(at[budget])}")
     return (
         ("Where X, Y and Z are nearest to a line: " + "; ".join(words) + ".") if words else "No budget can be judged."
     )
 
 
-def _fit_words(fit: dict[str, Fit]) -> str:
+def fit_words(fit: dict[str, Fit]) -> str:
+    """The fits of one setting at one budget, in words.
+
+    Parameters
+    ----------
+    fit : dict
+        By column.
+
+    Returns
+    -------
+    str
+        R² and exponent of X, Y, Z and the distance.
+    """
     return ", ".join(f"{name} R² {fit[c].r2:.2f} ~d^{fit[c].exponent:.2f}" for c, name in JUDGED_ERRORS.items())
 
 
-def _linear_verdict(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
+def linear_verdict(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
+    """Verdict on claim (c).
+
+    Parameters
+    ----------
+    fits : dict
+        By setting, budget and column.
+
+    Returns
+    -------
+    str
+        "holds", "does not hold" or "holds when …".
+    """
     axes = {m: [b for b, fit in at.items() if all(fit[c].linear for c in AXIS_ERRORS)] for m, at in fits.items()}
     whole = {m: [b for b, fit in at.items() if fit["position_error"].linear] for m, at in fits.items()}
     if all(axes.values()):
         return HOLDS
     for keep, meant in ((axes, ""), (whole, "the distance of the tool is meant, not each axis, and ")):
         if any(keep.values()):
-            settings = ", ".join(f"{m} ({_range(b)} iteration{'s' if b[-1] > 1 else ''})" for m, b in keep.items() if b)
+            settings = ", ".join(f"{m} ({_span(b)} iteration{'s' if b[-1] > 1 else ''})" for m, b in keep.items() if b)
             return f"{PARTLY} {meant}the setting is {settings}"
     return FAILS
 
@@ -303,7 +327,7 @@ def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
     return Fit(float(line.slope), float(line.rvalue) ** 2, float(power.slope))
 
 
-def _range(budgets: list[int]) -> str:
+def _span(budgets: list[int]) -> str:
     return f"{budgets[0]}" if len(budgets) == 1 else f"{budgets[0]} to {budgets[-1]}"
 
 

@@ -30,7 +30,7 @@ EDGE_STEP = 0.01
 POSE_MARGIN = 0.02
 """Distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion stay inside."""
 
-NO_NOISE = "not applicable: without noise all cycles are the same"
+NO_NOISE = "not applicable: nothing varies from cycle to cycle"
 """Why there is no repeatability where nothing varies from cycle to cycle."""
 
 
@@ -260,7 +260,7 @@ def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
             poses[1:, :3, 3] += POSE_SHARE * 0.5 * edge * plane
             found = _reached(robot, solver, poses, centre)
             if found is not None:
-                return Cube(poses, found, float(edge), _cube_words(float(edge)))
+                return Cube(poses, found, float(edge), cube_words(float(edge)))
     raise InvalidInput(
         "q", np.round(centre, 4).tolist(), "a configuration with room for a cube of 10 mm around its tool"
     )
@@ -292,7 +292,19 @@ def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | 
     return np.array(found) if inside else None
 
 
-def _cube_words(edge: float) -> str:
+def cube_words(edge: float) -> str:
+    """How the five poses were chosen, in words.
+
+    Parameters
+    ----------
+    edge : float
+        Of the cube [m].
+
+    Returns
+    -------
+    str
+        Two sentences.
+    """
     return (
         f"Five poses in a diagonal plane of a cube of {1e3 * edge:.0f} mm around the tool at the start: its centre, and a "
         "tenth of the diagonal from each end of the plane's diagonals; the orientation is that of the start. The cube is "
@@ -308,9 +320,11 @@ def _repeatability(positions: Array) -> Array:
 
 def _no_spread(positions: Array, noise: bool) -> str:
     """Why the cycles have no spread; empty where they have one."""
+    if not noise:
+        return NO_NOISE
     if len(positions) < 2:
         return "not applicable: there is only one cycle"
-    return "" if noise and (positions != positions[0]).any() else NO_NOISE
+    return "" if (positions != positions[0]).any() else NO_NOISE
 
 
 def _finite(values: ArrayLike, name: str, shape: tuple[int, ...], expected: str) -> Array:

@@ -19,6 +19,10 @@ from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.running import _warn
 from benchmarks.kinds.answers.run import ANSWER_TYPES
 from benchmarks.kinds.batch.process import measure
+from benchmarks.kinds.cell.facts import EXECUTION_TYPES
+from benchmarks.kinds.cell.iso import ISO_TYPES
+from benchmarks.kinds.cell.spots import SPOT_TYPES
+from benchmarks.kinds.cell.timelaws import LAW_TYPES
 from benchmarks.kinds.clearance.run import ROW_TYPES
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
@@ -212,6 +216,10 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         "`kinds/clearance/": set(ROW_TYPES),
         "`timing/BLOCK--": set(pl.read_parquet(own / "run/timing/laws--*.parquet").columns),
     }
+    executed = {"All executions": {"method", *EXECUTION_TYPES}}
+    for title, types in (("Spots (`what", SPOT_TYPES), ("Cycles (`what", ISO_TYPES), ("Laws (`what", LAW_TYPES)):
+        executed[title] = set(types) - executed["All executions"]
+    found |= executed
     tables = ("samples", "motion", "tool", "frames")
     found |= {f"`line/{t}": set(pl.read_parquet(small_run.path / f"line/{t}.parquet").columns) for t in tables}
     for title, columns in found.items():

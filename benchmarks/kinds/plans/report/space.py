@@ -129,7 +129,7 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
     everything = np.vstack([points, *corners])
     plot = Plot(
         "clearance-space", "Arm and scene where they are nearest",
-        {"scene": _scene(robot.gravity, everything), "margin": dict.fromkeys("lrtb", 0)}, 560,
+        {"scene": axes_in_space(robot.gravity, everything), "margin": dict.fromkeys("lrtb", 0)}, 560,
     )  # fmt: skip
     for picture in pictures:
         when = {"law": [picture["law"]]}
@@ -220,8 +220,21 @@ def _capsule(capsule: Sequence[Any]) -> Array:
     return np.vstack([part for one in lines for part in (one, gap)])
 
 
-def _scene(gravity: Array, points: Array) -> Json:
-    """Axes that hold everything, up as up is."""
+def axes_in_space(gravity: Array, points: Array) -> Json:
+    """Axes with equal scales that hold everything, up as up is.
+
+    Parameters
+    ----------
+    gravity : (3,) array
+        Its direction [1].
+    points : (k, 3) array
+        What must be in view [mm].
+
+    Returns
+    -------
+    dict
+        A scene of Plotly.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.05 * (high - low).max()
     axes = {

@@ -1,0 +1,195 @@
+"""The paper's claims about the workspace, judged on executed motions: by the same rules, with the noise of a whole cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import polars as pl
+from scipy import stats
+
+from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
+from benchmarks.experiments.workspace import (
+    ALMOST_ALL,
+    JUDGED_ERRORS,
+    LEAST_IN_BIN,
+    TWO_MM,
+    Fit,
+    fit,
+    fit_words,
+    linear_verdict,
+    linear_words,
+    nearest_that_hold,
+)
+from benchmarks.statistics import wilson
+
+OTHER_PARTS = ("laser_error", "path_error", "servo_error")
+"""Lengths of the parts of the error that no iteration changes."""
+
+
+def executed_claims(rows: pl.DataFrame) -> list[Finding]:
+    """Findings on claims (a), (b) and (c), as executed.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of spots on graph paper, by all methods; only spots with a known solution count.
+
+    Returns
+    -------
+    list of Finding
+        One for each claim.
+    """
+    known = rows.filter(pl.col("known") & pl.col("budget").is_not_null()).with_columns(axis=_axis())
+    dls = known.filter(pl.col("solver") == "dls")
+    first = dls.filter(pl.col("setting") == dls["setting"][0]) if len(dls) else dls
+    return [_within(first), _more_iterations(first), _linear(dls)]
+
+
+def _axis() -> pl.Expr:
+    """Largest error on one axis; infinite where nothing was executed."""
+    return pl.max_horizontal(*(pl.col(f"error_{axis}").abs() for axis in "xyz")).fill_null(float("inf"))
+
+
+def _within(rows: pl.DataFrame) -> Finding:
+    claim = "With enough iterations the executed tool is within 2 mm of the spot on each of X, Y and Z."
+    rule = (
+        "As for the answers of the iteration: the share of the spots with a known solution at which the executed tool is "
+        "within 2 mm on each axis at the largest budget. Holds if the lower end of its Wilson 95 % interval is at least 99 %. "
+        "Holds when the spot is closer than d if that is so for the spots closer than d, d as large as possible, and those "
+        "are at least half of all. Else it does not hold. A motion that was not executed to its end counts as missed."
+    )
+    if rows.is_empty():
+        return Finding("a", claim, UNTESTED, "No spot was reached for by dls.", rule)
+    most = int(rows["budget"].max())  # type: ignore[arg-type]
+    last = rows.filter(pl.col("budget") == most).sort("distance", "problem", "repeat")
+    within = (last["axis"] <= TWO_MM).to_numpy()
+    count, low = len(within), wilson(int(within.sum()), len(within))[0]
+    text = (
+        f"{rows['setting'][0]}, {most} iterations, executed on the drive {last['drive'][0]}: {100 * within.mean():.1f} % of "
+        f"{count:,} trials are within 2 mm on each axis (at least {100 * low:.1f} % by the interval)."
+    )
+    share = rows.group_by("budget", maintain_order=True).agg(ok=(pl.col("axis") <= TWO_MM).mean()).sort("budget")
+    figures = tuple((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows())
+    if low >= ALMOST_ALL:
+        return Finding("a", claim, HOLDS, text, rule, figures)
+    near = nearest_that_hold(within)
+    if near >= count / 2:
+        d = 1e3 * float(last["distance"][near - 1])
+        text += f" Up to {d:.0f} mm, where {near:,} trials are, the interval begins at 99 %."
+        return Finding("a", claim, f"{PARTLY} the spot is closer than {d:.0f} mm", text, rule, figures)
+    text += (
+        f" {_why_missed(last)}" if (~within).any() else " There are too few trials for an interval that begins at 99 %."
+    )
+    return Finding("a", claim, FAILS, text, rule, figures)
+
+
+def _why_missed(last: pl.DataFrame) -> str:
+    """Which part of the error is the largest in the trials that miss."""
+    missed = last.filter(pl.col("axis") > TWO_MM)
+    executed = missed.filter(pl.col("position_error").is_not_null())
+    parts = {
+        part: float((executed[f"{part}_error"] == _largest(executed)).sum())
+        for part in ("ik", "laser", "path", "servo")
+    }
+    words = [f"{count:.0f} by {part}" for part, count in parts.items() if count]
+    lost = len(missed) - len(executed)
+    words += [f"{lost} were not executed"] if lost else []
+    return f"{len(missed):,} miss, by their largest part: {', '.join(words)}."
+
+
+def _largest(rows: pl.DataFrame) -> pl.Series:
+    return rows.select(most=pl.max_horizontal("ik_error", *OTHER_PARTS))["most"]
+
+
+def _more_iterations(rows: pl.DataFrame) -> Finding:
+    claim = "A larger motion range needs more iterations for the same accuracy, as executed."
+    rule = (
+        "Spearman's rank correlation ρ between distance and the least budget from which on the executed tool is within 2 mm "
+        "on each axis, over the trials that come so far, and the medians of those budgets in ten bins of equal count over "
+        "distance. Holds if ρ ≥ 0.5 with p < 0.001. Holds when medians of many spots are meant if only the medians of the "
+        "bins have ρ ≥ 0.8. Else it does not hold."
+    )
+    if rows.is_empty():
+        return Finding("b", claim, UNTESTED, "No spot was reached for by dls.", rule)
+    needed = needed_budgets(rows).sort("distance", "problem", "repeat")
+    if len(needed) < 10 * LEAST_IN_BIN:
+        return Finding("b", claim, UNTESTED, f"Only {len(needed)} trials come within 2 mm: too few to judge.", rule)
+    far, took = needed["distance"].to_numpy(), needed["needed"].to_numpy()
+    parts = np.array_split(np.arange(len(needed)), 10)
+    medians = [float(np.median(took[p])) for p in parts]
+    if len(set(took.tolist())) == 1:
+        return Finding("b", claim, FAILS, f"All {len(needed):,} trials need {took[0]} iterations.", rule)
+    rank = stats.spearmanr(far, took)
+    level = len(set(medians)) == 1  # equal medians have no rank correlation
+    middle = 0.0 if level else float(stats.spearmanr(np.arange(10), medians).statistic)
+    text = (
+        f"{rows['setting'][0]}: rank correlation {rank.statistic:.2f} over {len(needed):,} trials; the median goes from "
+        f"{medians[0]:g} iterations for the nearest tenth to {medians[-1]:g} for the farthest."
+    )
+    figures = tuple(
+        (f"median iterations, {1e3 * far[p[0]]:.0f} to {1e3 * far[p[-1]]:.0f} mm away", f"{m:g} ({len(p)} trials)")
+        for p, m in zip(parts, medians, strict=True)
+    )
+    if rank.statistic >= 0.5 and rank.pvalue < 1e-3:
+        return Finding("b", claim, HOLDS, text, rule, figures)
+    verdict = f"{PARTLY} medians of many spots are meant, not single ones" if middle >= 0.8 else FAILS
+    return Finding("b", claim, verdict, text, rule, figures)
+
+
+def needed_budgets(rows: pl.DataFrame) -> pl.DataFrame:
+    """The least budget of each trial from which on the executed tool is within 2 mm on each axis.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of one setting, with the column ``axis``, the largest error on one axis [m].
+
+    Returns
+    -------
+    DataFrame
+        ``problem``, ``repeat``, ``distance`` and ``needed`` of the trials that come so far.
+    """
+    return (
+        rows.sort("budget", descending=True)
+        .with_columns(ok=(pl.col("axis") <= TWO_MM).cum_min().over("problem", "repeat"))
+        .filter("ok")
+        .group_by("problem", "repeat", "distance")
+        .agg(needed=pl.col("budget").min())
+    )
+
+
+def _linear(dls: pl.DataFrame) -> Finding:
+    claim = "At a fixed number of iterations the error of the executed tool grows about linearly with distance, on X, Y and Z."
+    rule = (
+        "Medians of |error| in twelve bins of equal count over distance, for each setting of dls and each budget at which the "
+        "iteration's own error is larger than those of laser, path and servo together in most trials. The rest as for the "
+        "answers of the iteration: about linear is R² ≥ 0.9 and an exponent of 0.75 to 1.33. Holds if X, Y and Z each are so "
+        "for every setting at some budget. Holds when … if they are for some settings, or if only the distance between tool "
+        "and spot is. Else it does not hold."
+    )
+    if dls.is_empty():
+        return Finding("c", claim, UNTESTED, "No spot was reached for by dls.", rule)
+    fits = {str(setting): dict(_fits(part)) for (setting,), part in dls.group_by("setting", maintain_order=True)}
+    if not any(fits.values()):
+        why = f"At no budget {12 * LEAST_IN_BIN} trials have an error of which the iteration's own is the largest part."
+        return Finding("c", claim, UNTESTED, why, rule)
+    figures = tuple(
+        (f"{setting}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(found))
+        for setting, at in fits.items()
+        for budget, found in at.items()
+    )
+    return Finding("c", claim, linear_verdict(fits), linear_words(fits), rule, figures)
+
+
+def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
+    done = rows.filter(pl.col("position_error").is_not_null())
+    for (budget,), part in done.sort("budget").group_by("budget", maintain_order=True):
+        if len(part) >= 12 * LEAST_IN_BIN and _iteration_leads(part):
+            yield int(budget), {c: fit(part["distance"].to_numpy(), np.abs(part[c].to_numpy())) for c in JUDGED_ERRORS}
+
+
+def _iteration_leads(part: pl.DataFrame) -> bool:
+    """Whether the error of the iteration is more than all others together, in most trials."""
+    others = part.select(rest=pl.sum_horizontal(*OTHER_PARTS))["rest"]
+    return bool((part["ik_error"] > others).mean() > 0.5)  # type: ignore[operator]

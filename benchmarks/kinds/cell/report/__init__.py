@@ -1,0 +1,28 @@
+"""Sections of the report on the executed cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.kinds.base import Section
+from benchmarks.kinds.cell.report.axes import axes
+from benchmarks.kinds.cell.report.head import claims
+from benchmarks.kinds.cell.report.plant import iso, laws
+from benchmarks.kinds.cell.report.space import space
+from benchmarks.kinds.cell.report.split import split
+
+_SHOWN = Path(__file__).with_name("section.html.j2")
+"""Template of words, boards and tables."""
+
+_VERDICTS = Path(__file__).with_name("claims.html.j2")
+"""Template of the claims."""
+
+SECTIONS = (
+    Section("The paper's claims, as executed", "cell-claims", claims, _VERDICTS, 61),
+    Section("The task in space", "cell-space", space, _SHOWN, 62),
+    Section("Where the error comes from", "cell-split", split, _SHOWN, 63),
+    Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, _SHOWN, 64),
+    Section("ISO 9283, simulated", "cell-iso", iso, _SHOWN, 65),
+    Section("What a time law costs on the plant", "cell-laws", laws, _SHOWN, 66),
+)
+"""What was executed, from the claims to the plant."""

@@ -1,0 +1,316 @@
+"""The executed cell as a kind of suite block: settings, the same rows for any number of workers, and what the report shows."""
+
+from __future__ import annotations
+
+import copy
+import math
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
+from benchmarks.experiments.executed import executed_claims
+from benchmarks.kinds.base import load_kind
+from benchmarks.kinds.cell.facts import facts_of
+from benchmarks.kinds.cell.iso import ISO_TYPES, IsoWork
+from benchmarks.kinds.cell.isorows import figures_of
+from benchmarks.kinds.cell.settings import Noise, read_block
+from benchmarks.kinds.cell.spots import SPOT_TYPES, SpotsWork, errors_of
+from benchmarks.kinds.cell.timelaws import LAW_TYPES
+from benchmarks.kinds.cell.trials import plant_of, trial_of
+from benchmarks.records import RunFolder
+from benchmarks.report.page import write_report
+from benchmarks.report.run import Run
+from benchmarks.run import run_suite
+from benchmarks.suite import Suite, suite_of
+from optik.errors import InvalidInput, UnknownName
+from planners.cell.errors import ErrorSplit
+from planners.cell.iso9283 import NO_NOISE, PathFigures, PoseFigures
+
+START = [20, -35, 40, 25, 50, -30]
+NOISE = {"laser_angle": 2e-4, "laser_range": 5e-4, "laser_position": 2e-4, "friction": 0.1, "payload": 0.05}
+SMALL: dict[str, Any] = {
+    "seed": 7,
+    "cell": [
+        {
+            "id": "spots", "what": "spots", "robot": "paper6r", "drive": "ideal", "payload": 1.0, "set": "graph_paper",
+            "count": 5, "budgets": [1, 3], "noise": NOISE,
+            "options": {
+                "start_deg": START, "normals": ["Y"], "half_size_m": 0.1, "spacing_m": 0.1, "reference_restarts": 1
+            },
+            "methods": [{"solver": "dls"}, {"label": "line", "solver": "lm", "whole": True, "max_problems": 2}],
+            "targets": [{"method": "line", "measure": "worst_split_m", "at_most": 1e-12}],
+        },
+        {
+            "id": "iso", "what": "iso", "robot": "paper6r", "drive": "ideal", "start_deg": START, "law": "smooth",
+            "cycles": 1, "path_cycles": 1,
+        },
+        {
+            "id": "laws", "what": "laws", "robot": "paper6r", "drive": "ideal", "start_deg": START,
+            "moves_m": [[-0.01, 0.0, 0.02]], "laws": [{"law": "smooth"}, {"law": "quintic"}],
+        },
+    ],
+}  # fmt: skip
+
+
+def small() -> Suite:
+    return suite_of("small", SMALL)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return run_suite(small(), tmp_path_factory.mktemp("cell") / "run")
+
+
+def rows(run: RunFolder, block: str) -> pl.DataFrame:
+    found = run.parts("kinds/cell", block)
+    assert found is not None
+    return found
+
+
+def test_two_workers_give_the_rows_of_one(run: RunFolder, tmp_path: Path) -> None:
+    with ThreadPoolExecutor(2) as two:
+        both = run_suite(small(), tmp_path / "both", executor=two)
+    for block in ("spots", "iso", "laws"):
+        assert rows(both, block).equals(rows(run, block)), block
+
+
+def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunFolder) -> None:
+    spots = rows(run, "spots")
+    assert spots.columns == list(SPOT_TYPES)
+    assert spots.group_by("method").len().sort("method").rows() == [
+        ("dls, 1 iteration", 5), ("dls, 3 iterations", 5), ("line", 2)
+    ]  # fmt: skip
+    assert set(spots["status"]) == {"executed"}
+    for axis in "xyz":
+        total = spots.select(
+            s=pl.sum_horizontal(*(pl.col(f"{part}_{axis}") for part in ("laser", "ik", "path", "servo")))
+        )
+        np.testing.assert_allclose(total["s"], spots[f"error_{axis}"], atol=1e-12, rtol=0.0)
+    assert spots["split_rest"].max() <= 1e-12  # type: ignore[operator]
+    line = spots.filter(pl.col("method") == "line")
+    assert line["position_error"].max() < 5e-3  # type: ignore[operator]
+    by_iteration = (
+        spots.filter(pl.col("solver") == "dls").group_by("budget").agg(pl.col("ik_error").median()).sort("budget")
+    )
+    assert by_iteration["ik_error"][1] < 0.01 * by_iteration["ik_error"][0]
+    # all methods see the same reading of a spot
+    assert spots.group_by("problem", "repeat").agg(pl.col("laser_x").n_unique())["laser_x"].to_list() == [1] * 5
+
+
+def test_the_cycles_are_those_of_the_standard_and_the_laws_have_both_durations(run: RunFolder) -> None:
+    iso = rows(run, "iso")
+    assert iso.columns == list(ISO_TYPES)
+    poses = iso.filter((pl.col("test") == "pose") & pl.col("noise"))
+    assert poses.sort("cycle", maintain_order=True)["point"].to_list() == [5, 4, 3, 2, 1]
+    still = figures_of(iso.filter(~pl.col("noise")))
+    assert [type(f) for f in still] == [PoseFigures] * 5 + [PathFigures]
+    assert {f.reason for f in still} == {NO_NOISE}
+    assert max(f.accuracy for f in still) < 1e-5
+    laws = rows(run, "laws")
+    assert laws.columns == list(LAW_TYPES)
+    assert laws.select("method", "timed").rows() == [
+        ("smooth", "own"), ("smooth", "same"), ("quintic", "own"), ("quintic", "same")
+    ]  # fmt: skip
+    assert laws["duration"].round(9).to_list()[1:] == [3.0, 3.0, 3.0]
+    assert laws["duration"][0] < 3.0
+
+
+def test_the_report_labels_every_figure_of_iso_9283_as_simulated(run: RunFolder) -> None:
+    page = write_report(run).read_text(encoding="utf-8")
+    for words in (
+        "The paper&#39;s claims, as executed", "ISO 9283, simulated", "Figure (simulated)", "Fig. 10 as executed",
+        "the four vectors add up", NO_NOISE, "all slowed to the duration of the slowest", "payload, uniform ±5 %",
+    ):  # fmt: skip
+        assert words in page, words
+    read = Run(run)
+    tables = {table.id: table for table in load_kind("cell").tables(read)}
+    assert list(tables) == ["cell-spots-spots", "cell-iso-iso", "cell-laws-laws", "cell-laws-laws-same"]
+    by_hand = rows(run, "spots").filter((pl.col("method") == "dls, 1 iteration") & pl.col("known"))["position_error"]
+    assert tables["cell-spots-spots"].rows[0]["error"] == pytest.approx(1e3 * by_hand.median())  # type: ignore[operator]
+    assert all(row["repeatability"] is None for row in tables["cell-iso-iso"].rows)
+    assert [o.held for o in read.outcomes] == [True]
+
+
+# ---------------------------------------------------------------- noise
+
+
+def test_a_trial_depends_on_its_number_alone_and_stays_inside_its_noise() -> None:
+    block = read_block(SMALL["cell"][0])
+    first, again = (trial_of(block, 7, 3, "spot", 0) for _ in range(2))
+    other = trial_of(block, 7, 4, "spot", 0)
+    assert first.plant == again.plant
+    assert first.rng.normal() == again.rng.normal()
+    assert first.plant != other.plant
+    robot, rng = first.robot, np.random.default_rng(1)
+    assert robot.inertia is not None
+    plants = [plant_of(robot, Noise(friction=0.1, payload=0.05), rng) for _ in range(200)]
+    factors = np.array([p.inertia.coulomb / robot.inertia.coulomb for p in plants if p.inertia is not None])
+    masses = np.array([p.payload.masses[-1] for p in plants if p.payload is not None])
+    assert 0.9 <= factors.min() < 0.905 < 1.095 < factors.max() <= 1.1
+    assert 0.95 <= masses.min() < 0.955 < 1.045 < masses.max() <= 1.05
+    assert trial_of(block, 7, 3, "spot", 0, noise=False).plant == robot
+
+
+def test_the_parts_of_an_error_go_into_the_rows_as_they_are() -> None:
+    parts = [np.array(p) for p in ([1.0, 2, 2], [0.0, 3, 4], [0.0, 0, 0], [1.0, 0, 0])]
+    row = errors_of(ErrorSplit(*parts, np.array([2.0, 5, 6.5])))
+    assert [row[f"{p}_error"] for p in ("laser", "ik", "path", "servo")] == [3.0, 5.0, 0.0, 1.0]
+    assert row["split_rest"] == 0.5
+    assert (row["ik_y"], row["error_z"], row["position_error"]) == (3.0, 6.5, math.sqrt(4 + 25 + 42.25))
+
+
+def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
+    block = read_block(SMALL["cell"][0])
+    problems = np.arange(2)
+    work = SpotsWork(
+        block, "ideal", 7, 0, problems, np.tile(np.eye(4), (2, 1, 1)), np.zeros(6), ("a", "b"), (True, False), (0.1, 0.2),
+        ((True, True), (True, False)), (),
+    )  # type: ignore[arg-type]  # fmt: skip
+    crashed = work.crashed()
+    assert crashed.columns == list(SPOT_TYPES)
+    assert crashed.select("problem", "method", "status").rows() == [
+        (0, "dls, 1 iteration", "crashed"), (0, "dls, 3 iterations", "crashed"), (0, "line", "crashed"),
+        (1, "dls, 1 iteration", "crashed"), (1, "dls, 3 iterations", "crashed"),
+    ]  # fmt: skip
+    assert pl.concat([part.crashed() for part in work.halves()]).equals(crashed)
+    assert IsoWork(block, "ideal", 7, "pose", 0, True).crashed()["status"].to_list() == ["crashed"]  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- settings
+
+
+def changed(block: int, **changes: Any) -> Any:
+    data = copy.deepcopy(SMALL["cell"][block])
+    data.update(changes)
+    return {key: value for key, value in data.items() if value is not None}
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "says"),
+    [
+        (changed(0, what="spot"), InvalidInput, r"^cell 'spots': what: expected one of spots, iso, laws; got 'spot'$"),
+        (changed(0, budgts=[1]), InvalidInput, r"expected 'budgets', .*got the key 'budgts'"),
+        (changed(0, cycles=3), InvalidInput, r"the key 'cycles'"),
+        (changed(0, budgets=[3, 1]), InvalidInput, r"budgets: expected whole numbers"),
+        (changed(0, count=0), InvalidInput, r"count: expected a whole number ≥ 1; got 0"),
+        (changed(0, drive="ros"), InvalidInput, r"drive: expected one of auto, ideal, mujoco; got 'ros'"),
+        (changed(0, laser_m=[1, 2]), InvalidInput, r"laser_m: expected three numbers"),
+        (changed(0, noise={"friction": 1.5}), InvalidInput, r"friction: expected a share below 1; got 1\.5"),
+        (changed(0, noise={"laser_angle": -1e-3}), InvalidInput, r"laser_angle: expected a number, 0 or more"),
+        (changed(0, noise={"laser_angle": math.nan}), InvalidInput, "laser_angle"),
+        (changed(0, noise={"lazer_angle": 1}), InvalidInput, "expected 'laser_angle'"),
+        (changed(0, payload=None), InvalidInput, "no `payload` of the block"),
+        (changed(0, methods=[{"solver": "dsl"}]), UnknownName, "dls"),
+        (
+            changed(0, methods=[{"solver": "dls", "options": {"max_iterations": 3}}]), InvalidInput,
+            "budgets in place of it",
+        ),
+        (changed(0, targets=[{"measure": "rp_mm", "at_most": 1}]), InvalidInput, "measure 'rp_mm'"),
+        (changed(1, start_deg=None), InvalidInput, "no 'start_deg'"),
+        (changed(1, period=0), InvalidInput, r"period: expected seconds above 0; got 0"),
+        (changed(2, laws=[]), InvalidInput, "laws: expected a list that is not empty"),
+        (changed(2, same_duration="yes"), InvalidInput, "same_duration"),
+        (changed(2, moves_m=[[0, 0]]), InvalidInput, "moves_m: expected three numbers"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_one_line_that_names_it(data: Any, error: type[Exception], says: str) -> None:
+    with pytest.raises(error, match=says) as caught:
+        load_kind("cell").settings(data)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (changed(1, start_deg=[1, 2]), "start_deg: expected 6, one a joint"),
+        (changed(1, start_deg=[0, 200, 0, 0, 0, 0]), "inside the limits"),
+        (changed(1, move_m=[3, 0, 0]), "a line that the arm can follow"),
+        (changed(2, moves_m=[[0, 0, 0]]), "a motion"),
+        (changed(0, options={"start_deg": START, "halfsize": 1}), "halfsize"),
+    ],
+)
+def test_what_only_trying_shows_is_refused_before_anything_is_written(data: Any, says: str) -> None:
+    kind = load_kind("cell")
+    with pytest.raises(InvalidInput, match=says):
+        kind.prepare(kind.settings(data), 0)
+
+
+# ---------------------------------------------------------------- the claims
+
+
+def drawn(
+    error: Any, *, budgets: tuple[int, ...] = (1, 2, 4, 8), count: int = 500, other: float = 1e-5
+) -> pl.DataFrame:
+    """Rows of dls whose error on each axis is a function of distance and budget, and whose other parts are small."""
+    distance = np.random.default_rng(5).uniform(0.05, 0.5, count)
+    frames = []
+    for budget in budgets:
+        e = error(distance, budget)
+        frames.append(
+            pl.DataFrame(
+                {
+                    "problem": np.arange(count), "repeat": 0, "solver": "dls", "setting": "dls", "budget": budget,
+                    "drive": "ideal", "known": True, "distance": distance, "error_x": e, "error_y": -e, "error_z": 0.5 * e,
+                    "position_error": 1.5 * e, "ik_error": 1.5 * e, "laser_error": other, "path_error": 0.0,
+                    "servo_error": 0.0,
+                }
+            )
+        )  # fmt: skip
+    return pl.concat(frames)
+
+
+@pytest.mark.parametrize(
+    ("error", "verdicts"),
+    [
+        (lambda d, k: 0.2 * d * 0.2**k, (HOLDS, HOLDS, HOLDS)),
+        (lambda d, k: np.where(d < 0.4, 1e-4, 0.1) + 0 * d, (PARTLY, FAILS, FAILS)),
+        (lambda d, k: 0.1 + 0 * d, (FAILS, UNTESTED, FAILS)),
+        (lambda d, k: 1e-6 + 0 * d, (HOLDS, FAILS, UNTESTED)),
+    ],
+)
+def test_the_claims_as_executed_can_come_out_in_every_way(error: Any, verdicts: tuple[str, ...]) -> None:
+    found = executed_claims(drawn(error))
+    assert [f.key for f in found] == ["a", "b", "c"]
+    for finding, verdict in zip(found, verdicts, strict=True):
+        assert finding.verdict.startswith(verdict), (finding.verdict, finding.summary)
+
+
+def test_a_motion_that_was_not_executed_counts_as_missed() -> None:
+    good = drawn(lambda d, k: 1e-4 * d)
+    lost = good.with_columns(
+        pl.when(pl.col("problem") < 250).then(None).otherwise(pl.col(c)).alias(c)
+        for c in ("error_x", "error_y", "error_z", "position_error")
+    )
+    assert executed_claims(good)[0].verdict == HOLDS
+    finding = executed_claims(lost)[0]
+    assert finding.verdict == FAILS
+    assert "250 were not executed" in finding.summary
+    assert "50.0 %" in finding.summary
+
+
+def test_facts_of_an_execution_are_those_of_its_arrays() -> None:
+    import optik
+    from planners import plan
+    from planners.cell.drives import make_drive
+
+    robot = optik.load("paper6r")
+    q = np.deg2rad(START)
+    execution = make_drive("ideal", robot).execute(plan(robot, q + 0.02, q, timing="smooth"))
+    moved = copy.copy(execution)
+    off = np.zeros_like(execution.q)
+    off[len(off) // 2, 3] = 1e-3
+    object.__setattr__(moved, "q", execution.q + off)
+    object.__setattr__(moved, "torque", np.full_like(execution.q, 2.0))
+    facts = facts_of(moved)
+    assert facts["tracking_rad"] == pytest.approx(1e-3, rel=1e-3)
+    assert facts["tracking_joint"] == robot.joint_names[3]
+    way = np.abs(execution.q[-1] - execution.q[0]).sum()
+    assert facts["energy"] == pytest.approx(2.0 * way, rel=1e-3)  # constant torque times the way of each joint
+    bound = np.abs(execution.plan.certificate.torque.value)
+    assert facts["torque_ratio"] == pytest.approx(2.0 / bound.min(), rel=1e-12)
+    assert facts_of(execution)["torque_ratio"] is None
