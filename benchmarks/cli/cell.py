@@ -17,7 +17,7 @@ from benchmarks.cli.plan import numbers
 from benchmarks.cli.planning import START, Wish, limits_of, start_of
 from benchmarks.cli.shared import AsJson, RobotName, arm_of, err_console, out_console, print_json
 from optik.check import check_count
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.registry import names
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
     """
     from optik.files import write_whole
 
-    page = page_of(outcome, out) if outcome.executions else None
+    page = page_of(outcome, out)
     data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
     file = out.with_suffix(".json")
     write_whole(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
@@ -142,7 +142,9 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
         written = f"data: {file}" if page is None else f"page: {page} (open it in a browser), data: {file}"
         out_console.print(written, highlight=False, soft_wrap=True)
     if outcome.failed is not None:
-        said = f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; try {outcome.advice}"
+        said = (
+            f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; advice: {outcome.advice}"
+        )
         err_console.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
     if not outcome:
         raise typer.Exit(1)
@@ -257,33 +259,34 @@ def drive_of(typed: str) -> tuple[str, str]:
 # ---------------------------------------------------------------- what it says
 
 
-def page_of(outcome: Outcome, file: Path) -> Path:
+def page_of(outcome: Outcome, file: Path) -> Path | None:
     """Write the page that plays the task.
 
     Parameters
     ----------
     outcome : Outcome
-        With at least one execution.
+        What came of it.
     file : Path
         Where to.
 
     Returns
     -------
-    Path
-        The page.
+    Path or None
+        The page; None where the task failed before there was anything to show.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    from dataclasses import replace
-
     from planners.cell.view.page import write_page
-    from planners.cell.view.show import Beam, show_of_execution
+    from planners.cell.view.show import show_of_outcome
 
-    beam = None if outcome.beam is None else Beam(*outcome.beam)
-    write_page(replace(show_of_execution(outcome.executions[0]), beam=beam), file)
+    try:
+        show = show_of_outcome(outcome)
+    except NoSolution:
+        return None
+    write_page(show, file)
     return file
 
 
