@@ -12,6 +12,11 @@
     const text = value.toFixed(digits);
     return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
   };
+  const small = value => { // a deviation, with two digits however small it is
+    if (value === 0 || Math.abs(value) >= 0.01) return number(value, value ? 3 : 0);
+    const [digits, power] = value.toExponential(1).replace("-", "−").split("e");
+    return `${digits}·10${[...power.replace("-", "−")].map(c => (c === "−" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("")}`;
+  };
   const shown = { time: 0, playing: false, track: data.executed ? "executed" : "planned", before: 0, frame: 0 };
 
   // ---- the state at a time
@@ -33,11 +38,11 @@
     cells.forEach((row, i) => {
       row[0].textContent = `${number(per[i] * now.q[i], 2)}${units[i]}`;
       row[1].textContent = `${number(per[i] * now.dq[i], 2)}${units[i]}/s`;
-      if (row[2]) row[2].textContent = `${number(per[i] * (now.q[i] - planned.q[i]), 4)}${units[i]}`;
+      if (row[2]) row[2].textContent = `${small(per[i] * (now.q[i] - planned.q[i]))}${units[i]}`;
     });
     $("tool").textContent = now.tool.map(v => number(1e3 * v, 2)).join(", ");
     $("speed-now").textContent = number(1e3 * Arm.length(now.velocity), 1);
-    if (data.executed) $("off").textContent = number(1e3 * Arm.length(Arm.minus(now.tool, planned.tool)), 4);
+    if (data.executed) $("off").textContent = small(1e3 * Arm.length(Arm.minus(now.tool, planned.tool)));
     $("clock").textContent = `${number(shown.time, 3)} s of ${number(end, 3)} s`;
     $("time").value = shown.time;
     $("time").setAttribute("aria-valuetext", $("clock").textContent);
@@ -79,6 +84,7 @@
   $("time").addEventListener("input", event => { play(false); seek(Number(event.target.value)); });
   $("play").addEventListener("click", () => play(!shown.playing));
   $("which")?.addEventListener("change", event => { shown.track = event.target.value; ask(); });
+  $("magnify")?.addEventListener("change", event => { picture.magnify(Number(event.target.value)); ask(); });
   $("reset").addEventListener("click", () => { picture.fit(); ask(); });
 
   // ---- the camera, by mouse, touch and keys
@@ -198,6 +204,7 @@
   const begin = () => {
     const there = picture.build();
     $("without").hidden = there;
+    picture.magnify(Number($("magnify")?.value || 1));
     ask();
   };
   $("spacing").textContent = picture.spacing >= 1 ? `${picture.spacing} m` : `${Math.round(1e3 * picture.spacing)} mm`;

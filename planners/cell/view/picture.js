@@ -11,8 +11,8 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const path = rows(data.path, 3), up = data.up;
   const boxes = rows(data.scene.boxes, 19).map(b => ({ pose: b.slice(0, 16), edges: b.slice(16) }));
   const rounds = rows(data.scene.rounds, 7), planes = rows(data.scene.planes, 6);
-  const toolPath = Object.fromEntries(Object.entries(tracks).map(([name, track]) =>
-    [name, Array.from({ length: track.count }, (_, k) => arm.tool(track.row(track.q, k)))]));
+  const did = tracks.executed; // the executed path of the tool, and where the planned tool was at its instants
+  const executed = did ? Array.from(did.t, (t, k) => [arm.tool(tracks.planned.at(t).q), arm.tool(did.row(did.q, k))]) : [];
 
   // ---- how large everything is
 
@@ -97,12 +97,16 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     };
     layers.grid.set(gridLines());
     layers.path.set([path]);
-    layers.executed.set(toolPath.executed ? [toolPath.executed] : []);
     layers.beam.set(data.beam ? [data.beam] : []);
     layers.boxes.set(boxes.flatMap(faces).reduce((out, v, k, all) => (k % 2 ? out : [...out, [v, all[k + 1]]]), []));
     layers.planes.set(planes.flatMap(p => { const c = square(p); return [0, 1, 2, 0, 2, 3].map(k => [c[k], p.slice(3)]); }));
     layers.edges.set([...boxes.flatMap(edges), ...planes.map(p => { const c = square(p); return [...c, c[0]]; })]);
     return true;
+  };
+
+  /** Draw the executed path so many times as far from the planned tool as it was. */
+  const magnify = factor => {
+    if (surface) layers.executed.set([executed.map(([planned, done]) => plus(planned, minus(done, planned), factor))]);
   };
 
   const bodies = poses => {
@@ -201,5 +205,5 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   });
 
   theme();
-  return { build, draw, fit, theme, camera, spacing, reach, toolPath };
+  return { build, draw, fit, theme, magnify, camera, spacing, reach, executed };
 };
