@@ -25,7 +25,7 @@ FILTER_SHARE = 0.25
 """Time constant of the filter of the velocity, times the natural frequency in rad/s [1]: 4 ms at 10 Hz. More makes the loop
 ring (the damping ratio of its fast part is 0.65), less makes motors shake by the counts of the encoders."""
 
-FASTEST = 1.0
+FASTEST_GAIN = 1.0
 """Largest gain of the velocity, and natural frequency in rad/s, times the step of the plant [1]: beyond, a servo does more in
 one step than it corrects, and motors shake between their limits (from 160 Hz on at 0.5 ms)."""
 
@@ -97,8 +97,8 @@ def check_step(found: Gains, step: float) -> None:
         Gains at which they would not be stable.
     """
     fastest = float(np.maximum(found.frequency, found.damping).max())
-    if fastest * step > FASTEST:
-        wanted = f"gains of at most {FASTEST / step:.0f} 1/s at steps of {1000.0 * step:g} ms, or a smaller step"
+    if fastest * step > FASTEST_GAIN:
+        wanted = f"gains of at most {FASTEST_GAIN / step:.0f} 1/s at steps of {1000.0 * step:g} ms, or a smaller step"
         raise InvalidInput("bandwidth, damping", f"a gain (ω, 2 ζ ω) of {fastest:.0f} 1/s", wanted)
 
 

@@ -36,8 +36,8 @@ DIVERGED = 1e6
 """Velocity of a joint above which the simulation is not stable [rad/s, m/s]: no motor turns so fast."""
 
 SAG = (0.03, 0.003)
-"""Largest difference of the arm's reading and a plan's start without feed-forward, by default [rad, m]: under gravity such
-servos stand off by the acceleration of a free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
+"""Largest difference of the arm's reading and a plan's start or end without feed-forward, by default [rad, m]: under gravity
+such servos stand off by the acceleration of a free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
 
 
 class MujocoDrive(SimulatedDrive):
@@ -75,7 +75,8 @@ class MujocoDrive(SimulatedDrive):
     seed : int
         Of the encoders' noise.
     **others
-        As for every simulated drive. Without feed-forward, the default of ``start_tolerance`` is 0.03 rad and 3 mm.
+        As for every simulated drive. Without feed-forward, the default of ``start_tolerance`` and ``end_tolerance`` is
+        0.03 rad and 3 mm.
 
     Raises
     ------
@@ -98,7 +99,8 @@ class MujocoDrive(SimulatedDrive):
         self._mujoco = import_mujoco("the drive 'mujoco'")
         self.feedforward = check_flag(feedforward, "feedforward")
         if not feedforward and isinstance(robot, Robot):
-            others.setdefault("start_tolerance", np.where(robot.prismatic, *reversed(SAG)))
+            sag = np.where(robot.prismatic, *reversed(SAG))
+            others = {"start_tolerance": sag, "end_tolerance": sag, **others}
         super().__init__(robot, step=step, seed=seed, **others)
         if step > PLANT_STEP:
             raise InvalidInput(
