@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from planners.cell.drives.base import Drive, Execution
     from planners.plan import Plan
 
-DRIVES = names("planners.cell.drives")
+DRIVE_NAMES = names("planners.cell.drives")
 """Names of the drives, for the help."""
 EXECUTION = "optik-execution/1"
 """Value of the key ``format`` in every file of an execution; a change of the keys needs another number."""
@@ -47,7 +47,7 @@ class Reached(NamedTuple):
 
 def drive(
     plan: Annotated[Path, typer.Argument(help="A motion that `optik plan --out` wrote: .json, .npz or .csv.")],
-    on: Annotated[str, typer.Option(help=f"One of: {', '.join(DRIVES)}; or a file: ./drive.py.")] = "ideal",
+    on: Annotated[str, typer.Option(help=f"One of: {', '.join(DRIVE_NAMES)}; or a file: ./drive.py.")] = "ideal",
     url: Url = None,
     via: Via = "rosbridge",
     action: Action = None,
