@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -209,7 +210,7 @@ class Task:
 
     # ------------------------------------------------------------ from the line to its execution
 
-    def _planned(self) -> Plan | None:
+    def _planned(self, law: TimeLaw) -> Plan | None:
         """Steps "line", "joints", "timing" and "certificate"; None where the tool is at its target already."""
         since, cell, robot = perf_counter(), self.cell, self.cell.robot
         q = self._measured_start()
@@ -222,16 +223,20 @@ class Task:
             self._add("line", "the tool is there already", line, since)
             return None
         self._add("line", f"{_length(line)} long", line, since)
-        found = self._plan(line, q)
+        found = self._plan(line, q, law)
         if found and found.trajectory.duration < cell.drive.period and found.speed is None:
-            found = self._plan(line, q, cell.drive.period)
+            found = self._plan(line, q, law, cell.drive.period)
         self._add_planned(found)
+        if found.trajectory.duration < cell.drive.period:
+            took = f"the motion takes {found.trajectory.duration:.3g} s at the tool speed that was asked"
+            reason = f"{took}, less than the servo's period of {cell.drive.period:g} s"
+            raise self._fail("execution", CellStatus.REFUSED, reason, "a lower tool speed, or a law without one")
         return found
 
-    def _plan(self, line: Line, q: Array, duration: float | None = None) -> Plan:
+    def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
         cell, wishes = self.cell, self.wishes
         return plan(
-            cell.robot, line, q, ik=self.solver, timing=wishes.law, limits=cell.limits, samples=wishes.samples,
+            cell.robot, line, q, ik=self.solver, timing=law, limits=cell.limits, samples=wishes.samples,
             duration=duration, scene=cell.scene, margin=cell.margin,
         )  # fmt: skip
 
@@ -308,7 +313,7 @@ class Task:
         follow, most = self.wishes.follow, self.wishes.most_replans
         for replans in range(most + 1):
             self._stopped_by_spot = False
-            found = self._planned()
+            found = self._planned(self.wishes.law)
             execution = None if found is None else self._executed(found, self._stop())
             if follow is not None:
                 self._see(follow(self.clock))
@@ -363,7 +368,11 @@ class Task:
             return
         self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + rest)
         self._stopped_by_spot = False
-        found = self._planned()
+        law = self.wishes.law
+        if law.speed is not None:  # a correction is too short to come to a tool speed that was asked
+            law = copy(law)
+            law.speed = None
+        found = self._planned(law)
         if found is not None:
             self._arrived(found, self._executed(found, self.wishes.stop))
 

@@ -83,6 +83,27 @@ def test_an_orientation_that_was_asked_is_reached() -> None:
     assert np.abs(oracles.fk(oracles.PAPER, outcome.executions[-1].q[-1])[:3, :3] - R).max() < 1e-8
 
 
+def test_a_way_shorter_than_a_servo_period_takes_a_whole_one() -> None:
+    near = TOOL[:3, 3] + np.array([0.0, 2e-8, 0.0])  # the limits allow it in 2 ms
+    outcome = cell_of(drive=ideal(encoder=np.inf)).move_to_spot(EXACT.reading(near))
+    assert outcome and outcome.executions[0].motion.end == pytest.approx(0.004, abs=1e-12)
+    assert np.abs(outcome.tool - near).max() < 1e-12
+    there = cell_of(drive=ideal(encoder=np.inf)).move_to_spot(EXACT.reading(TOOL[:3, 3]))
+    assert there and not there.executions and there.steps[-1].reason == "the tool is there already"
+
+
+def test_a_tool_speed_that_was_asked_is_kept_and_corrections_need_not_come_to_it() -> None:
+    v, w = sides(1)
+    law = planners.make_law("constant_speed", speed=0.2)
+    cell = cell_of(unit=EXACT.with_pose(turned(BESIDE, v, w)))
+    outcome = cell.move_to_spot(cell.read(SPOT), timing=law, corrections=1)
+    assert outcome and outcome.rounds[0].plan.speed == 0.2 and outcome.rounds[1].plan.speed is None
+    fast = planners.MotionLimits(velocity=100.0, acceleration=1e6, jerk=1e10)
+    spot = EXACT.reading(TOOL[:3, 3] + np.array([0.0, 1e-4, 0.0]))
+    short = cell_of(limits=fast).move_to_spot(spot, timing=law)  # the servo's period would change the speed
+    assert short.status is CellStatus.REFUSED and short.failed.name == "execution" and "period" in short.reason
+
+
 def test_a_spot_on_the_graph_paper_needs_no_range() -> None:
     plane = Plane(SPOT, [0.3, 1.0, -0.2])
     pan, tilt, _ = EXACT.reading(SPOT)
