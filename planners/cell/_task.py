@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
+from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -61,20 +62,20 @@ Look = Callable[[], Spot]
 class Wishes:
     """What was asked of a task; see `Cell.move_to_spot`."""
 
-    orientation: Array | None
-    corrections: int
-    readings: int
     law: TimeLaw
     ik: str | os.PathLike[str] | IKSolver
-    samples: int
-    plane: Plane | None
-    true_spot: Array | None
-    follow: Follow | None
-    moved: float
-    most_replans: int
-    look: Look | None
     stop: StopRequest | None
     watch: Watcher | None
+    orientation: Array | None = None
+    corrections: int = 0
+    readings: int = 1
+    samples: int = 151
+    plane: Plane | None = None
+    true_spot: Array | None = None
+    follow: Follow | None = None
+    moved: float = inf
+    most_replans: int = 0
+    look: Look | None = None
 
 
 class Ended(Exception):
@@ -142,6 +143,29 @@ class Task:
             self._reach()
             for _ in range(self.wishes.corrections):
                 self._correct()
+        except Ended as ended:
+            status = ended.status
+        return self._outcome(status)
+
+    def resume(self, outcome: Outcome) -> Outcome:
+        """Go on with a task that was stopped while the arm moved.
+
+        Parameters
+        ----------
+        outcome : Outcome
+            How it ended; its last execution was stopped.
+
+        Returns
+        -------
+        Outcome
+            Of the rest of the way.
+        """
+        self.spot, self.true_spot, self.target = outcome.spot, outcome.true_spot, outcome.target
+        since, status = perf_counter(), CellStatus.ARRIVED
+        try:
+            execution = self.cell.drive.resume(outcome.executions[-1], stop=self.wishes.stop, watch=self.wishes.watch)
+            self._ended(execution, since)
+            self._arrived(execution.plan, execution)
         except Ended as ended:
             status = ended.status
         return self._outcome(status)
@@ -264,7 +288,10 @@ class Task:
     def _executed(self, found: Plan, stop: StopRequest | None) -> Execution:
         """Step "execution", or "stop" where a spot that moved stopped it."""
         since = perf_counter()
-        execution = self.cell.drive.execute(found, stop=stop, watch=self.wishes.watch)
+        return self._ended(self.cell.drive.execute(found, stop=stop, watch=self.wishes.watch), since)
+
+    def _ended(self, execution: Execution, since: float) -> Execution:
+        """The step that an execution was, judged by how it ended."""
         if execution.t.size:
             self.clock += float(execution.t[-1])
         if execution:
