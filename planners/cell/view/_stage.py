@@ -124,7 +124,8 @@ class Stage:
 
     def _look(self, up: Array) -> None:
         """Stand the camera upright beside the path."""
-        middle = self.show.path[len(self.show.path) // 2]
+        course = self.show.path[np.isfinite(self.show.path).all(axis=1)]  # a row of NaN is between two paths
+        middle = course[len(course) // 2]
         level = middle - (middle @ up) * up
         x, y = _across(up) if np.linalg.norm(level) < 0.01 * self.reach else (level, np.cross(up, level))
         side = x / np.linalg.norm(x) + y / np.linalg.norm(y)

@@ -71,7 +71,7 @@ class Viewer:
     def url(self) -> str:
         """Where it is served."""
         host = self.server.get_host()
-        shown = f"[{host}]" if ":" in host else host
+        shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)
         return f"http://{shown}:{self.server.get_port()}"
 
     def close(self) -> None:

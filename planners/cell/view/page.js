@@ -149,14 +149,8 @@
       const raw = (high - low) / 4, power = 10 ** Math.floor(Math.log10(raw)), step = [1, 2, 5, 10].find(m => m * power >= raw) * power;
       return Array.from({ length: 12 }, (_, k) => (Math.ceil(low / step) + k) * step).filter(v => v <= high + 1e-9 * step);
     };
-    const draw = () => {
-      const ratio = devicePixelRatio, width = board.clientWidth, height = board.clientHeight, order = Number($("order").value);
-      board.width = Math.round(width * ratio);
-      board.height = Math.round(height * ratio);
-      drawing.scale(ratio, ratio);
-      const style = getComputedStyle(board), paint = name => style.getPropertyValue(`--${name}`);
-      let low = 0, high = 0;
-      if (!order) { low = Infinity; high = -Infinity; }
+    const curvesOn = (drawing, width, height, order, paint) => { // all but the time that is shown
+      let low = order ? 0 : Infinity, high = order ? 0 : -Infinity;
       for (const { values } of curves(order)) values.forEach((v, k) => {
         low = Math.min(low, v * data.arm.per[k % arm.n]);
         high = Math.max(high, v * data.arm.per[k % arm.n]);
@@ -184,9 +178,29 @@
         for (let k = 0; k < track.count; k++) drawing.lineTo(x(track.t[k]), y(values[arm.n * k + i] * data.arm.per[i]));
         drawing.stroke();
       }
-      drawing.setLineDash([]);
-      drawing.strokeStyle = paint("ink");
-      drawing.strokeRect(x(shown.time), edge.top, 0, height - edge.top - edge.bottom);
+    };
+    const still = document.createElement("canvas"); // what does not change with time is drawn once
+    let drawn = "";
+    const draw = () => {
+      const ratio = devicePixelRatio, width = board.clientWidth, height = board.clientHeight, order = Number($("order").value);
+      const style = getComputedStyle(board), paint = name => style.getPropertyValue(`--${name}`);
+      const wanted = [ratio, width, height, order, paint("ink")].join();
+      for (const canvas of wanted === drawn ? [] : [board, still]) {
+        canvas.width = Math.round(width * ratio);
+        canvas.height = Math.round(height * ratio);
+      }
+      if (wanted !== drawn) {
+        const under = still.getContext("2d");
+        under.scale(ratio, ratio);
+        curvesOn(under, width, height, order, paint);
+        drawn = wanted;
+      }
+      if (!width || !height) return;
+      const x = ratio * (edge.left + (width - edge.left - edge.right) * shown.time / (end || 1));
+      drawing.clearRect(0, 0, board.width, board.height);
+      drawing.drawImage(still, 0, 0);
+      drawing.fillStyle = paint("ink");
+      drawing.fillRect(x - 0.5 * ratio, ratio * edge.top, ratio, ratio * (height - edge.top - edge.bottom));
     };
     const to = event => {
       const box = board.getBoundingClientRect();

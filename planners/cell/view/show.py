@@ -10,8 +10,10 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
+from optik.registry import load_method
 from optik.scene import Scene
 from optik.types import Array
+from planners.cell.drives import drives
 from planners.cell.drives.base import Execution
 from planners.cell.outcome import Outcome
 from planners.certificate.certificate import Certificate
@@ -169,7 +171,7 @@ def show_of_execution(execution: Execution) -> Show:
     if execution.motion is not None:
         planned = execution.motion
         executed, unread = executed_track(execution.t, execution.q, execution.dq)
-    title = f"{execution.robot.name}: {plan.law} on the drive {execution.drive}"
+    title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
     facts = (*_motion_facts(plan.motion), *certificate_facts(plan.certificate), *_execution_facts(execution, unread))
     return Show(
         execution.robot, title, track_of(planned), path_points(plan.path), executed, plan.scene, facts=facts
@@ -327,7 +329,8 @@ def _motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     """Arm, law, path and scene in words."""
     robot, path = motion.robot, motion.path
     shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
-    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else f"{np.degrees(path.end):.4g}° of rotation"
+    turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
+    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn
     rows = [
         ("Arm", f"{robot.name}, {robot.n} joints, {shapes}"),
         ("Path", f"{path.name}, {way}"),
@@ -368,7 +371,7 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
 
 def _execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
     """How an execution ended."""
-    rows = [("Drive", execution.drive), ("Execution", str(execution.status).replace("_", " "))]
+    rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
     if execution.reason:
         rows.append(("Reason", execution.reason))
     if execution.advice:
@@ -377,6 +380,23 @@ def _execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str]
         rows.append(("Late set-points", str(execution.late)))
     rows += [*_unread_facts(unread), *(("Note", note) for note in execution.notes)]
     return tuple(rows)
+
+
+def drive_words(name: str) -> str:
+    """Say which drive it was, and that it is a simulated one.
+
+    Parameters
+    ----------
+    name : str
+        Of the drive.
+
+    Returns
+    -------
+    str
+        For titles and facts.
+    """
+    kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
+    return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
 
 
 def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
@@ -403,7 +423,7 @@ def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
         what = f"Correction {k}" if k else "First motion"
         rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
     if outcome.executions:
-        rows.append(("Drive", outcome.executions[0].drive))
+        rows.append(("Drive", drive_words(outcome.executions[0].drive)))
     rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
     return (*rows, *(("Note", note) for note in outcome.notes))
 
