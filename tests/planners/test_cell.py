@@ -339,7 +339,7 @@ def test_corrections_fall_to_the_noise_of_the_readings() -> None:
     for seed in range(6):
         v, w = sides(seed)
         cell = cell_of(noisy, unit=noisy.with_pose(turned(BESIDE, v, w)), seed=seed, drive=ideal())
-        outcome = cell.move_to_spot(cell.read(SPOT, 3), corrections=2, readings=4)
+        outcome = cell.move_to_spot(cell.read(SPOT, 3), corrections=1, readings=4)
         exact = noisy.reading(SPOT)
         S = noisy.covariance(*exact) * (1.0 / 3.0 + 1.0 / 4.0)
         assert outcome and abs(outcome.floor**2 - np.trace(S)) < 0.02 * np.trace(S)
