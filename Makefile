@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs soak mutants clean
+.PHONY: demo test lint docs drawings soak mutants clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -26,6 +26,10 @@ mutants: $(VENV)/.dev
 # The documentation site, in docs/_build: a page for each file in docs/, and the API from the docstrings.
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build
+
+# The drawings of docs/cell.md, from the objects that they show; a test compares them.
+drawings: $(VENV)/.core
+	$(BIN)/python docs/drawings.py
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

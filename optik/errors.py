@@ -95,10 +95,12 @@ class MissingDependency(OptikError, ImportError):
         The package that could not be imported.
     needed_by : str
         What needs it.
+
+    The message ends with the way to install it: an ``extra`` of this distribution, or ``how`` for what pip does not install.
     """
 
-    def __init__(self, package: str, needed_by: str, extra: str | None) -> None:
-        how = f"pip install 'optik-toolkit[{extra}]'" if extra else f"install the package {package}"
+    def __init__(self, package: str, needed_by: str, extra: str | None, how: str = "") -> None:
+        how = how or (f"pip install 'optik-toolkit[{extra}]'" if extra else f"install the package {package}")
         super().__init__(f"{needed_by} needs the package {package}, which is not installed: {how}")
         self.package = package
         self.needed_by = needed_by

@@ -386,6 +386,26 @@ def _place(joints: JointPath, q: Array, near: float) -> float:
     )
 
 
+def place_on(joints: JointPath, q: ArrayLike, near: float) -> float:
+    """Find the place of a joint path that is nearest to a configuration.
+
+    Parameters
+    ----------
+    joints : JointPath
+        The joint path.
+    q : (n,) array
+        The configuration [rad, m].
+    near : float
+        Which of several places to return, where the path comes to it more than once: the one nearest to this [m, or rad].
+
+    Returns
+    -------
+    float
+        The place [m, or rad].
+    """
+    return _place(joints, np.asarray(q, dtype=np.float64), near)
+
+
 def _refined(joints: JointPath, q: Array, s: float) -> float:
     """Newton's method for the nearest place to q, from one near it."""
     for _ in range(20):

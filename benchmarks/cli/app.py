@@ -15,6 +15,7 @@ import optik
 from benchmarks.cli.bench import bench_app, demo
 from benchmarks.cli.cell import cell
 from benchmarks.cli.doctor import doctor
+from benchmarks.cli.drive import drive
 from benchmarks.cli.output import guard_output
 from benchmarks.cli.peer import bench_peer
 from benchmarks.cli.plan import plan_app
@@ -233,6 +234,7 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 
 command(app)(demo)
 command(app)(doctor)
+command(app)(drive)
 command(app)(cell)
 command(app)(view)
 command(bench_app, "peer")(bench_peer)

@@ -17,7 +17,7 @@ from benchmarks.cli.plan import numbers
 from benchmarks.cli.planning import START, Wish, limits_of, start_of
 from benchmarks.cli.shared import AsJson, RobotName, arm_of, err_console, out_console, print_json
 from optik.check import check_count
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.registry import names
 
 if TYPE_CHECKING:
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 WAY = (-0.12, 0.0, 0.20)
 """From the tool to the spot where none is typed, in the base frame [m]: the default line of the paper's arm."""
-BEHIND, ASIDE = 0.3, 0.3
-"""Where the laser unit stands: so far behind the arm's base, seen from the spot, and so far to the left [m]; from there
-the beam does not graze the graph paper."""
+ASIDE, RAISED = 0.3, 0.3
+"""Where the laser unit stands: so far to the left of the arm's base, seen towards the spot, and so far above base and spot [m];
+from there the beam does not graze the graph paper."""
 TYPED_NOISE = "0.2,0.5"
 """Noise of the readings where none is typed [mrad, mm]: a unit with encoders of 13 bits and a range finder of its class."""
 
@@ -72,8 +72,9 @@ def cell(
 ) -> None:
     """Move the tool to a spot that the laser shows on the graph paper, as in the paper, executed on a simulated arm.
 
-    A simulated pan-tilt laser beside the arm reads the spot, a straight line to it is planned and certified, a drive
-    executes it, and the error of the tool is split into laser, inverse kinematics, path and servo.
+    A simulated pan-tilt laser beside the arm reads the spot on the graph paper, which lies level on a table. A straight
+    line to it is planned and certified, a drive executes it, and the error of the tool is split into laser, inverse
+    kinematics, path and servo.
     Exit status 0 where the tool arrived; 1 where a step failed, which is named.
 
     Parameters
@@ -101,7 +102,7 @@ def cell(
     limits = limits_of(arm, Wish(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
     there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
     outcome = there.move_to_spot(
-        there.read(point, readings), plane=Plane(point, -laser.pose[:3, 0]), corrections=corrections, readings=readings,
+        there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
         timing=law, ik=ik,
     )  # fmt: skip
     report(outcome, chosen, why, out, as_json)
@@ -130,7 +131,7 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
     """
     from optik.files import write_whole
 
-    page = page_of(outcome, out) if outcome.executions else None
+    page = page_of(outcome, out)
     data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
     file = out.with_suffix(".json")
     write_whole(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
@@ -141,7 +142,9 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
         written = f"data: {file}" if page is None else f"page: {page} (open it in a browser), data: {file}"
         out_console.print(written, highlight=False, soft_wrap=True)
     if outcome.failed is not None:
-        said = f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; try {outcome.advice}"
+        said = (
+            f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; advice: {outcome.advice}"
+        )
         err_console.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
     if not outcome:
         raise typer.Exit(1)
@@ -184,7 +187,7 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
         ahead = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     ahead = ahead / np.linalg.norm(ahead)
     left = np.cross(up, ahead)
-    pose = se3.pose(np.stack([ahead, left, up], axis=1), ASIDE * left - BEHIND * ahead)
+    pose = se3.pose(np.stack([ahead, left, up], axis=1), ASIDE * left + (max(float(up @ point), 0.0) + RAISED) * up)
     return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
 
 
@@ -256,33 +259,34 @@ def drive_of(typed: str) -> tuple[str, str]:
 # ---------------------------------------------------------------- what it says
 
 
-def page_of(outcome: Outcome, file: Path) -> Path:
+def page_of(outcome: Outcome, file: Path) -> Path | None:
     """Write the page that plays the task.
 
     Parameters
     ----------
     outcome : Outcome
-        With at least one execution.
+        What came of it.
     file : Path
         Where to.
 
     Returns
     -------
-    Path
-        The page.
+    Path or None
+        The page; None where the task failed before there was anything to show.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    from dataclasses import replace
-
     from planners.cell.view.page import write_page
-    from planners.cell.view.show import Beam, show_of_execution
+    from planners.cell.view.show import show_of_outcome
 
-    beam = None if outcome.beam is None else Beam(*outcome.beam)
-    write_page(replace(show_of_execution(outcome.executions[0]), beam=beam), file)
+    try:
+        show = show_of_outcome(outcome)
+    except NoSolution:
+        return None
+    write_page(show, file)
     return file
 
 

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
+import sys
+from functools import partial
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 import planners
-from benchmarks.cli.shared import out_console
+from benchmarks.cli.shared import err_console, out_console
 from optik.errors import InvalidInput, NoSolution
+from optik.registry import load_method
+from planners.cell.drives import make_drive
+from planners.cell.stored import plan_of
+
+LOCAL = "127.0.0.1"
+"""Address that only this machine reaches."""
 
 STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
 """What the command takes."""
@@ -21,18 +30,25 @@ def view(
     html: Annotated[
         Path | None, typer.Option(help="Write one page that plays it, whole in itself, and end: FILE.html.")
     ] = None,
+    drive: Annotated[
+        str | None, typer.Option(help="Execute it, too, by a simulated drive, followed live: ideal or mujoco.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address to serve on; by default only this machine sees it.")] = LOCAL,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 for any that is free.")] = 8080,
 ) -> None:
-    """Show a motion: the arm with its shapes, the scene, the path and the numbers at every time.
+    """Show a motion in the browser: the arm with its shapes, the scene, the path and the numbers at every time.
+
+    With --html it writes a page that needs nothing else; without, it serves until Ctrl-C. No real arm is ever moved.
 
     Parameters
     ----------
-    plan, html
+    plan, html, drive, host, port
         As ``--help`` says.
 
     Raises
     ------
     InvalidInput
-        A file that holds no motion, a suffix of no page, a port that is in use.
+        A file that holds no motion, a suffix of no page, an address or port that cannot be served on, a drive that is real.
     NoSolution
         The data of a plan that failed.
     OutputError
@@ -41,12 +57,60 @@ def view(
         Without ``--html``, where viser is not installed.
     """
     from planners.cell.view.page import write_page
+    from planners.cell.view.show import show_of, show_of_execution
+
+    if drive is not None:
+        _check_simulated(drive)
+    motion = stored(plan)
+    planned = None if drive is None else plan_of(motion)
+    if html is None:
+        _serve(motion, planned, drive, host, port)
+        return
+    if planned is None:
+        show = show_of(motion)
+    else:
+        execution = make_drive(str(drive), motion.robot).execute(planned)
+        show = show_of_execution(execution)
+        if not execution:
+            err_console.print(f"{drive}: {execution.reason}", style="yellow", highlight=False, soft_wrap=True)
+    write_page(show, html)
+    out_console.print(f"written to {html}: open it in a browser", highlight=False, soft_wrap=True)
+
+
+def _serve(motion: planners.Motion, planned: planners.Plan | None, drive: str | None, host: str, port: int) -> None:
+    """Serve until the process is interrupted."""
+    from planners.cell.view.live import Viewer
     from planners.cell.view.show import show_of
 
-    motion = stored(plan)
-    if html is not None:
-        write_page(show_of(motion), html)
-        out_console.print(f"written to {html}: open it in a browser", highlight=False, soft_wrap=True)
+    make = None if drive is None else partial(make_drive, drive, motion.robot, pace=1.0)
+    viewer = Viewer(show_of(motion if planned is None else planned), host, port, plan=planned, drive=make)
+    if not _is_local(host):
+        words = f"warning: whoever reaches {host} can see this motion" + (
+            " and run the simulated drive" if drive else ""
+        )
+        err_console.print(words, style="yellow", highlight=False, soft_wrap=True)
+    out_console.print(f"{viewer.url} shows {motion.robot.name}; Ctrl-C ends it", highlight=False, soft_wrap=True)
+    sys.stdout.flush()  # a program that starts this one reads the address
+    try:
+        viewer.serve()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        viewer.close()
+
+
+def _check_simulated(name: str) -> None:
+    """Raise unless a drive moves nothing real, before it is built."""
+    if not getattr(load_method("planners.cell.drives", name, "drive"), "simulated", False):
+        raise InvalidInput("--drive", f"{name}, which moves a real arm", "a simulated drive: ideal or mujoco")
+
+
+def _is_local(host: str) -> bool:
+    """Whether only this machine reaches an address."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def stored(file: Path) -> planners.Motion:

@@ -250,7 +250,8 @@ class Task:
         for (name, (said, result)), seconds in zip(made.items(), found.seconds, strict=False):
             if name == failed:
                 assert found.stop is not None
-                reason = f"{found.status}: {found.stop.reason} (s = {found.stop.s:.6g})"
+                place = "" if "s = " in found.stop.reason else f" (s = {found.stop.s:.6g})"
+                reason = f"{found.status}: {found.stop.reason}{place}"
                 self.steps.append(Step(name, False, reason, found.stop.advice, result, seconds))
                 raise Ended(CellStatus.NO_PLAN)
             self.steps.append(Step(name, True, said, "", result, seconds))

@@ -332,7 +332,7 @@ class PanTiltLaser:
         if abs(distance) <= RANGE_SLACK:
             return _failed(SightStatus.AT_UNIT, "the unit's origin lies on the plane", "move the unit off the plane")
         if distance < 0.0:
-            reason = f"the beam goes away from the plane, which it leaves {-distance:.3g} m behind the unit"
+            reason = f"the beam goes away from the plane, which lies {-distance:.3g} m behind the unit along it"
             return _failed(SightStatus.BEHIND, reason, "turn the beam by half a turn, or move the unit")
         point = self.pose[:3, 3] + distance * d
         onto = np.eye(3) - np.outer(d, plane.normal) / along  # along the beam onto the plane

@@ -184,7 +184,7 @@ class Outcome:
             mark = "ok" if step.ok else "FAILED"
             lines.append(f"  {step.name:<12}{1e3 * step.seconds:9.1f} ms  {mark:<6}  {step.reason}")
         if self.advice:
-            lines.append(f"  try: {self.advice}")
+            lines.append(f"  advice: {self.advice}")
         if self.error is not None:
             rows = self.error.to_dict().items()
             lines.append("  error [mm]" + "".join(f"{axis:>11}" for axis in ("x", "y", "z", "length")))

@@ -175,8 +175,24 @@ def test_the_arm_can_be_shown_as_planned(opened: Browser) -> None:
     opened.run(choose.replace("{}", "planned"))
     tool = 1e3 * planned().robot.fk(planned().trajectory(0.0))[:3, 3]
     assert text_of(opened, "tool").replace("−", "-") == ", ".join(f"{v:.2f}" for v in tool)
-    assert text_of(opened, "off") == "0.0000"
+    assert text_of(opened, "off") == "0"
     opened.run(choose.replace("{}", "executed"))
+
+
+def test_the_deviation_is_drawn_larger_on_request(opened: Browser) -> None:
+    robot, motion = planned().robot, planned().trajectory
+    seen = READ.replace("0x11", "0xc2").replace("0x14", "0x25").replace("0x17", "0x7a")  # the executed path's colour
+    once, t = opened.run(seen), np.linspace(0.0, motion.duration, 50)
+    choose = "(w => { w.value = '10'; w.dispatchEvent(new Event('change')); })(document.getElementById('magnify'))"
+    opened.run(choose)
+    tenfold = opened.run(seen)
+    opened.run(choose.replace("10", "1"))
+    right, did = (robot.fk(q)[:, :3, 3] for q in (motion(t), motion(t) + 0.01))
+    up = np.array([0.0, -1.0, 0.0])
+    far, near = ([picture(p, once, up) for p in right + k * (did - right)] for k in (10, 1))
+    moved = np.mean(far, axis=0) - np.mean(near, axis=0)
+    assert np.linalg.norm(moved) > 20.0
+    np.testing.assert_allclose(np.array(tenfold["at"]) - once["at"], moved, atol=10.0)  # parts of it are hidden
 
 
 def test_mouse_wheel_and_two_fingers_move_the_camera(opened: Browser) -> None:

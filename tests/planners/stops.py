@@ -20,7 +20,8 @@ PAYLOADS = {"panda": 2.5, "ur5e": 4.5, "puma560": 2.0}
 KINDS = ("panda torque", "ur5e torque", "iiwa14", "panda torque", "paper6r", "kr6", "ur5e torque", "ur5e speed", "irb120",
          "puma560 torque")  # fmt: skip
 """Arms of the plans in turn: with limits on torque, with a constant tool speed, or drawn limits."""
-LAWS = ("optimal", "ruckig", "optimal", "smooth")
+LAWS = ("optimal", "ruckig", "smooth")
+"""Laws of the plans without limits on torque, drawn."""
 SAMPLES = 4000
 
 
@@ -57,7 +58,7 @@ def drawn(seed: int) -> Iterator[Plan]:
     rng, k = np.random.default_rng([31, seed]), 0
     while True:
         name, _, kind = KINDS[k % len(KINDS)].partition(" ")
-        robot, law = optik.load(name), LAWS[k % len(LAWS)]
+        robot, law = optik.load(name), str(rng.choice(LAWS))
         if kind == "torque":
             robot, law = robot.with_payload(PAYLOADS[name]), "optimal"
         low, high = np.maximum(robot.limits.lower, -3.0), np.minimum(robot.limits.upper, 3.0)

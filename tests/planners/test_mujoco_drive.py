@@ -220,6 +220,7 @@ def test_an_arm_without_masses_gets_stated_ones():
     found = plan(robot, [0.3, 0.2, -0.1, 0.2, 0.4, 0.1], np.zeros(6))
     done = MujocoDrive(robot).execute(found)
     assert done and np.abs(errors(done)).max() <= 2e-5 and done.torque is not None
+    assert MujocoDrive(robot, plant=robot).plant.inertia == MujocoDrive(robot).plant.inertia
     assert "masses of 'irb120' are unknown" in done.notes[0] and "assumed" in done.notes[0]
 
 

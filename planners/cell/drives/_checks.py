@@ -230,7 +230,33 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
         advice = (
             f"see what blocks {names[i]} and whether its encoder moves; then resume, which first goes back to the path"
         )
+        run.stuck = i
         run.fail(Fault(FaultKind.STALL, t, names[i], what, advice), k + options.ahead)
+
+
+def judge_rest(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
+    """Judge where the arm came to rest, at the last tick k.
+
+    Parameters
+    ----------
+    run : Run
+        The execution; changed.
+    k : int
+        Number of the tick.
+    read : (n,) array
+        Reading of the encoders [rad, m].
+    options : Options
+        The drive's.
+    robot : Robot
+        Its arm.
+    """
+    off = np.abs(read - run.stream.q[-1])
+    i = int(np.nan_to_num(off / options.end).argmax())
+    if run.fault is None and off[i] > options.end[i]:
+        joint, t = robot.joint_names[i], k * options.period
+        what = f"{joint} came to rest {off[i]:.3g} off its last set-point, more than {options.end[i]:g}"
+        advice = f"see what blocks {joint}; then resume, which first goes back to the path"
+        run.fail(Fault(FaultKind.STALL, t, joint, f"{what}: it was blocked or is too weak", advice), k)
 
 
 def ending(run: Run) -> tuple[ExecutionStatus, str, str]:

@@ -24,6 +24,9 @@ FOLLOWING = (0.05, 0.005)
 a blocked joint reaches in a quarter of a second."""
 START_AWAY = (1e-3, 1e-4)
 """Largest difference of the arm's reading and a plan's start by default [rad, m]: what a servo may leave under gravity."""
+END_AWAY = (5e-3, 5e-4)
+"""Largest difference of set-point and reading at rest by default [rad, m]: several times what a servo without integral part
+leaves under gravity."""
 HELD_AHEAD = 10
 """How many set-points are sent ahead by default: 40 ms at 4 ms, more than the usual delays of an operating system that is
 not made for real time."""
@@ -44,8 +47,9 @@ class Options(NamedTuple):
         Of the encoders [rad, m]; 0 where exact.
     noise : float
         Standard deviation of the readings [rad, m].
-    following, start : (n,) arrays
-        Largest difference of set-point and reading, and of reading and a plan's start [rad, m].
+    following, start, end : (n,) arrays
+        Largest difference of set-point and reading on the way, of reading and a plan's start, and of set-point and reading
+        at rest [rad, m].
     pace : float or None
         Seconds of the motion per second of the clock on the wall [1]; None for as fast as possible.
     disturbances : tuple
@@ -59,6 +63,7 @@ class Options(NamedTuple):
     noise: float
     following: Array
     start: Array
+    end: Array
     pace: float | None
     disturbances: tuple[Disturbance, ...]
 
@@ -67,7 +72,7 @@ def options(
     robot: Robot, *, period: float = PERIOD, ahead: int = HELD_AHEAD, hold: bool = False,
     encoder: float | ArrayLike = ENCODER, encoder_noise: float = 0.0,
     following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
-    pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
+    end_tolerance: ArrayLike | None = None, pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
 ) -> Options:  # fmt: skip
     """Check the options of a simulated drive.
 
@@ -90,6 +95,8 @@ def options(
         Difference of set-point and reading from which on a joint does not follow [rad, m].
     start_tolerance : scalar or (n,) array, optional
         Largest difference of the arm's reading and a plan's start [rad, m].
+    end_tolerance : scalar or (n,) array, optional
+        Largest difference of set-point and reading where the arm comes to rest [rad, m].
     pace : float, optional
         Seconds of the motion per second of the clock on the wall [1]; by default as fast as possible.
     disturbances : tuple
@@ -114,6 +121,7 @@ def options(
         period, ahead, check_flag(hold, "hold"), _resolution(robot, encoder), noise,
         _by_joint(robot, following, FOLLOWING, "following"),
         _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
+        _by_joint(robot, end_tolerance, END_AWAY, "end_tolerance"),
         pace, _checked(robot, disturbances),
     )  # fmt: skip
 

@@ -151,6 +151,8 @@ class Run:
         Whether it was requested.
     fault : Fault or None
         What went wrong.
+    stuck : int or None
+        Index of the joint that did not follow.
     late : int
         Late ticks.
     notes : list of str
@@ -164,6 +166,7 @@ class Run:
     stopping: bool = False
     requested: bool = False
     fault: Fault | None = None
+    stuck: int | None = None
     late: int = 0
     notes: list[str] = field(default_factory=list)
     t: list[Array] = field(default_factory=list)

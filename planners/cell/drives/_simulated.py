@@ -71,6 +71,7 @@ class SimulatedDrive(Drive):
         """Time that the drive has executed so far, over all executions [s]."""
         self._noise = np.random.default_rng(seed)
         self._frozen: dict[int, float] = {}
+        self._stuck: int | None = None  # the joint that does not follow, for which the present execution is stopped
         self._placed = False
         if q is not None:
             self._put(q)
@@ -198,6 +199,7 @@ class SimulatedDrive(Drive):
                 break
             _checks.arrived(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
+            self._stuck = run.stuck
             if not run.stopping and asked(t):
                 run.requested = True
                 run.stop_at(k + self.options.ahead)
@@ -205,6 +207,7 @@ class SimulatedDrive(Drive):
             run.record(t, now.t[1:], self._advance(now, self._stalled()))
             k += 1
         run.extend(k)
+        _checks.judge_rest(run, k, reading, self.options, self.robot)
 
     def _held_ticks(self) -> int:
         """How many periods the last set-point is held after its tick."""

@@ -36,7 +36,8 @@ class ExecutionStatus(StrEnum):
 class FaultKind(StrEnum):
     """What stopped an execution.
 
-    A set-point outside the limits, a joint that does not follow, a lost encoder, a late host, a connection that failed.
+    A set-point outside the limits, a joint that does not follow, a lost encoder, a late host, a connection that failed, a
+    controller that did not take what was sent or ended it.
     """
 
     SETPOINT = "setpoint"
@@ -44,6 +45,7 @@ class FaultKind(StrEnum):
     ENCODER = "encoder"
     LATE_HOST = "late_host"
     CONNECTION = "connection"
+    CONTROLLER = "controller"
 
 
 class Fault(NamedTuple):

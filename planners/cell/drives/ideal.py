@@ -14,7 +14,8 @@ from planners.cell.drives._simulated import SimulatedDrive
 class IdealDrive(SimulatedDrive):
     """An arm without mass: it is where the interpolated set-points are. Options as for every simulated drive.
 
-    A joint that was stalled catches up with its set-points at its velocity limit.
+    A joint that was stalled for a moment catches up with its set-points at its velocity limit; one for which the arm is
+    stopped stays where it is.
     """
 
     name: ClassVar[str] = "ideal"
@@ -28,6 +29,7 @@ class IdealDrive(SimulatedDrive):
 
     def _advance(self, asked: Commands, stalled: Flags) -> Steps:
         self._behind |= stalled
+        stalled = stalled | (self._behind & (np.arange(self.robot.n) == self._stuck))
         if not self._behind.any():
             self._q = asked.q[-1].copy()
             return Steps(asked.q[1:], asked.dq[1:])

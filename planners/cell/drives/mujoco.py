@@ -136,7 +136,7 @@ class MujocoDrive(SimulatedDrive):
         """The model that the servos know, and the plant."""
         heavy, self._assumed = with_masses(robot)
         self._given = plant
-        self.plant = _checked_plant(heavy, plant)
+        self.plant = _checked_plant(heavy, plant, known=not self._assumed)
         model = _of_one_mass(heavy, middle=True)
         assert model.inertia is not None and self.plant.inertia is not None
         self.gains = gains(model, *self._wishes)
@@ -147,6 +147,7 @@ class MujocoDrive(SimulatedDrive):
         self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
         self._step = self.period / self.steps
         self._tuned = tuning(self.gains, self._step, self.options.resolution, self.options.following, self._most)
+        self._stood = False  # whether the friction of a joint is that of a brake or a block
         self._model = mujoco_model(self.plant, step=self._step)
         self._data = self._mujoco.MjData(self._model)
 
@@ -204,6 +205,10 @@ class MujocoDrive(SimulatedDrive):
         """Set the friction of the joints: their own, that of a brake, or that of something which blocks them."""
         self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
         off = self._state[2] > 0.0
+        stands = off | stalled
+        if not stands.any() and not self._stood:
+            return
+        self._stood = bool(stands.any())
         brakes = np.where(np.isfinite(self._most), self._most, BLOCKED)
         friction = np.where(off, np.maximum(brakes, self._friction), self._friction)
         self._model.dof_frictionloss[:] = np.where(stalled, BLOCKED, friction)
@@ -237,17 +242,17 @@ class MujocoDrive(SimulatedDrive):
 # ---------------------------------------------------------------- arms
 
 
-def _checked_plant(robot: Robot, plant: Robot | None) -> Robot:
-    """The arm that is simulated, with one payload."""
+def _checked_plant(robot: Robot, plant: Robot | None, *, known: bool) -> Robot:
+    """The arm that is simulated, with masses and one payload; where those of the robot are unknown, so may be the plant's."""
     if plant is None:
         return _of_one_mass(robot, middle=False)
     wanted = f"a Robot with masses and the joints of {robot.name!r}, whose masses, friction or payload differ"
-    if not isinstance(plant, Robot) or plant.inertia is None:
+    if not isinstance(plant, Robot) or (known and plant.inertia is None):
         raise InvalidInput("plant", repr(plant)[:60], wanted)
     same = plant.n == robot.n and np.array_equal(plant.fixed, robot.fixed)
     if not same or not np.array_equal(plant.prismatic, robot.prismatic):
         raise InvalidInput("plant", f"{plant.name!r}, whose joints are others", wanted)
-    return _of_one_mass(plant, middle=False)
+    return _of_one_mass(with_masses(plant)[0], middle=False)
 
 
 def _torque_limits(robot: Robot) -> Array:

@@ -12,6 +12,11 @@
     const text = value.toFixed(digits);
     return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
   };
+  const small = value => { // a deviation, with two digits however small it is
+    if (value === 0 || Math.abs(value) >= 0.01) return number(value, value ? 3 : 0);
+    const [digits, power] = value.toExponential(1).replace("-", "−").split("e");
+    return `${digits}·10${[...power.replace("-", "−")].map(c => (c === "−" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("")}`;
+  };
   const shown = { time: 0, playing: false, track: data.executed ? "executed" : "planned", before: 0, frame: 0 };
 
   // ---- the state at a time
@@ -33,11 +38,11 @@
     cells.forEach((row, i) => {
       row[0].textContent = `${number(per[i] * now.q[i], 2)}${units[i]}`;
       row[1].textContent = `${number(per[i] * now.dq[i], 2)}${units[i]}/s`;
-      if (row[2]) row[2].textContent = `${number(per[i] * (now.q[i] - planned.q[i]), 4)}${units[i]}`;
+      if (row[2]) row[2].textContent = `${small(per[i] * (now.q[i] - planned.q[i]))}${units[i]}`;
     });
     $("tool").textContent = now.tool.map(v => number(1e3 * v, 2)).join(", ");
     $("speed-now").textContent = number(1e3 * Arm.length(now.velocity), 1);
-    if (data.executed) $("off").textContent = number(1e3 * Arm.length(Arm.minus(now.tool, planned.tool)), 4);
+    if (data.executed) $("off").textContent = small(1e3 * Arm.length(Arm.minus(now.tool, planned.tool)));
     $("clock").textContent = `${number(shown.time, 3)} s of ${number(end, 3)} s`;
     $("time").value = shown.time;
     $("time").setAttribute("aria-valuetext", $("clock").textContent);
@@ -79,6 +84,7 @@
   $("time").addEventListener("input", event => { play(false); seek(Number(event.target.value)); });
   $("play").addEventListener("click", () => play(!shown.playing));
   $("which")?.addEventListener("change", event => { shown.track = event.target.value; ask(); });
+  $("magnify")?.addEventListener("change", event => { picture.magnify(Number(event.target.value)); ask(); });
   $("reset").addEventListener("click", () => { picture.fit(); ask(); });
 
   // ---- the camera, by mouse, touch and keys
@@ -143,14 +149,8 @@
       const raw = (high - low) / 4, power = 10 ** Math.floor(Math.log10(raw)), step = [1, 2, 5, 10].find(m => m * power >= raw) * power;
       return Array.from({ length: 12 }, (_, k) => (Math.ceil(low / step) + k) * step).filter(v => v <= high + 1e-9 * step);
     };
-    const draw = () => {
-      const ratio = devicePixelRatio, width = board.clientWidth, height = board.clientHeight, order = Number($("order").value);
-      board.width = Math.round(width * ratio);
-      board.height = Math.round(height * ratio);
-      drawing.scale(ratio, ratio);
-      const style = getComputedStyle(board), paint = name => style.getPropertyValue(`--${name}`);
-      let low = 0, high = 0;
-      if (!order) { low = Infinity; high = -Infinity; }
+    const curvesOn = (drawing, width, height, order, paint) => { // all but the time that is shown
+      let low = order ? 0 : Infinity, high = order ? 0 : -Infinity;
       for (const { values } of curves(order)) values.forEach((v, k) => {
         low = Math.min(low, v * data.arm.per[k % arm.n]);
         high = Math.max(high, v * data.arm.per[k % arm.n]);
@@ -178,9 +178,29 @@
         for (let k = 0; k < track.count; k++) drawing.lineTo(x(track.t[k]), y(values[arm.n * k + i] * data.arm.per[i]));
         drawing.stroke();
       }
-      drawing.setLineDash([]);
-      drawing.strokeStyle = paint("ink");
-      drawing.strokeRect(x(shown.time), edge.top, 0, height - edge.top - edge.bottom);
+    };
+    const still = document.createElement("canvas"); // what does not change with time is drawn once
+    let drawn = "";
+    const draw = () => {
+      const ratio = devicePixelRatio, width = board.clientWidth, height = board.clientHeight, order = Number($("order").value);
+      const style = getComputedStyle(board), paint = name => style.getPropertyValue(`--${name}`);
+      const wanted = [ratio, width, height, order, paint("ink")].join();
+      for (const canvas of wanted === drawn ? [] : [board, still]) {
+        canvas.width = Math.round(width * ratio);
+        canvas.height = Math.round(height * ratio);
+      }
+      if (wanted !== drawn) {
+        const under = still.getContext("2d");
+        under.scale(ratio, ratio);
+        curvesOn(under, width, height, order, paint);
+        drawn = wanted;
+      }
+      if (!width || !height) return;
+      const x = ratio * (edge.left + (width - edge.left - edge.right) * shown.time / (end || 1));
+      drawing.clearRect(0, 0, board.width, board.height);
+      drawing.drawImage(still, 0, 0);
+      drawing.fillStyle = paint("ink");
+      drawing.fillRect(x - 0.5 * ratio, ratio * edge.top, ratio, ratio * (height - edge.top - edge.bottom));
     };
     const to = event => {
       const box = board.getBoundingClientRect();
@@ -198,6 +218,7 @@
   const begin = () => {
     const there = picture.build();
     $("without").hidden = there;
+    picture.magnify(Number($("magnify")?.value || 1));
     ask();
   };
   $("spacing").textContent = picture.spacing >= 1 ? `${picture.spacing} m` : `${Math.round(1e3 * picture.spacing)} mm`;

@@ -11,39 +11,42 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const path = rows(data.path, 3), up = data.up;
   const boxes = rows(data.scene.boxes, 19).map(b => ({ pose: b.slice(0, 16), edges: b.slice(16) }));
   const rounds = rows(data.scene.rounds, 7), planes = rows(data.scene.planes, 6);
-  const toolPath = Object.fromEntries(Object.entries(tracks).map(([name, track]) =>
-    [name, Array.from({ length: track.count }, (_, k) => arm.tool(track.row(track.q, k)))]));
+  const did = tracks.executed; // the executed path of the tool, and where the planned tool was at its instants
+  const executed = did ? Array.from(did.t, (t, k) => [arm.tool(tracks.planned.at(t).q), arm.tool(did.row(did.q, k))]) : [];
 
   // ---- how large everything is
 
   /** Middles of the arm's bodies, base first: ends of its capsules, or its joint frames. */
   const armPoints = poses => capsules
-    ? capsules.flatMap(c => [moved(poses[c.link], c.a), moved(poses[c.link], c.b)]) : poses.map(origin);
+    ? capsules.flatMap(c => [c.a, c.b].map(end => ({ p: moved(poses[c.link], end), r: c.r })))
+    : poses.map(T => ({ p: origin(T), r: 0 }));
   const everywhere = Object.values(tracks).flatMap(track => Array.from({ length: 25 }, (_, k) =>
     armPoints(arm.frames(track.at(track.end * k / 24).q))).flat());
-  const reach = Math.max(0.05, ...everywhere.map(length), ...path.map(length));
+  const reach = Math.max(0.05, ...everywhere.map(at => length(at.p)), ...path.map(length).filter(Number.isFinite));
   const corners = box => [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
     moved(box.pose, box.edges.map((e, i) => (k >> i & 1 ? 0.5 : -0.5) * e)));
-  const seen = [[0, 0, 0], ...everywhere, ...path, ...(data.beam || []), ...boxes.flatMap(corners),
-    ...rounds.flatMap(r => [r.slice(0, 3), r.slice(3, 6)])].filter(p => length(p) <= 2.5 * reach);
+  const points = [[0, 0, 0], ...path, ...(data.beam || []), ...boxes.flatMap(corners)];
+  const seen = [...everywhere, ...points.map(p => ({ p, r: 0 })),
+    ...rounds.flatMap(c => [c.slice(0, 3), c.slice(3, 6)].map(p => ({ p, r: c[6] })))].filter(at => length(at.p) <= 2.5 * reach);
 
   // ---- the camera
 
   const camera = Draw.camera(up);
   const fit = () => {
-    const middle = path[path.length >> 1] || [1, 0, 0], level = plus(middle, up, -dot(middle, up));
+    const course = path.filter(p => p.every(Number.isFinite)); // a row of NaN is between two paths
+    const middle = course[course.length >> 1] || [1, 0, 0], level = plus(middle, up, -dot(middle, up));
     camera.azimuth = (length(level) > 0.01 * reach ? camera.towards(level) : 0) + 0.75;
     camera.elevation = 0.35;
     const views = [camera.right, camera.above, camera.back];
     camera.target = [0, 0, 0];
     for (const view of views) {
-      const along = seen.map(p => dot(p, view));
-      camera.target = plus(camera.target, view, 0.5 * (Math.min(...along) + Math.max(...along)));
+      const low = Math.min(...seen.map(({ p, r }) => dot(p, view) - r)), high = Math.max(...seen.map(({ p, r }) => dot(p, view) + r));
+      camera.target = plus(camera.target, view, 0.5 * (low + high));
     }
     const wide = camera.opening * camera.aspect;
-    const needed = seen.map(p => minus(p, camera.target)).map(p =>
-      dot(p, camera.back) + Math.max(Math.abs(dot(p, views[0])) / wide, Math.abs(dot(p, views[1])) / camera.opening));
-    camera.distance = 1.15 * Math.max(0.1 * reach, ...needed);
+    const needed = seen.map(({ p, r }) => ({ p: minus(p, camera.target), r })).map(({ p, r }) =>
+      r + dot(p, camera.back) + Math.max((Math.abs(dot(p, views[0])) + r) / wide, (Math.abs(dot(p, views[1])) + r) / camera.opening));
+    camera.distance = 1.1 * Math.max(0.1 * reach, ...needed);
   };
 
   // ---- what does not move
@@ -97,12 +100,16 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     };
     layers.grid.set(gridLines());
     layers.path.set([path]);
-    layers.executed.set(toolPath.executed ? [toolPath.executed] : []);
     layers.beam.set(data.beam ? [data.beam] : []);
     layers.boxes.set(boxes.flatMap(faces).reduce((out, v, k, all) => (k % 2 ? out : [...out, [v, all[k + 1]]]), []));
     layers.planes.set(planes.flatMap(p => { const c = square(p); return [0, 1, 2, 0, 2, 3].map(k => [c[k], p.slice(3)]); }));
     layers.edges.set([...boxes.flatMap(edges), ...planes.map(p => { const c = square(p); return [...c, c[0]]; })]);
     return true;
+  };
+
+  /** Draw the executed path so many times as far from the planned tool as it was. */
+  const magnify = factor => {
+    if (surface) layers.executed.set([executed.map(([planned, done]) => plus(planned, minus(done, planned), factor))]);
   };
 
   const bodies = poses => {
@@ -201,5 +208,5 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   });
 
   theme();
-  return { build, draw, fit, theme, camera, spacing, reach, toolPath };
+  return { build, draw, fit, theme, magnify, camera, spacing, reach, executed };
 };

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.errors import NoSolution
+from optik.registry import load_method
 from optik.scene import Scene
 from optik.types import Array
+from planners.cell.drives import drives
 from planners.cell.drives.base import Execution
+from planners.cell.outcome import Outcome
 from planners.certificate.certificate import Certificate
+from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS
 from planners.motion import HasMotion, Motion, motion_of
 from planners.paths.base import Path
@@ -39,6 +45,30 @@ class Track(NamedTuple):
     t: Array
     q: Array
     dq: Array
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return the state at a time; at rest outside of the motion.
+
+        Parameters
+        ----------
+        time : float
+            Since the start [s].
+
+        Returns
+        -------
+        tuple of arrays
+            Configuration (n,) [rad, m] and velocities (n,) [rad/s, m/s].
+        """
+        t, q, dq = self
+        if time <= t[0] or len(t) == 1:
+            return q[0], dq[0] if time == t[0] else np.zeros_like(dq[0])
+        if time >= t[-1]:
+            return q[-1], dq[-1] if time == t[-1] else np.zeros_like(dq[-1])
+        k = int(np.searchsorted(t, time, side="right")) - 1
+        h = t[k + 1] - t[k]
+        u, a, b = (time - t[k]) / h, h * dq[k], h * dq[k + 1]
+        c, d = 3.0 * (q[k + 1] - q[k]) - 2.0 * a - b, 2.0 * (q[k] - q[k + 1]) + a + b
+        return q[k] + u * (a + u * (c + u * d)), (a + u * (2.0 * c + 3.0 * u * d)) / h
 
 
 class Beam(NamedTuple):
@@ -137,12 +167,47 @@ def show_of_execution(execution: Execution) -> Show:
         The execution of a plan that failed.
     """
     plan = execution.plan
-    planned = plan.trajectory if execution.motion is None else execution.motion
-    executed, unread = executed_track(execution.t, execution.q, execution.dq)
-    title = f"{execution.robot.name}: {plan.law} on the drive {execution.drive}"
+    planned, executed, unread = plan.trajectory, None, 0
+    if execution.motion is not None:
+        planned = execution.motion
+        executed, unread = executed_track(execution.t, execution.q, execution.dq)
+    title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
     facts = (*_motion_facts(plan.motion), *certificate_facts(plan.certificate), *_execution_facts(execution, unread))
     return Show(
         execution.robot, title, track_of(planned), path_points(plan.path), executed, plan.scene, facts=facts
+    )  # fmt: skip
+
+
+def show_of_outcome(outcome: Outcome) -> Show:
+    """Show what came of a task of the cell: all its executions, one after another, with the laser beam.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of `Cell.move_to_spot`.
+
+    Returns
+    -------
+    Show
+        Its path has a row of NaN between the paths of two motions. Where nothing was executed, of the motion or the joint
+        path that was planned, with the reason among the facts.
+
+    Raises
+    ------
+    NoSolution
+        The task failed before there was a joint path, so that the arm's configuration is not known.
+    """
+    planned, executed, paths, unread = _followed_up(outcome)
+    if not planned:
+        paths = [outcome.robot.fk(track.q)[:, :3, 3] for track in _unexecuted(outcome)]
+        planned = [(0.0, track) for track in _unexecuted(outcome)]
+    gaps = [part for points in paths for part in (np.full((1, 3), np.nan), points)][1:]
+    beam = None if outcome.beam is None else Beam(*outcome.beam)
+    motions = [*certificate_facts(outcome.rounds[0].plan.certificate)] if outcome.rounds else []
+    facts = (*outcome_facts(outcome), *_unread_facts(unread), *motions)
+    return Show(
+        outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _joined(planned),
+        np.vstack(gaps), _joined(executed) if executed else None, outcome.scene, beam, facts,
     )  # fmt: skip
 
 
@@ -189,8 +254,7 @@ def executed_track(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
     unread = int(read.size - read.sum())
     if not t.size:
         return None, unread
-    kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
-    return Track(t[kept], q[kept], dq[kept]), unread
+    return _thinned(t, q, dq), unread
 
 
 def path_points(path: Path) -> Array:
@@ -210,6 +274,54 @@ def path_points(path: Path) -> Array:
     return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
 
 
+def _followed_up(outcome: Outcome) -> tuple[list[tuple[float, Track]], list[tuple[float, Track]], list[Array], int]:
+    """Motions that were sent, what the arm did, each with the time at which it began, the paths, and unread instants."""
+    planned, executed, paths, began, missing = [], [], [], 0.0, 0
+    for execution in outcome.executions:
+        if execution.motion is None:
+            continue
+        did, unread = executed_track(execution.t, execution.q, execution.dq)
+        planned.append((began, track_of(execution.motion)))
+        ends = [execution.motion.duration]
+        if did is not None:
+            executed.append((began, did))
+            ends.append(float(did.t[-1]))
+        paths.append(path_points(execution.plan.path))
+        began, missing = began + max(ends), missing + unread
+    return planned, executed, paths, missing
+
+
+def _unexecuted(outcome: Outcome) -> list[Track]:
+    """The last motion that a task planned and did not execute, or the joint path's start, at which the arm stands."""
+    for step in reversed(outcome.steps):
+        if isinstance(step.result, Trajectory):
+            return [track_of(step.result)]
+        if isinstance(step.result, JointPath):
+            q = step.result(np.zeros(1))
+            return [Track(np.zeros(1), q, np.zeros_like(q))]
+    raise NoSolution(f"nothing was executed: {outcome.reason}", advice=outcome.advice)
+
+
+def _joined(tracks: list[tuple[float, Track]]) -> Track:
+    """Several motions as one, each from the time at which it begins; the arm rests between them."""
+    t, q, dq = (np.concatenate(parts) for parts in zip(*_rested(tracks), strict=True))
+    return _thinned(t, q, dq)
+
+
+def _rested(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array, Array]]:
+    """Instants of every motion, and before the next one begins the last of them once more, at rest."""
+    for k, (began, track) in enumerate(tracks):
+        yield began + track.t, track.q, track.dq
+        if k + 1 < len(tracks) and tracks[k + 1][0] > began + track.t[-1]:
+            yield np.array([tracks[k + 1][0]]), track.q[-1:], np.zeros_like(track.dq[-1:])
+
+
+def _thinned(t: Array, q: Array, dq: Array) -> Track:
+    """At most 2000 of the instants, both ends included."""
+    kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
+    return Track(t[kept], q[kept], dq[kept])
+
+
 # ---------------------------------------------------------------- facts
 
 
@@ -217,7 +329,8 @@ def _motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     """Arm, law, path and scene in words."""
     robot, path = motion.robot, motion.path
     shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
-    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else f"{np.degrees(path.end):.4g}° of rotation"
+    turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
+    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn
     rows = [
         ("Arm", f"{robot.name}, {robot.n} joints, {shapes}"),
         ("Path", f"{path.name}, {way}"),
@@ -258,14 +371,69 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
 
 def _execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
     """How an execution ended."""
-    rows = [("Drive", execution.drive), ("Execution", str(execution.status).replace("_", " "))]
+    rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
     if execution.reason:
         rows.append(("Reason", execution.reason))
     if execution.advice:
         rows.append(("Advice", execution.advice))
     if execution.late:
         rows.append(("Late set-points", str(execution.late)))
-    if unread:
-        rows.append(("Not drawn", f"{unread} instants without an encoder reading of every joint"))
-    rows += [("Note", note) for note in execution.notes]
+    rows += [*_unread_facts(unread), *(("Note", note) for note in execution.notes)]
     return tuple(rows)
+
+
+def drive_words(name: str) -> str:
+    """Say which drive it was, and that it is a simulated one.
+
+    Parameters
+    ----------
+    name : str
+        Of the drive.
+
+    Returns
+    -------
+    str
+        For titles and facts.
+    """
+    kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
+    return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
+
+
+def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
+    """Say how a task of the cell ended: its status, the error and where it comes from, its rounds, steps and notes.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of a task.
+
+    Returns
+    -------
+    tuple of (name, text)
+        Rows of the table.
+    """
+    rows = [("Task", str(outcome.status).replace("_", " "))]
+    if outcome.failed is not None:
+        rows += [("Failed step", outcome.failed.name), ("Reason", outcome.reason), ("Advice", outcome.advice)]
+    if outcome.error is not None:
+        norms = {name: _millimetres(float(size)) for name, size in outcome.error.norms.items()}
+        rows.append(("Error at the end", norms.pop("total")))
+        rows.append(("Parts of it", ", ".join(f"{name} {size}" for name, size in norms.items())))
+    for k, each in enumerate(outcome.rounds):
+        what = f"Correction {k}" if k else "First motion"
+        rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
+    if outcome.executions:
+        rows.append(("Drive", drive_words(outcome.executions[0].drive)))
+    rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
+    return (*rows, *(("Note", note) for note in outcome.notes))
+
+
+def _millimetres(length: float) -> str:
+    """A length [m] in words; what is below a nanometre is rounding."""
+    return f"{1e3 * length:.3g} mm" if length >= 1e-9 else "below 1 nm"
+
+
+def _unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
+    """What is not drawn of an execution."""
+    words = f"{unread} instants without an encoder reading of every joint"
+    return (("Not drawn", words),) if unread else ()

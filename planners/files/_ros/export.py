@@ -111,13 +111,47 @@ def to_ros(
         The file cannot be written.
     """
     suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
-    form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
-    _check_start(motion, start, tolerance, form)
-    message, executed = fit(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
-    sent = _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
+    options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
+    message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, **options)
+    _check_start(motion, start, tolerance, columns_of(motion.robot, joint_names))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
     return sent
+
+
+def ros_message(
+    motion: Motion | HasMotion,
+    *,
+    rate: float | None = None,
+    interpolation: str = "quintic",
+    joint_names: JointNames = None,
+    strict: bool = False,
+    keep_speed: bool = True,
+    frame_id: str = "",
+) -> tuple[dict[str, Any], Sent]:
+    """Make the ``trajectory_msgs/JointTrajectory`` of a motion as plain data, slowed until the controller keeps its limits.
+
+    Parameters
+    ----------
+    motion, rate, interpolation, joint_names, strict, keep_speed, frame_id
+        As for `to_ros`.
+
+    Returns
+    -------
+    message : dict
+        The message; its stamp is 0, which is "now" to the controller.
+    sent : Sent
+        What the controller executes, and its certificate.
+
+    Raises
+    ------
+    InvalidInput, NoSolution
+        As `to_ros`.
+    """
+    motion = motion_of(motion)
+    form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
+    message, executed = fit(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
+    return message, _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
 
 
 def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNames = None) -> Trajectory:
@@ -147,7 +181,7 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
     suffix = suffix_of(file, MESSAGE_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    form = Form("quintic", _columns(robot, joint_names))
+    form = Form("quintic", columns_of(robot, joint_names))
     try:
         return controlled(from_text(text_of(content_of(FilePath(file))), suffix), form.names)
     except InvalidInput as error:
@@ -160,7 +194,7 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
 def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
     if not isinstance(frame_id, str) or not frame_id.isprintable():
         raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
-    return Form(interpolation, _columns(motion.robot, joint_names), frame_id)
+    return Form(interpolation, columns_of(motion.robot, joint_names), frame_id)
 
 
 def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
@@ -173,8 +207,26 @@ def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: 
     return rate
 
 
-def _columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
-    """Index of the joint of each written name, in the order of writing."""
+def columns_of(robot: Robot, joint_names: JointNames) -> dict[str, int]:
+    """Return the index of the joint of each written name, in the order of writing.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    joint_names : mapping or sequence, optional
+        As for `to_ros`.
+
+    Returns
+    -------
+    dict of str to int
+        Indices of the robot's joints by the controller's names.
+
+    Raises
+    ------
+    InvalidInput
+        Other joints than the robot's, or names that are not different.
+    """
     ours = robot.joint_names
     if joint_names is None:
         chosen: dict[Any, Any] = {name: name for name in ours}
@@ -208,15 +260,15 @@ def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
         raise InvalidInput("rate", f"{rate:.9g}", wanted)
 
 
-def _check_start(motion: Motion, start: Any, tolerance: float, form: Form) -> None:
+def _check_start(motion: Motion, start: Any, tolerance: float, columns: dict[str, int]) -> None:
     check_number(tolerance, "tolerance", "rad or m, at least 0", least=0.0)
     if start is None:
         return
     if isinstance(start, Mapping):
-        missing = [name for name in form.columns if name not in start]
+        missing = [name for name in columns if name not in start]
         if missing:
-            raise InvalidInput("start", f"none for {', '.join(missing)}", f"positions of {', '.join(form.columns)}")
-        start = [start[name] for name in form.names]
+            raise InvalidInput("start", f"none for {', '.join(missing)}", f"positions of {', '.join(columns)}")
+        start = [start[name] for name in sorted(columns, key=lambda name: columns[name])]
     off = np.abs(motion.robot.configuration(start, "start") - motion.trajectory(0.0))
     if (off > tolerance).any():
         i = int(np.argmax(off))

@@ -12,11 +12,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optik.errors import InvalidInput, OutputError
+from optik import se3
+from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.scene import Scene
 from optik.types import Array
+from planners.cell import Cell, Outcome, PanTiltLaser, Spot
+from planners.cell.disturbances import Stall
+from planners.cell.drives import make_drive
+from planners.cell.view._stage import capsule_mesh
 from planners.cell.view.page import MOST_PAGE, page_of, write_page
-from planners.cell.view.show import Show, Track, executed_track, show_of, track_of
+from planners.cell.view.show import (
+    Show,
+    Track,
+    executed_track,
+    show_of,
+    show_of_execution,
+    show_of_outcome,
+    track_of,
+)
+from tests.planners.cases import MOVE, START, paper6r
 from tests.planners.motions import planned
 
 EVIL = "</script><script>alert('x')</script> & <b>bold</b>"
@@ -122,3 +136,82 @@ def test_what_cannot_be_written_or_does_not_fit_is_said(show: Show, tmp_path: Pa
 def test_a_single_instant_can_be_shown(show: Show) -> None:
     still = Track(show.planned.t[:1], show.planned.q[:1], show.planned.dq[:1])
     assert data_of(page_of(replace(show, planned=still)))["planned"]["t"]
+
+
+# ---------------------------------------------------------------- tasks of the cell
+
+BESIDE = se3.pose(np.eye(3), [-0.6, 0.2, 0.1])
+
+
+def task(**options: Any) -> Outcome:
+    robot = paper6r()
+    cell = Cell(robot, PanTiltLaser(BESIDE), make_drive("ideal", robot, q=START, **options))
+    return cell.move_to_spot(cell.read(robot.fk(START)[:3, 3] + MOVE), corrections=1, timing="ruckig")
+
+
+def test_a_task_is_shown_with_all_its_executions_and_its_beam() -> None:
+    outcome = task()
+    shown = show_of_outcome(outcome)
+    assert len(outcome.executions) == 2
+    assert outcome.beam is not None and shown.beam is not None and shown.executed is not None
+    np.testing.assert_array_equal(shown.beam.origin, BESIDE[:3, 3])
+    np.testing.assert_array_equal(shown.beam.spot, outcome.beam[1])
+    for track in (shown.planned, shown.executed):
+        assert (np.diff(track.t) >= 0.0).all()
+        np.testing.assert_allclose(track.q[-1], outcome.executions[-1].q[-1], atol=1e-4)
+    assert shown.duration == pytest.approx(sum(e.t[-1] for e in outcome.executions))
+    assert np.isnan(shown.path).any(axis=1).sum() == 1
+    facts = dict(shown.facts)
+    assert facts["Task"] == "arrived"
+    assert facts["Error at the end"].endswith(("mm", "nm"))
+    assert "NaN" not in page_of(shown).partition('id="data"')[2].partition("</script>")[0]
+
+
+def test_a_task_that_failed_is_shown_as_far_as_it_came() -> None:
+    stalled = show_of_outcome(task(disturbances=(Stall(0, 0.2),)))
+    assert dict(stalled.facts)["Failed step"] == "execution"
+    assert stalled.executed is not None
+    robot = paper6r()
+    cell = Cell(robot, PanTiltLaser(BESIDE), make_drive("ideal", robot, q=START))
+    with pytest.raises(NoSolution, match="nothing was executed"):
+        show_of_outcome(cell.move_to_spot(Spot(np.nan, 0.0, 1.0)))
+
+
+def test_an_execution_is_shown_beside_what_was_sent() -> None:
+    done = make_drive("ideal", paper6r(), encoder=2.0**14).execute(planned())
+    shown = show_of_execution(done)
+    assert shown.executed is not None and done.motion is not None
+    assert shown.planned.t[-1] == done.motion.duration
+    np.testing.assert_array_equal(shown.executed.q[-1], done.q[-1])
+    refused = show_of_execution(make_drive("ideal", paper6r(), q=START + 0.3).execute(planned()))
+    assert refused.executed is None
+    assert dict(refused.facts)["Execution"] == "refused"
+    assert dict(refused.facts)["Reason"]
+
+
+# ---------------------------------------------------------------- what the live viewer draws
+
+
+@pytest.mark.parametrize("b", [[0.3, 0.1, 0.2], [0.1, 0.2, -0.4]], ids=["long", "sphere"])
+def test_a_capsules_mesh_is_closed_and_lies_on_it(b: list[float]) -> None:
+    a, end, radius = np.array([0.1, 0.2, -0.4]), np.array(b), 0.05
+    vertices, faces = capsule_mesh(a, end, radius)
+    along = end - a
+    u = np.clip((vertices - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    np.testing.assert_allclose(np.linalg.norm(vertices - a - u[:, None] * along, axis=1), radius, atol=1e-12)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = float(np.sum(corners[:, 0] * normals)) / 6.0  # by the divergence theorem: outwards, and closed
+    exact = np.pi * radius**2 * (np.linalg.norm(along) + 4.0 / 3.0 * radius)
+    assert 0.95 * exact < volume < exact
+
+
+def test_a_track_between_its_instants_is_the_motion(show: Show) -> None:
+    motion = planned().trajectory
+    for t in np.linspace(0.0, motion.duration, 37).tolist():
+        q, dq = show.planned.at(t)
+        np.testing.assert_allclose(q, motion(t), atol=1e-7)
+        np.testing.assert_allclose(dq, motion(t, 1), atol=1e-4)
+    q, dq = show.planned.at(motion.duration + 1.0)
+    np.testing.assert_array_equal(q, show.planned.q[-1])
+    assert not dq.any()

@@ -1,0 +1,292 @@
+"""`optik drive`: execute a saved motion on a simulated arm, or on a controller of ROS 2."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from benchmarks.cli.shared import AsJson, err_console, out_console, print_json
+from optik.arm.units import per, units
+from optik.errors import InvalidInput
+from optik.files import write_whole
+from optik.registry import names
+
+if TYPE_CHECKING:
+    from planners.cell.drives.base import Drive, Execution
+    from planners.plan import Plan
+
+DRIVE_NAMES = names("planners.cell.drives")
+"""Names of the drives, for the help."""
+EXECUTION = "optik-execution/1"
+"""Value of the key ``format`` in every file of an execution; a change of the keys needs another number."""
+
+
+Url = Annotated[str | None, typer.Option(help="Of rosbridge, ws://127.0.0.1:9090 if left out; with --on ros.")]
+Via = Annotated[str, typer.Option(help="rosbridge, or rclpy where a ROS 2 is sourced; with --on ros.")]
+Action = Annotated[str | None, typer.Option(help="Name of the controller's action; with --on ros.")]
+States = Annotated[str | None, typer.Option(help="Topic of the joint states; with --on ros.")]
+JointNames = Annotated[
+    str | None, typer.Option(help="The controller's joint names, comma separated, in the robot's order; with --on ros.")
+]
+
+
+class Reached(NamedTuple):
+    """How a controller of ROS 2 is reached, as typed; None where it was not."""
+
+    url: str | None = None
+    via: str = "rosbridge"
+    action: str | None = None
+    states: str | None = None
+    joint_names: str | None = None
+
+
+def drive(
+    plan: Annotated[Path, typer.Argument(help="A motion that `optik plan --out` wrote: .json, .npz or .csv.")],
+    on: Annotated[str, typer.Option(help=f"One of: {', '.join(DRIVE_NAMES)}; or a file: ./drive.py.")] = "ideal",
+    url: Url = None,
+    via: Via = "rosbridge",
+    action: Action = None,
+    states: States = None,
+    joint_names: JointNames = None,
+    execute: Annotated[bool, typer.Option("--execute", help="Send the motion; with --on ros, THE ARM MOVES.")] = False,
+    stop: Annotated[float | None, typer.Option(help="Stop on the path, from this time on [s].")] = None,
+    ik: Annotated[str, typer.Option(help="The IK method that the motion was planned with.")] = "lm",
+    out: Annotated[Path | None, typer.Option(help="Write what the arm did: a .json file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Execute a saved motion on a simulated arm, or check it and send it to a controller of ROS 2.
+
+    With --on ros everything is checked and nothing is sent, unless --execute is given. Exit status 0 where the arm was taken to
+    the end of the motion, or nothing was to be sent; 1 where it was stopped, by a fault too, or refused.
+
+    Parameters
+    ----------
+    plan, on, url, via, action, states, joint_names, execute, stop, ik, out, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    InvalidInput
+        No motion, options of another drive, a file that cannot be written.
+    NoSolution
+        A motion whose certificate does not hold, or whose path cannot be followed again.
+    MissingDependency
+        A drive whose package is not installed.
+    """
+    reached = Reached(url, via, action, states, joint_names)
+    if out is not None and out.suffix.lower() != ".json":
+        raise InvalidInput("--out", str(out), "a file that ends with .json")
+    if on != "ros" and reached != Reached():
+        raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
+    import planners
+    from planners.cell.stored import plan_of
+
+    planned = plan_of(planners.load_motion(plan), ik=ik)
+    executed = _through_ros(planned, reached, execute, stop) if on == "ros" else _simulated(planned, on, execute, stop)
+    _say(executed, out, as_json)
+    raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
+
+
+def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
+    """Write and print what the arm did."""
+    data = execution_data(executed)
+    if out is not None:
+        write_whole(out, lambda part: part.write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8"))
+    if as_json:
+        print_json(data)
+        return
+    print_execution(executed)
+    if out is not None:
+        out_console.print(f"written to {out}", highlight=False)
+
+
+def _simulated(planned: Plan, on: str, execute: bool, stop: float | None) -> Execution:
+    """Execute the motion on a simulated arm."""
+    from planners.cell.drives import make_drive
+
+    if execute:
+        err_console.print(f"{on} is simulated: it needs no --execute", style="yellow", highlight=False)
+    return _executed(make_drive(on, planned.robot), planned, stop)
+
+
+def _through_ros(planned: Plan, reached: Reached, execute: bool, stop: float | None) -> Execution:
+    """Check the motion with the arm as it stands; send it where that was asked."""
+    from planners.cell.drives.ros import RosDrive
+    from planners.cell.transports import RclpyTransport, RosbridgeTransport
+    from planners.cell.transports.rosbridge import URL
+
+    options: dict[str, Any] = {"action": reached.action, "states": reached.states}
+    options = {key: value for key, value in options.items() if value is not None}
+    if reached.via not in ("rosbridge", "rclpy"):
+        raise InvalidInput("--via", reached.via, "rosbridge or rclpy")
+    if reached.via == "rclpy" and reached.url is not None:
+        raise InvalidInput("--url", reached.url, "no address with --via rclpy, which finds the controller by its name")
+    written = None
+    if reached.joint_names is not None:
+        given = [name.strip() for name in reached.joint_names.split(",")]
+        if len(given) != planned.robot.n:
+            raise InvalidInput("--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated")
+        written = dict(zip(planned.robot.joint_names, given, strict=True))
+    transport = (
+        RclpyTransport(**options) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **options)
+    )
+    with transport:
+        return _executed(RosDrive(planned.robot, transport, execute=execute, joint_names=written), planned, stop)
+
+
+def _executed(drive: Drive, planned: Plan, stop: float | None) -> Execution:
+    if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
+        raise InvalidInput("--stop", stop, "a time [s], from 0")
+    return drive.execute(planned, stop=stop)
+
+
+# ---------------------------------------------------------------- what is printed
+
+
+def print_execution(done: Execution) -> None:
+    """Print what an arm did, for people.
+
+    Parameters
+    ----------
+    done : Execution
+        What a drive returned.
+    """
+    good = done.status in ("done", "dry_run")
+    style = "green" if good else "yellow"
+    out_console.print(f"{done.drive}: {done.status}", style=style, highlight=False)
+    for words in (done.reason, done.advice and f"what to do: {done.advice}"):
+        if words:
+            out_console.print(words, highlight=False, markup=False, soft_wrap=True)
+    if done.motion is not None:
+        _print_joints(done)
+        distance, angle = tool_error(done)
+        out_console.print(
+            f"{done.t[-1]:.4g} s, the motion takes {done.motion.end:.6g} s; {done.late} late ticks; at its end the tool is "
+            f"{_small(1e3 * distance)} mm and {_small(np.degrees(angle))}° off",
+            highlight=False, soft_wrap=True,
+        )  # fmt: skip
+    for note in done.notes:
+        out_console.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _small(value: float) -> str:
+    """Three digits; what is below a millionth is rounding of encoders or of numbers."""
+    return f"{value:.3g}" if not value < 1e-6 else "less than 1e-6"
+
+
+def _print_joints(done: Execution) -> None:
+    """Tracking error and torque of every joint."""
+    robot, bound = done.robot, done.plan.certificate.torque.value
+    table = Table(
+        "joint", "largest tracking error", title="" if done.torque is None else "torque beside the proved bound"
+    )
+    columns = [np.abs(tracking(done)).max(axis=0) * per(robot)]
+    if done.torque is not None:
+        table.add_column("peak torque")
+        table.add_column("proved bound")
+    for i, name in enumerate(robot.joint_names):
+        row = [name, f"{columns[0][i]:.3g}{units(robot)[i]}"]
+        if done.torque is not None:
+            row += [
+                f"{np.abs(done.torque[:, i]).max():.4g}",
+                f"{bound[i]:.4g}" if np.isfinite(bound[i]) else "no limit",
+            ]
+        table.add_row(*row)
+    out_console.print(table)
+
+
+def tracking(done: Execution) -> Any:
+    """Differences of what the arm did and the motion that was sent.
+
+    Parameters
+    ----------
+    done : Execution
+        One with a motion.
+
+    Returns
+    -------
+    (k, n) array
+        At the times up to its last set-point [rad, m].
+    """
+    assert done.motion is not None and done.setpoints is not None
+    sent = done.t <= done.setpoints.t[-1]
+    return done.q[sent] - done.motion(np.minimum(done.t[sent], done.motion.end))
+
+
+def tool_error(done: Execution) -> tuple[float, float]:
+    """Distance and angle of the tool from where the motion ends.
+
+    Parameters
+    ----------
+    done : Execution
+        One with a motion.
+
+    Returns
+    -------
+    distance, angle : float
+        At the last time that was recorded [m, rad].
+    """
+    from optik import se3
+
+    assert done.motion is not None
+    error = se3.error(done.robot.fk(done.q[-1]), done.robot.fk(done.motion(done.motion.end)))
+    return float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+
+
+def execution_data(done: Execution) -> dict[str, Any]:
+    """Return an execution as plain data for files and programs.
+
+    Parameters
+    ----------
+    done : Execution
+        What a drive returned.
+
+    Returns
+    -------
+    dict
+        Times and states as lists, None for numbers that are unknown.
+    """
+    data: dict[str, Any] = {
+        "format": EXECUTION,
+        "drive": done.drive,
+        "robot": done.robot.name,
+        "robot_fingerprint": done.robot.fingerprint,
+        "joint_names": list(done.robot.joint_names),
+        "status": str(done.status),
+        "reason": done.reason,
+        "advice": done.advice,
+        "late": done.late,
+        "fault": None if done.fault is None else {**done.fault._asdict(), "kind": str(done.fault.kind)},
+        "notes": list(done.notes),
+        "t": done.t.tolist(),
+        "q": _plain(done.q),
+        "dq": _plain(done.dq),
+        "torque": None if done.torque is None else _plain(done.torque),
+    }
+    if done.motion is not None and done.setpoints is not None:
+        distance, angle = tool_error(done)
+        data |= {
+            "duration": done.motion.end,
+            "setpoints": {"t": done.setpoints.t.tolist(), "q": _plain(done.setpoints.q)},
+            "tracking": _plain(np.abs(tracking(done)).max(axis=0)),
+            "tool_error": {"distance": _plain(np.array(distance)), "angle": _plain(np.array(angle))},
+        }
+    return data
+
+
+def _plain(values: Any) -> Any:
+    """Nested lists; None for what is no number."""
+    if np.isfinite(values).all():
+        return values.tolist()
+    return _plain_rows(values.tolist())
+
+
+def _plain_rows(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_plain_rows(each) for each in value]
+    return value if np.isfinite(value) else None

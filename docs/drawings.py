@@ -1,0 +1,64 @@
+"""The drawings of docs/cell.md, made from the cell that the page describes: ``make drawings`` writes them anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import optik
+from planners.cell import Cell, Gripper, PanTiltLaser, Plane
+from planners.cell.drawings import draw_frames, draw_layers, draw_setting, draw_workflow
+
+ROBOT = optik.load("paper6r")
+START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
+"""Where the default line starts."""
+
+SPOT = ROBOT.fk(START)[:3, 3] + [-0.12, 0.0, 0.20]
+"""Where it ends."""
+
+POSE = [[1.0, 0.0, 0.0, -0.55], [0.0, 0.0, -1.0, -0.1], [0.0, 1.0, 0.0, 0.15], [0.0, 0.0, 0.0, 1.0]]
+"""Of the laser unit: upright beside the arm; up is −y."""
+
+LASER = PanTiltLaser(
+    POSE,
+    pan_limits=np.deg2rad([-90.0, 90.0]),
+    tilt_limits=np.deg2rad([-60.0, 60.0]),
+    range_limits=(0.05, 10.0),
+    angle_noise=2e-4,
+    range_noise=1e-3,
+    pose_covariance=np.diag([3e-4, 3e-4, 3e-4, 2e-4, 2e-4, 2e-4]) ** 2,
+)
+PAPER = Plane(SPOT, [0.0, -1.0, 0.0])
+"""The graph paper, on the table."""
+
+GRIPPER = Gripper(optik.se3.pose(p=[0.0, 0.0, 0.1]), opening=0.06, mass=0.4)
+
+
+def cell() -> Cell:
+    """Return the cell of the page."""
+    return Cell(ROBOT, LASER, "ideal", gripper=GRIPPER, q=START)
+
+
+def drawings() -> dict[str, str]:
+    """Return the drawings: SVG texts by the names of their files."""
+    loop = cell()
+    spot = loop.read(SPOT)
+    moving = cell()
+    aside = np.add(SPOT, [0.03, 0.0, 0.0])
+    workflow = draw_workflow(
+        [loop.open(), loop.move_to_spot(spot, corrections=1), loop.close(0.02)],
+        moving.move_to_spot(spot, follow=lambda t: LASER.reading(SPOT if t < 0.1 else aside)),
+    )
+    pan, tilt, _ = LASER.reading(SPOT)
+    return {
+        "cell-layers.svg": draw_layers(cell()),
+        "cell-workflow.svg": workflow,
+        "cell-frames.svg": draw_frames(ROBOT),
+        "cell-setting.svg": draw_setting(ROBOT, LASER, PAPER, float(pan), float(tilt), START),
+    }
+
+
+if __name__ == "__main__":
+    for name, text in drawings().items():
+        (Path(__file__).parent / name).write_text(text, encoding="utf-8")

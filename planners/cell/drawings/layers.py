@@ -1,0 +1,162 @@
+"""draw_layers: the four layers of a cell, what each of them holds, and what they tell each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.ik import solvers
+from optik.types import Array
+from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, broken
+from planners.cell.laser import PanTiltLaser
+from planners.limits import MotionLimits
+from planners.timing import laws
+
+if TYPE_CHECKING:
+    from planners.cell.cell import Cell
+
+LINE_PITCH = 17.0
+"""Between lines of words [px]."""
+
+BETWEEN = 46.0
+"""Between two layers, for the arrows and what they carry [px]."""
+
+LOOP = 40.0
+"""Width beside the layers, for the arrow from the laser back to the main control [px]."""
+
+COMMANDS = ("optik cell", "optik view")
+"""How a person uses the cell from the command line."""
+
+
+def draw_layers(cell: Cell) -> str:
+    """Draw the application, main control, drive and laser positioning layers of a cell.
+
+    Parameters
+    ----------
+    cell : Cell
+        The cell: its arm, limits, laser unit, drive and gripper are what the layers hold.
+
+    Returns
+    -------
+    str
+        Text of an SVG file.
+    """
+    ms = 1e3 * cell.drive.period
+    layers = [
+        ("Application layer", ["library: planners.cell.Cell", "commands: " + ", ".join(COMMANDS)]),
+        ("Main control", _control(cell)),
+        ("Drive layer", _drive(cell)),
+        ("Laser positioning layer", _laser(cell.laser)),
+    ]
+    carried = [
+        ("spot, orientation", "outcome, errors"),
+        (f"set-points, every {ms:g} ms", f"encoders, every {ms:g} ms"),
+        ("where the tool went", "what to measure"),
+    ]
+    sheet = Sheet("Layers of the cell: " + ", ".join(title for title, _ in layers))
+    y, tops = MARGIN, []
+    width = WIDTH - 2 * MARGIN - LOOP
+    for i, (title, facts) in enumerate(layers):
+        if i:
+            _carry(sheet, y, carried[i - 1], width)
+            y += BETWEEN
+        lines = [line for fact in facts for line in broken(fact, width - 20.0)]
+        sheet.box(MARGIN, y, width, LINE_PITCH * (len(lines) + 1) + 14.0)
+        sheet.words((MARGIN + 10.0, y + 20.0), title, bold=True)
+        for k, line in enumerate(lines):
+            sheet.words((MARGIN + 10.0, y + 20.0 + LINE_PITCH * (k + 1)), line, "soft")
+        tops.append(y)
+        y += LINE_PITCH * (len(lines) + 1) + 14.0
+    edge, lane = MARGIN + width, MARGIN + width + LOOP / 2
+    sheet.arrow(
+        [(edge, tops[3] + 20.0), (lane, tops[3] + 20.0), (lane, tops[1] + 20.0), (edge, tops[1] + 20.0)], "beam"
+    )
+    sheet.words((WIDTH - MARGIN / 2, tops[3] - BETWEEN / 2 + 5.0), "pan, tilt, range", "beam", anchor="end")
+    return sheet.svg(y + MARGIN)
+
+
+def _carry(sheet: Sheet, y: float, words: tuple[str, str], width: float) -> None:
+    """The arrows between two layers, one down and one up, with what they carry."""
+    down, up = MARGIN + 20.0, MARGIN + width / 2 + 8.0
+    sheet.arrow([(down, y + 3.0), (down, y + BETWEEN - 3.0)])
+    sheet.words((down + 9.0, y + BETWEEN / 2 + 5.0), words[0])
+    sheet.arrow([(up, y + BETWEEN - 3.0), (up, y + 3.0)])
+    sheet.words((up + 9.0, y + BETWEEN / 2 + 5.0), words[1])
+
+
+def _control(cell: Cell) -> list[str]:
+    """What the main control plans with."""
+    robot = cell.robot
+    facts = [
+        f"arm: {robot.name}, {robot.n} joints",
+        "IK: " + ", ".join(solvers()),
+        "time laws: " + ", ".join(laws()),
+        "limits: " + limits_in_words(robot, cell.limits),
+        "certificate: limits and path, at every instant",
+    ]
+    if cell.gripper is not None:
+        facts.append(
+            f"gripper: opens {1e3 * cell.gripper.opening:g} mm, {cell.gripper.mass:g} kg; the tool is its grasp point"
+        )
+    return facts
+
+
+def _drive(cell: Cell) -> list[str]:
+    """What executes, and how often it takes a set-point."""
+    kind = "simulated" if cell.drive.simulated else "a real arm"
+    rate = f"servo period {1e3 * cell.drive.period:g} ms: {1.0 / cell.drive.period:g} set-points per second"
+    return [f"drive: {cell.drive.name}, {kind}", rate, "stops within the limits, on the path, and goes on"]
+
+
+def _laser(laser: PanTiltLaser) -> list[str]:
+    """What the unit measures, within which limits and how well."""
+    pan, tilt = np.degrees(laser.pan_limits), np.degrees(laser.tilt_limits)
+    low, high = laser.range_limits
+    facts = [
+        f"pan {_number(pan[0])} … {_number(pan[1])}°, tilt {_number(tilt[0])} … {_number(tilt[1])}°, "
+        f"range {_number(low)} … {_number(high)} m",
+        f"noise: {1e3 * laser.angle_noise:g} mrad, {1e3 * laser.range_noise:g} mm (1 σ)",
+    ]
+    if laser.pose_covariance is not None:
+        spread = np.sqrt(np.diag(laser.pose_covariance))
+        place, turn = 1e3 * np.linalg.norm(spread[:3]), 1e3 * np.linalg.norm(spread[3:])
+        facts.append(f"calibrated to {place:.2g} mm, {turn:.2g} mrad (1 σ)")
+    return facts
+
+
+def limits_in_words(robot: Robot, limits: MotionLimits) -> str:
+    """Return the limits that are given, each with its unit.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    limits : MotionLimits
+        Its limits.
+
+    Returns
+    -------
+    str
+        Names and bounds; a range where the joints have different ones.
+    """
+    words = []
+    sliding = bool(robot.prismatic.any())
+    for kind in limits.kinds:
+        bounds = limits.bounds(robot.n)[kind.name]
+        known = bounds[np.isfinite(bounds)]
+        if known.size:
+            units = dict.fromkeys(kind.units if sliding and kind.subject is None else kind.units[:1])
+            words.append(f"{kind.name.replace('_', ' ')} {_span(known)} {', '.join(units)}")
+    return "; ".join(words) or "none"
+
+
+def _span(values: Array) -> str:
+    """One number, or the least and the largest one."""
+    low, high = float(values.min()), float(values.max())
+    return _number(low) if low == high else f"{_number(low)} to {_number(high)}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}".replace("-", "−").replace("inf", "∞")

@@ -1,0 +1,175 @@
+"""Goals for a joint_trajectory_controller: messages of a plan and of its stop, certified as the controller executes them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from optik.errors import NoSolution
+from optik.types import Array
+from planners.files._ros.export import JointNames, ros_message
+from planners.motion import Motion
+from planners.plan import Plan
+from planners.replan import replan
+from planners.trajectory import Trajectory
+
+MOTORS = ("velocity", "acceleration", "torque")
+"""Limits of the motors, which no law can pass on a real arm; the others say how smooth the motion is."""
+DESIRED = 1e-3
+"""Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
+something else, and nothing is known of where it is."""
+WINDOW = 0.5
+"""How far from the expected instant the controller's desired state is looked for [s]: it starts late, or is slowed."""
+ROOM = 1e-4
+"""By how much a motion is slowed before it is sent [1], so that a stop from any of its states has room within the limits: the
+times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
+
+
+def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, Any]]:
+    """Make the message of a plan, and certify what the controller makes of it.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion that ends at rest.
+    joint_names : mapping or sequence, optional
+        As for `planners.to_ros`.
+
+    Returns
+    -------
+    sent : Plan
+        The plan with the motion that the controller interpolates, certified now.
+    message : dict
+        A ``trajectory_msgs/JointTrajectory`` as plain data.
+
+    Raises
+    ------
+    NoSolution
+        A plan without a motion, or one whose certificate does not hold as the controller interpolates.
+    InvalidInput
+        A motion that the controller refuses.
+    """
+    motion = judged(plan)
+    message, sent = ros_message(motion, joint_names=joint_names)
+    proof = replace(motion, trajectory=sent.trajectory).certify()
+    if not proof.holds:
+        why = f"as the controller interpolates it, the certificate does not hold: {'; '.join(proof.broken)}"
+        raise NoSolution(why, advice="another law, or lower limits")
+    slowed = plan.slowed * sent.factor
+    return replace(plan, _trajectory=sent.trajectory, _certificate=proof, slowed=slowed), message
+
+
+def judged(plan: Plan) -> Motion:
+    """Return the motion of a plan as a real arm must keep it: within what its motors can do, whatever its law promises.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion.
+
+    Returns
+    -------
+    Motion
+        Its certificate judges what the law promises, and velocity, acceleration and torque where they are limited.
+    """
+    motion = plan.motion
+    return replace(motion, keeps=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.keeps))
+
+
+def exceeded(plan: Plan) -> str:
+    """Say which limits a motion passes that its law does not promise.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion.
+
+    Returns
+    -------
+    str
+        For a note; empty where there is none.
+    """
+    proof = plan.certificate
+    found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.keeps}
+    words = [f"{name.replace('_', ' ')} {ratio:.3g} times" for name, ratio in found.items() if ratio > 1.0]
+    return f"beyond limits that {plan.law} does not promise: {', '.join(words)}" if words else ""
+
+
+def with_room(plan: Plan) -> Plan:
+    """Slow a plan a little, so that stops have room; one with a tool speed that was asked stays as it is.
+
+    Parameters
+    ----------
+    plan : Plan
+        One with a motion that begins at rest.
+
+    Returns
+    -------
+    Plan
+        With the certificate of before, which `message_for` renews.
+    """
+    if plan.speed is not None:
+        return plan
+    return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
+
+
+def stop_for(sent: Plan, t: float, joint_names: JointNames) -> tuple[Plan, dict[str, Any]]:
+    """Plan a certified stop from an instant of a motion that was sent, and make its message.
+
+    Parameters
+    ----------
+    sent : Plan
+        As `message_for` returned it.
+    t : float
+        When the stop begins [s].
+    joint_names : mapping or sequence, optional
+        As for `planners.to_ros`.
+
+    Returns
+    -------
+    stop : Plan
+        With the motion that the controller interpolates, certified.
+    message : dict
+        A ``trajectory_msgs/JointTrajectory`` as plain data; its first point is the state at t.
+
+    Raises
+    ------
+    NoSolution
+        None was found whose certificate holds.
+    InvalidInput
+        An instant at which the motion has ended.
+    """
+    found = replan(sent, t, stop=True, limits=sent.limits.scaled(1.0 - 0.5 * ROOM))
+    return message_for(replace(found, limits=sent.limits), joint_names)
+
+
+def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
+    """Find the instant of a motion at which it has a state.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    q, dq : (n,) arrays
+        Position [rad, m] and velocity [rad/s, m/s].
+    near : float
+        About when [s].
+
+    Returns
+    -------
+    float or None
+        Time [s]; None where the motion is not there around that time.
+    """
+    low, high = max(near - WINDOW, 0.0), min(near + WINDOW, motion.end)
+    if low >= high:
+        return None
+    for _ in range(6):  # a grid that is narrowed to a picosecond: the motion is smooth, but may stand for a while
+        grid = np.linspace(low, high, 101)
+        off = np.abs(motion(grid) - q).max(axis=1) + 0.01 * np.abs(motion(grid, 1) - dq).max(axis=1)
+        best = int(off.argmin())
+        step = float(grid[1] - grid[0])
+        low, high = max(float(grid[best]) - step, 0.0), min(float(grid[best]) + step, motion.end)
+    t = float(grid[best])
+    return t if float(np.abs(motion(t) - q).max()) <= DESIRED else None

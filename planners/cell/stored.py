@@ -1,0 +1,75 @@
+"""plan_of(): the plan of a motion that was read from a file, so that drives can execute and stop it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import Tolerance, solver_for
+from planners.following.follow import JointPath, follow
+from planners.motion import Motion
+from planners.plan import FOLLOWED, Plan, PlanStatus
+
+UNSTORED = (1e-5, 1e-5)
+"""That of a plan, for a motion that was stored without one [m, rad]."""
+SAME_WAY = 1e-4
+"""Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and an
+arm that goes another way is farther off at once."""
+
+
+def plan_of(motion: Motion, *, ik: str = "lm") -> Plan:
+    """Return a plan with a motion from a file: its joint path is followed again, and the motion is certified again.
+
+    Parameters
+    ----------
+    motion : Motion
+        As `planners.load_motion` reads it.
+    ik : str
+        The IK method that it was planned with. It matters only to an arm with more joints than its task needs, which the
+        method takes its own way.
+
+    Returns
+    -------
+    Plan
+        With the motion as it was stored, and a certificate of now.
+
+    Raises
+    ------
+    InvalidInput
+        Not a motion, or one that begins in the middle of its path.
+    NoSolution
+        The motion's certificate does not hold; the path cannot be followed from its start, or leads another way.
+    UnknownName
+        No such IK method.
+    """
+    if not isinstance(motion, Motion):
+        raise InvalidInput("motion", repr(motion)[:60], "a Motion")
+    if motion.span is not None and motion.span[0] > 0.0:
+        expected = "one that begins where its path does; a replanned one is executed by the program that replanned it"
+        raise InvalidInput("motion", f"one that begins at s = {motion.span[0]:.6g}", expected)
+    proof = motion.certify()
+    if not proof.holds:
+        why = f"the certificate of this motion does not hold: {'; '.join(proof.broken)}"
+        raise NoSolution(why, advice="plan again, with another law or lower limits")
+    joints, (t, s) = _followed(motion, ik), proof.binding[:2]
+    off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
+    if off.max() > SAME_WAY:
+        i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
+        what = f"{ik} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
+        raise NoSolution(what, s=float(s[i]), advice="the IK method that the motion was planned with; or plan again")
+    return Plan(
+        motion.robot, motion.path, motion.limits, PlanStatus.SOLVED, ik, motion.law, joints, None,
+        motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene, margin=motion.margin,
+    )  # fmt: skip
+
+
+def _followed(motion: Motion, ik: str) -> JointPath:
+    """The joint path from the motion's start."""
+    tolerance = motion.tolerance or UNSTORED
+    allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
+    found = follow(solver_for(motion.robot, ik), motion.path, motion.trajectory(0.0), tolerance=allowed)
+    if found.stop is not None:
+        stop = found.stop
+        raise NoSolution(f"the path of this motion cannot be followed: {stop.reason}", s=stop.s, advice=stop.advice)
+    assert found.joint_path is not None
+    return found.joint_path

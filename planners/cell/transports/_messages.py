@@ -1,0 +1,264 @@
+"""Messages of ROS 2 that come from a controller, as plain data: read with care, since others wrote them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.errors import InvalidInput
+from optik.types import Array
+
+ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
+"""Action of the joint_trajectory_controller under the name that its documentation gives it."""
+ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
+"""Its type."""
+STATES = "/joint_states"
+"""Topic of the joint_state_broadcaster."""
+STATES_TYPE = "sensor_msgs/msg/JointState"
+"""Its type."""
+NANOSECONDS = 1_000_000_000
+"""In a second."""
+
+
+class GoalState(IntEnum):
+    """How a goal ended, with the numbers of ``action_msgs/GoalStatus``."""
+
+    UNKNOWN = 0
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+
+class States(NamedTuple):
+    """A ``sensor_msgs/JointState``: its stamp [ns], names, positions and velocities; NaN where it has none."""
+
+    stamp: int
+    names: tuple[str, ...]
+    positions: Array
+    velocities: Array
+
+
+class Feedback(NamedTuple):
+    """The desired state in the feedback of a controller: its stamp [ns], names, positions, velocities, accelerations.
+
+    Accelerations are None where it sends none.
+    """
+
+    stamp: int
+    names: tuple[str, ...]
+    positions: Array
+    velocities: Array
+    accelerations: Array | None
+
+
+class Result(NamedTuple):
+    """The result of a goal: how it ended, and the controller's error code and words."""
+
+    state: GoalState
+    code: int
+    words: str
+
+
+def states_of(message: Any) -> States:
+    """Read a ``sensor_msgs/JointState``.
+
+    Parameters
+    ----------
+    message : dict
+        As plain data.
+
+    Returns
+    -------
+    States
+        Its content.
+
+    Raises
+    ------
+    InvalidInput
+        No such message; the error names the field.
+    """
+    message = _mapping(message, "joint state")
+    names = _names(message.get("name"), "name")
+    positions = numbers(message.get("position"), len(names), "position")
+    given = message.get("velocity")
+    velocities = numbers(given, len(names), "velocity") if given else np.full(len(names), np.nan)
+    return States(stamp_of(message, "joint state"), names, positions, velocities)
+
+
+def feedback_of(values: Any) -> Feedback:
+    """Read the feedback of a ``FollowJointTrajectory`` goal.
+
+    Parameters
+    ----------
+    values : dict
+        As plain data.
+
+    Returns
+    -------
+    Feedback
+        The desired state in it.
+
+    Raises
+    ------
+    InvalidInput
+        No such message, or numbers that are not finite; the error names the field.
+    """
+    values = _mapping(values, "feedback")
+    names = _names(values.get("joint_names"), "joint_names")
+    desired = _mapping(values.get("desired"), "desired")
+    rows: dict[str, Array] = {}
+    for field in ("positions", "velocities", "accelerations"):
+        given = desired.get(field)
+        if given or field == "positions":
+            rows[field] = numbers(given, len(names), f"desired.{field}")
+            if not np.isfinite(rows[field]).all():
+                raise InvalidInput(f"desired.{field}", repr(given)[:80], "finite numbers")
+    velocities = rows.get("velocities", np.full(len(names), np.nan))
+    return Feedback(stamp_of(values, "feedback"), names, rows["positions"], velocities, rows.get("accelerations"))
+
+
+def result_of(state: Any, values: Any) -> Result:
+    """Read the result of a ``FollowJointTrajectory`` goal.
+
+    Parameters
+    ----------
+    state : int
+        Of ``action_msgs/GoalStatus``.
+    values : dict
+        The result as plain data, or as older servers nest it: ``{"status": …, "result": {…}}``.
+
+    Returns
+    -------
+    Result
+        Its content; UNKNOWN for a state that is no end.
+
+    Raises
+    ------
+    InvalidInput
+        No such message; the error names the field.
+    """
+    values = _mapping(values, "result")
+    if isinstance(values.get("result"), Mapping):
+        state, values = values.get("status", state), values["result"]
+    known = [each.value for each in GoalState]
+    code, words = values.get("error_code", 0), values.get("error_string", "")
+    if type(code) is not int or not isinstance(words, str):
+        raise InvalidInput("result", repr(dict(values))[:80], "a whole error_code and an error_string")
+    return Result(GoalState(state) if type(state) is int and state in known else GoalState.UNKNOWN, code, words[:200])
+
+
+def stamp_of(message: Mapping[str, Any], what: str) -> int:
+    """Read the time stamp of a message's header.
+
+    Parameters
+    ----------
+    message : dict
+        The message.
+    what : str
+        Its kind, for errors.
+
+    Returns
+    -------
+    int
+        Time [ns]; 0 where the message has none.
+
+    Raises
+    ------
+    InvalidInput
+        A stamp that is no time.
+    """
+    stamp = _mapping(_mapping(message.get("header", {}), f"{what}.header").get("stamp", {}), f"{what}.header.stamp")
+    sec, nanosec = stamp.get("sec", 0), stamp.get("nanosec", 0)
+    if type(sec) is not int or type(nanosec) is not int or not (0 <= nanosec < NANOSECONDS and sec >= 0):
+        raise InvalidInput(f"{what}.header.stamp", repr(dict(stamp))[:60], "whole sec and nanosec, from 0")
+    return sec * NANOSECONDS + nanosec
+
+
+def time_of(stamp: int) -> dict[str, int]:
+    """Write a time as ROS does.
+
+    Parameters
+    ----------
+    stamp : int
+        Time [ns].
+
+    Returns
+    -------
+    dict
+        ``sec`` and ``nanosec``.
+    """
+    return {"sec": stamp // NANOSECONDS, "nanosec": stamp % NANOSECONDS}
+
+
+def numbers(values: Any, count: int, field: str) -> Array:
+    """Read a list of numbers; null, which JSON writes for NaN, is NaN.
+
+    Parameters
+    ----------
+    values : list
+        What was sent.
+    count : int
+        How many there must be.
+    field : str
+        Name of the field, for errors.
+
+    Returns
+    -------
+    (count,) array
+        The numbers, in the unit of the field [rad, m, s].
+
+    Raises
+    ------
+    InvalidInput
+        Anything else.
+    """
+    good = isinstance(values, list | tuple) and len(values) == count
+    if good and all(value is None or type(value) in (int, float) for value in values):
+        try:
+            return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        except OverflowError:  # an integer beyond all floats
+            pass
+    raise InvalidInput(field, repr(values)[:80], f"{count} numbers")
+
+
+def checked_name(name: str, argument: str) -> str:
+    """Check the name of a topic or an action.
+
+    Parameters
+    ----------
+    name : str
+        As typed.
+    argument : str
+        Which argument it is, for the error.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Raises
+    ------
+    InvalidInput
+        No such name.
+    """
+    parts = name.removeprefix("/").split("/") if isinstance(name, str) else [""]
+    if not all(part.isidentifier() and part.isascii() for part in parts):
+        raise InvalidInput(argument, repr(name)[:80], "a name of ROS, such as /joint_states")
+    return name
+
+
+def _mapping(value: Any, what: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InvalidInput(what, repr(value)[:80], "a message with named fields")
+    return value
+
+
+def _names(value: Any, field: str) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
+        raise InvalidInput(field, repr(value)[:80], "names of joints")
+    if len(set(value)) != len(value):
+        raise InvalidInput(field, repr(value)[:80], "different names of joints")
+    return tuple(value)

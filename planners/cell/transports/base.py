@@ -1,0 +1,219 @@
+"""Transport: what carries goals to a controller of ROS 2 and its joint states back; and a goal that was sent."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self
+
+from optik.errors import InvalidInput
+from planners.cell.transports._messages import Feedback, GoalState, Result, feedback_of, result_of, states_of
+
+
+class Reading(NamedTuple):
+    """The latest state of one joint.
+
+    Attributes
+    ----------
+    position : float
+        [rad, m]; NaN where the driver sent none.
+    velocity : float
+        [rad/s, m/s]; NaN where the driver sent none.
+    stamp : int
+        Time of the measurement by the robot's clock [ns]; 0 where it was not stamped.
+    at : float
+        Arrival by this machine's clock, as `time.monotonic` [s].
+    fresh : bool
+        Whether it is known to be new: its stamp is later than that of the reading before it, or it has none. The first
+        reading is not: a message that is sent over and over looks the same.
+    """
+
+    position: float
+    velocity: float
+    stamp: int
+    at: float
+    fresh: bool
+
+
+class Goal:
+    """A goal that was sent: whether it was accepted, its latest feedback, and its result. A transport tells it.
+
+    Attributes
+    ----------
+    id : str
+        Of this goal; no other has the same.
+    accepted : bool
+        Whether the controller is known to have taken it.
+    refused : str
+        Why it was not taken; empty where that is not known.
+    feedback : Feedback or None
+        The latest.
+    heard : float
+        When that arrived, as `time.monotonic` [s].
+    result : Result or None
+        How it ended.
+    odd : str
+        The latest message about it that could not be read, in words.
+    """
+
+    def __init__(self) -> None:
+        self.id = f"optik-{uuid.uuid4()}"
+        self.accepted, self.refused, self.odd = False, "", ""
+        self.feedback: Feedback | None = None
+        self.result: Result | None = None
+        self.heard = 0.0
+        self._changed = threading.Condition()
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will come: it was refused, or has its result."""
+        return bool(self.refused) or self.result is not None
+
+    def wait(self, until: Callable[[], bool], seconds: float) -> bool:
+        """Wait for something that the controller tells of this goal.
+
+        Parameters
+        ----------
+        until : callable
+            Asked after every change.
+        seconds : float
+            How long to wait at most [s].
+
+        Returns
+        -------
+        bool
+            What `until` said at last.
+        """
+        with self._changed:
+            return self._changed.wait_for(until, max(seconds, 0.0))
+
+    def tell_accepted(self) -> None:
+        """The controller took it."""
+        self._set(accepted=True)
+
+    def tell_refused(self, reason: str) -> None:
+        """The controller did not take it.
+
+        Parameters
+        ----------
+        reason : str
+            Why.
+        """
+        self._set(refused=" ".join(reason.split())[:300] or "no reason was given")
+
+    def tell_feedback(self, values: Any) -> None:
+        """Feedback came; that it comes shows that the goal was accepted.
+
+        Parameters
+        ----------
+        values : dict
+            As plain data.
+        """
+        try:
+            self._set(accepted=True, feedback=feedback_of(values), heard=time.monotonic())
+        except InvalidInput as error:
+            self._set(accepted=True, odd=str(error))
+
+    def tell_result(self, state: Any, values: Any) -> None:
+        """The result came; one that cannot be read is UNKNOWN, since the goal has ended in any case.
+
+        Parameters
+        ----------
+        state : int
+            Of ``action_msgs/GoalStatus``.
+        values : dict
+            As plain data.
+        """
+        try:
+            self._set(accepted=True, result=result_of(state, values))
+        except InvalidInput as error:
+            self._set(odd=str(error), result=Result(GoalState.UNKNOWN, 0, f"a result that cannot be read: {error}"))
+
+    def _set(self, **values: Any) -> None:
+        with self._changed:
+            for name, value in values.items():
+                setattr(self, name, value)
+            self._changed.notify_all()
+
+
+class Transport(ABC):
+    """What carries goals to a controller and joint states back.
+
+    Its methods return at once, and raise nothing that comes from the other side: what went wrong is in `lost` and `odd`.
+
+    Attributes
+    ----------
+    place : str
+        Where the controller is, for messages.
+    lost : str
+        Why there is no connection; empty while there is one.
+    odd : str
+        The latest message that could not be read, in words; empty where there was none.
+    readings : dict of str to Reading
+        The latest state of each joint that was heard of, by the controller's name of it.
+    """
+
+    place: str = ""
+
+    def __init__(self) -> None:
+        self.lost, self.odd = "", ""
+        self.readings: dict[str, Reading] = {}
+
+    @abstractmethod
+    def send(self, trajectory: dict[str, Any]) -> Goal:
+        """Send a ``FollowJointTrajectory`` goal, once: it is not sent again, nor later where there is no connection.
+
+        Parameters
+        ----------
+        trajectory : dict
+            A ``trajectory_msgs/JointTrajectory`` as plain data.
+
+        Returns
+        -------
+        Goal
+            What becomes of it.
+        """
+
+    @abstractmethod
+    def cancel(self, goal: Goal) -> None:
+        """Ask the controller to cancel a goal; its result tells when that was done.
+
+        Parameters
+        ----------
+        goal : Goal
+            One that this transport sent.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the connection; goals that the controller has go on."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def tell_states(self, message: Any) -> None:
+        """Joint states came.
+
+        Parameters
+        ----------
+        message : dict
+            A ``sensor_msgs/JointState`` as plain data.
+        """
+        try:
+            states = states_of(message)
+        except InvalidInput as error:
+            self.odd = str(error)
+            return
+        now, readings = time.monotonic(), dict(self.readings)
+        for name, position, velocity in zip(*states[1:], strict=True):
+            before = readings.get(name)
+            fresh = before is not None and (states.stamp > before.stamp or states.stamp == 0)
+            if before is None or fresh:  # one with an old stamp is a repetition, and says nothing new
+                readings[name] = Reading(float(position), float(velocity), states.stamp, now, fresh)
+        self.readings = readings  # whole, for readers in other threads

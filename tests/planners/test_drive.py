@@ -1,0 +1,394 @@
+"""Set-points, and what a simulated drive does with them: encoders, stops, faults, late hosts, refusals."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+
+import optik
+from optik.errors import InvalidInput, NoSolution
+from planners import JointLine, MotionLimits, Plan, PlanStatus, make_law, plan, replan
+from planners.cell import (
+    Execution,
+    ExecutionStatus,
+    FaultKind,
+    IdealDrive,
+    LateHost,
+    LostEncoder,
+    Moment,
+    Stall,
+    WrongSetpoint,
+    setpoints,
+    whole_periods,
+)
+from planners.following.follow import Stop
+from tests import oracles
+from tests.planners.cases import START, default_line, paper6r
+from tests.planners.stops import stops
+
+PERIOD = 0.004
+
+
+@cache
+def line(law: str = "optimal", speed: float | None = None) -> Plan:
+    timing = make_law(law) if speed is None else make_law(law, speed=speed)
+    found = plan(paper6r(), default_line(), START, timing=timing)
+    assert found
+    return found
+
+
+@cache
+def sliding() -> Plan:
+    """Of an arm with a sliding joint."""
+    robot = optik.load("irb910sc")
+    q = robot.limits.lower + 0.3 * (robot.limits.upper - robot.limits.lower)
+    goal = robot.limits.lower + 0.45 * (robot.limits.upper - robot.limits.lower)
+    found = plan(robot, JointLine(robot, q, goal), q, limits=MotionLimits(1.0, 5.0, 50.0))
+    assert found
+    return found
+
+
+def goal() -> Any:
+    return line().trajectory(line().trajectory.end)
+
+
+def run(*disturbances: Any, **options: Any) -> tuple[IdealDrive, Execution]:
+    drive = IdealDrive(paper6r(), disturbances=disturbances, **options)
+    return drive, drive.execute(line())
+
+
+def at_rest_within_limits(execution: Execution, but: int | None = None) -> None:
+    """The arm's own velocities, by differences of its positions, stay within the limits, and the last is zero."""
+    dt = np.diff(execution.t)[:, None]
+    v = np.diff(execution.q, axis=0) / dt
+    kept = np.arange(6) != but
+    assert (np.abs(v).max(axis=0) <= paper6r().limits.velocity * (1.0 + 1e-6))[kept].all()
+    a = np.diff(v, axis=0) / dt[1:]
+    assert (np.abs(a).max(axis=0) <= 1.1 * np.asarray(paper6r().limits.acceleration))[kept].all()
+    assert np.abs(execution.dq[-1]).max() < 1e-9
+    assert np.abs(v[-1]).max() < 1e-3
+
+
+# ---------------------------------------------------------------- set-points
+
+
+@pytest.mark.parametrize("period", [0.004, 0.001, 1.0 / 125.0, 0.3])
+def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) -> None:
+    slower = whole_periods(line(), period)
+    count = round(slower.trajectory.end / period)
+    assert slower.trajectory.end == count * period
+    assert 0.0 <= slower.trajectory.end - line().trajectory.end < period
+    assert slower and slower.certificate.holds and slower.certificate is not line().certificate
+    assert slower.certificate.keeps == line().certificate.keeps
+    assert slower.slowed == pytest.approx(slower.trajectory.end / line().trajectory.end, rel=1e-12)
+    share = np.linspace(0.0, 1.0, 50)
+    there = line().trajectory(share * line().trajectory.end)
+    np.testing.assert_allclose(slower.trajectory(share * slower.trajectory.end), there, rtol=0.0, atol=1e-12)
+    assert whole_periods(slower, period) is slower
+
+
+def test_a_constant_tool_speed_stays_and_its_last_setpoint_is_held() -> None:
+    weld = line("constant_speed", 0.05)
+    assert whole_periods(weld, PERIOD) is weld
+    stream = setpoints(weld, PERIOD)
+    assert stream.t[-2] < weld.trajectory.end < stream.t[-1]
+    np.testing.assert_allclose(stream.q[-1], weld.trajectory(weld.trajectory.end), rtol=0.0, atol=1e-14)
+    execution = IdealDrive(paper6r()).execute(weld)
+    assert execution and execution.plan is weld
+
+
+def test_setpoints_are_the_states_at_the_ticks() -> None:
+    slower = whole_periods(line(), PERIOD)
+    stream = setpoints(slower.motion, PERIOD)
+    np.testing.assert_allclose(stream.t, PERIOD * np.arange(len(stream.t)), rtol=1e-15)
+    joints = oracles.Joints(slower.trajectory)
+    for order, rows in enumerate((stream.q, stream.dq)):
+        np.testing.assert_allclose(rows, joints(stream.t, order), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(stream.dq[[0, -1]], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("period", [0.0, -0.004, np.nan, np.inf, 10.0, "fast", None])
+def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
+    for call in (whole_periods, setpoints):
+        with pytest.raises(InvalidInput) as info:
+            call(line(), period)
+        assert info.value.argument == "period"
+
+
+def test_a_failed_plan_has_no_setpoints() -> None:
+    far = plan(paper6r(), paper6r().fk(START) @ oracles.trans(5.0, 0.0, 0.0), START)
+    assert not far
+    with pytest.raises(NoSolution):
+        setpoints(far, PERIOD)
+    refused = IdealDrive(paper6r()).execute(far)
+    assert refused.status is ExecutionStatus.REFUSED and "did not succeed" in refused.reason
+
+
+# ---------------------------------------------------------------- the ideal arm
+
+
+@pytest.mark.parametrize("encoder", [2.0**20, 2.0**13])
+@pytest.mark.parametrize("motion", [line, sliding])
+def test_the_measured_tool_is_as_near_as_the_encoders_resolution_allows(motion: Any, encoder: float) -> None:
+    robot = motion().robot
+    execution = IdealDrive(robot, encoder=encoder).execute(motion())
+    assert execution and execution.setpoints is not None
+    np.testing.assert_allclose(execution.q, execution.motion(execution.t), rtol=0.0, atol=2e-6)
+    half = np.where(robot.prismatic, 0.5e-6, np.pi / encoder)
+    assert (np.abs(execution.measured - execution.setpoints.q) <= half * (1.0 + 1e-9) + 1e-12).all()
+    T, aim = oracles.fk(robot, execution.measured), oracles.fk(robot, execution.setpoints.q)
+    off = np.linalg.norm(T[:, :3, 3] - aim[:, :3, 3], axis=1)
+    columns = np.linalg.norm(oracles.jacobian(robot, execution.setpoints.q)[:, :3], axis=1)
+    second = 2.0 * half[~robot.prismatic].sum() ** 2  # of an arm shorter than 2 m
+    assert (off <= columns @ half + second).all()
+    assert off.max() > 0.05 * (columns @ half).max()
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_setpoints_are_interpolated_by_cubics_or_held(hold: bool) -> None:
+    execution = IdealDrive(paper6r(), hold=hold, step=0.001).execute(line())
+    stream = execution.setpoints
+    assert execution and stream is not None
+    if hold:
+        k = np.minimum((np.arange(len(execution.t) - 1)) // 4, len(stream.t) - 1)
+        np.testing.assert_array_equal(execution.q[1:], stream.q[k])
+    else:
+        cubic = CubicHermiteSpline(stream.t, stream.q, stream.dq)
+        np.testing.assert_allclose(execution.q, cubic(execution.t), rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(execution.dq, cubic(execution.t, 1), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(execution.q[-1], goal(), rtol=0.0, atol=1e-9)
+
+
+def test_noise_of_the_encoders_is_drawn_from_the_seed() -> None:
+    first, second, other = (run(encoder_noise=1e-4, seed=seed)[1].measured for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, second)
+    stream = setpoints(whole_periods(line(), PERIOD), PERIOD).q
+    assert 0.8e-4 < (first - stream).std() < 1.2e-4 and not np.array_equal(first, other)
+
+
+# ---------------------------------------------------------------- stop and resume
+
+
+def wrong_of(seed: int, plans: int, each: int) -> list[str]:
+    """All that is wrong with random stops; how far they went to the limits is printed."""
+    found = list(stops(seed, plans, each))
+    worst: dict[str, float] = {}
+    for x in found:
+        worst |= {name: max(worst.get(name, 0.0), ratio) for name, ratio in x.ratios.items()}
+    print(f"{len(found)} stops of {plans} plans: {worst}")
+    assert sum(x.execution.stop is not None for x in found) > 0.7 * len(found)
+    assert sum(x.resumed is not None for x in found) > 0.4 * len(found)
+    return [f"{x.plan.robot.name}, {x.plan.law}: {word}" for x in found for word in x.wrong]
+
+
+def test_stops_are_within_the_limits_on_the_path_and_resumed() -> None:
+    assert not wrong_of(3, 5, 2)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stops_are_within_the_limits_on_the_path_and_resumed_at_length(seed: int) -> None:
+    assert not wrong_of(seed, 10, 10)
+
+
+def test_a_stop_takes_effect_once_the_setpoints_that_were_sent_are_used_up() -> None:
+    for ahead in (1, 10):
+        execution = IdealDrive(paper6r(), ahead=ahead).execute(line(), stop=0.1)
+        assert execution.status is ExecutionStatus.STOPPED and execution.stop is not None
+        assert execution.motion is not None
+        assert execution.motion.end - execution.stop.trajectory.end == pytest.approx(0.1 + ahead * PERIOD, abs=1e-9)
+
+
+def test_a_stop_near_the_end_is_the_end_and_says_so() -> None:
+    execution = IdealDrive(paper6r()).execute(line(), stop=line().trajectory.end - 0.02)
+    assert execution and execution.stop is None and "no stop was needed" in execution.notes[0]
+    np.testing.assert_allclose(execution.q[-1], goal(), rtol=0.0, atol=1e-9)
+
+
+def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(running: Plan, *given: Any, **options: Any) -> Plan:
+        return replan(running, 0.1, stop=True, limits=MotionLimits(1e-3, 1e-3, 1e-3))
+
+    monkeypatch.setattr(import_module("planners.cell.drives._run"), "replan", none)
+    execution = IdealDrive(paper6r()).execute(line(), stop=0.1)
+    assert execution.status is ExecutionStatus.DONE and "could be certified" in execution.notes[0]
+
+
+def test_an_arm_that_was_moved_since_its_stop_is_not_resumed() -> None:
+    drive = IdealDrive(paper6r())
+    stopped = drive.execute(line(), stop=0.1)
+    moved = IdealDrive(paper6r(), q=stopped.q[-1] + 0.01)
+    refused = moved.resume(stopped)
+    assert refused.status is ExecutionStatus.REFUSED and "moved since" in refused.reason
+    assert drive.resume(stopped)
+
+
+# ---------------------------------------------------------------- faults
+
+
+@pytest.mark.parametrize(
+    ("by", "what"), [(0.1, "velocity limit"), (10.0, "position limits"), (np.nan, "position limits")]
+)
+def test_a_setpoint_outside_the_limits_is_refused_before_the_arm_sees_it(by: float, what: str) -> None:
+    drive, execution = run(WrongSetpoint(0.15, "joint4", by))
+    assert execution.status is ExecutionStatus.FAULT and execution.fault is not None
+    assert execution.fault.kind is FaultKind.SETPOINT and execution.fault.joint == "joint4"
+    assert execution.fault.t == pytest.approx(0.152) and what in execution.reason and execution.advice
+    assert execution.motion is not None
+    at_rest_within_limits(execution)
+    beside = execution.q - execution.motion(np.minimum(execution.t, execution.motion.end))
+    assert np.abs(beside).max() < 2e-6
+    assert execution.motion.end - execution.stop.trajectory.end == pytest.approx(0.148)  # type: ignore[union-attr]
+    again = drive.resume(execution)
+    assert again and again.before is None
+    np.testing.assert_allclose(again.q[-1], goal(), rtol=0.0, atol=1e-9)
+
+
+def test_a_wrong_setpoint_within_the_limits_is_followed_and_said() -> None:
+    _, execution = run(WrongSetpoint(0.15, 0, 1e-4))
+    assert execution and "1e-04" in execution.notes[0].replace("0.0001", "1e-04")
+    beside = execution.q - execution.motion(execution.t)  # type: ignore[misc]
+    assert 0.9e-4 < np.abs(beside).max() < 1.1e-4
+
+
+def test_a_stalled_joint_stops_the_arm_which_goes_back_and_on() -> None:
+    drive, execution = run(Stall("joint1", 0.1, until=0.3), following=0.02)
+    assert execution.fault is not None and execution.fault.kind is FaultKind.STALL
+    assert execution.fault.joint == "joint1" and 0.1 < execution.fault.t < 0.2
+    stalled = execution.q[execution.t > 0.11, 0]
+    assert np.ptp(stalled) == 0.0
+    at_rest_within_limits(execution, but=0)
+    again = drive.resume(execution)
+    assert again
+    assert again.before is not None and again.before.status is ExecutionStatus.DONE
+    np.testing.assert_allclose(again.q[-1], goal(), rtol=0.0, atol=1e-9)
+
+
+def test_a_joint_that_stays_stalled_faults_again_and_a_new_plan_starts_where_it_stands() -> None:
+    drive, execution = run(Stall(0, 0.1), following=0.02)
+    again = drive.resume(execution)
+    assert again.status is ExecutionStatus.FAULT and again.fault is not None and again.fault.joint == "joint1"
+    back = plan(paper6r(), START, drive.measure())
+    assert back.trajectory(0.0) == pytest.approx(drive.measure(), abs=1e-9)
+
+
+def test_a_joint_that_stalls_by_little_is_found_at_rest() -> None:
+    _, execution = run(Stall("joint2", 0.1), end_tolerance=1e-3)
+    assert execution.status is ExecutionStatus.FAULT and execution.fault is not None
+    assert execution.fault.joint == "joint2" and "came to rest" in execution.reason
+
+
+def test_a_lost_encoder_stops_the_arm_and_is_repaired_before_it_goes_on() -> None:
+    drive, execution = run(LostEncoder("joint3", 0.1, until=0.3))
+    assert execution.fault is not None and execution.fault.kind is FaultKind.ENCODER
+    assert execution.fault.joint == "joint3" and execution.fault.t == pytest.approx(0.1)
+    assert "went on by its set-points" in execution.reason
+    at_rest_within_limits(execution)
+    assert np.isnan(execution.measured[:, 2]).any() and not np.isnan(execution.measured[:, :2]).any()
+    assert drive.resume(execution)
+    lost = IdealDrive(paper6r(), START, disturbances=(LostEncoder("joint3", 0.0),))
+    assert np.isnan(lost.measure()[2])
+    refused = lost.execute(line())
+    assert refused.status is ExecutionStatus.REFUSED and "joint3" in refused.reason
+    forever, stopped = run(LostEncoder("joint3", 0.1))
+    refused = forever.resume(stopped)
+    assert refused.status is ExecutionStatus.REFUSED and "joint3" in refused.reason
+
+
+def test_a_frozen_encoder_is_found_as_a_joint_that_does_not_follow() -> None:
+    _, execution = run(LostEncoder("joint1", 0.1, frozen=True), following=0.02)
+    assert execution.fault is not None and execution.fault.kind is FaultKind.STALL
+    assert "frozen" in execution.reason
+    at_rest_within_limits(execution)
+
+
+@pytest.mark.parametrize("ticks", [1, 9])
+def test_a_host_that_is_late_for_less_than_it_sent_ahead_is_only_counted(ticks: int) -> None:
+    _, execution = run(LateHost(0.1, ticks))
+    assert execution and execution.late == ticks
+    np.testing.assert_array_equal(execution.q, run()[1].q)
+
+
+def test_a_host_that_stays_late_is_stopped_for() -> None:
+    drive, execution = run(LateHost(0.1, 10))
+    assert execution.fault is not None and execution.fault.kind is FaultKind.LATE_HOST
+    assert execution.fault.joint is None and execution.late == 10
+    assert execution.fault.t == pytest.approx(0.1 + 9 * PERIOD)
+    at_rest_within_limits(execution)
+    assert drive.resume(execution)
+
+
+def test_a_host_that_has_sent_everything_is_not_late() -> None:
+    _, execution = run(LateHost(line().trajectory.end - 0.02, 100))
+    assert execution and execution.late == 0
+
+
+def test_a_watcher_that_takes_long_makes_ticks_late_where_the_pace_is_real() -> None:
+    def slow(moment: Moment) -> None:
+        if 0.1 < moment.t < 0.11:
+            time.sleep(0.05)
+
+    drive = IdealDrive(paper6r(), pace=4.0)
+    began = time.monotonic()
+    execution = drive.execute(line(), watch=slow)
+    assert execution and execution.late > 0
+    assert time.monotonic() - began >= line().trajectory.end / 4.0
+
+
+# ---------------------------------------------------------------- refusals
+
+
+def test_a_plan_whose_certificate_does_not_hold_is_refused() -> None:
+    why = Stop(PlanStatus.NOT_PROVED, 0.1, "joint1", "the certificate does not hold: jerk of joint1", "another law")
+    refused = IdealDrive(paper6r(), START).execute(replace(line(), status=PlanStatus.NOT_PROVED, stop=why))
+    assert refused.status is ExecutionStatus.REFUSED and "does not hold" in refused.reason
+    np.testing.assert_allclose(refused.q[-1], START, atol=1e-5)
+
+
+def test_a_plan_that_begins_in_motion_or_is_too_fast_for_the_arm_is_refused() -> None:
+    moving = replan(line(), 0.2)
+    refused = IdealDrive(paper6r()).execute(moving)
+    assert refused.status is ExecutionStatus.REFUSED and "in motion" in refused.reason
+    fast = plan(paper6r(), default_line(), START, limits=MotionLimits(20.0, 100.0, 5000.0))
+    assert fast
+    refused = IdealDrive(paper6r()).execute(fast)
+    assert refused.status is ExecutionStatus.REFUSED and "own limit" in refused.reason
+
+
+@pytest.mark.parametrize(
+    ("argument", "options"),
+    [
+        ("period", {"period": 0.0}), ("ahead", {"ahead": 0}), ("hold", {"hold": "yes"}), ("encoder", {"encoder": -1.0}),
+        ("encoder", {"encoder": [1.0, 2.0]}), ("encoder_noise", {"encoder_noise": np.nan}), ("pace", {"pace": 0.0}),
+        ("following", {"following": 0.0}), ("start_tolerance", {"start_tolerance": np.nan}), ("step", {"step": 0.01}),
+        ("seed", {"seed": -1}), ("q", {"q": [0.0]}), ("q", {"q": [100.0] * 6}), ("joint", {"disturbances": (Stall("x", 0.0),)}),
+        ("disturbances", {"disturbances": ("late",)}), ("ticks", {"disturbances": (LateHost(0.0, 0),)}),
+    ],
+)  # fmt: skip
+def test_options_that_cannot_be_meant_are_refused(argument: str, options: dict[str, Any]) -> None:
+    with pytest.raises(InvalidInput) as info:
+        IdealDrive(paper6r(), **options)
+    assert info.value.argument == argument
+
+
+def test_what_is_no_plan_of_this_arm_is_refused() -> None:
+    for wrong in (line().motion, sliding(), None):
+        with pytest.raises(InvalidInput) as info:
+            IdealDrive(paper6r()).execute(wrong)  # type: ignore[arg-type]
+        assert info.value.argument == "plan"
+    with pytest.raises(InvalidInput):
+        IdealDrive(paper6r()).execute(line(), stop="now")  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput):
+        IdealDrive(paper6r()).measure()
+    done = IdealDrive(paper6r()).execute(line())
+    for wrong in (done, None):
+        with pytest.raises(InvalidInput) as info:
+            IdealDrive(paper6r()).resume(wrong)  # type: ignore[arg-type]
+        assert info.value.argument == "execution"

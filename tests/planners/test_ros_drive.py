@@ -1,0 +1,333 @@
+"""RosDrive and its transports, against a stand-in for rosbridge and the controller in another process."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import optik
+import planners
+from benchmarks.cli.app import app
+from optik.errors import InvalidInput, MissingDependency, NoSolution, OptikError
+from planners.cell.drives.ros import RosDrive
+from planners.cell.stored import plan_of
+from planners.cell.transports import RclpyTransport, RosbridgeTransport
+
+SERVER = Path(__file__).with_name("rosbridge_server.py")
+PATIENT = {"execute": True, "patience": 20.0, "grace": 60.0, "latency": 0.6}
+"""For what must succeed on a machine that is busy: nothing waits that long where it is not."""
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with subprocess.Popen([sys.executable, str(SERVER)], stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        yield int(server.stdout.readline())
+        server.kill()
+
+
+@pytest.fixture(scope="module")
+def plan() -> planners.Plan:
+    return hop(4.0)  # long enough for a stop that a busy machine computes late
+
+
+@cache
+def hop(seconds: float) -> planners.Plan:
+    """A motion in joint space with few knots, of an arm without masses: its certificates take milliseconds."""
+    robot = optik.load("irb120")
+    limits = planners.MotionLimits(velocity=2.0, acceleration=10.0, jerk=200.0)
+    q, options = robot.limits.middle, {"timing": "ruckig", "limits": limits}
+    return planners.plan(robot, q + np.array([0.3, -0.2, 0.25, 0.1, 0.2, 0.1]), q, duration=seconds, **options)
+
+
+def address(port: int, mode: str, plan: planners.Plan, more: str = "", at: Any = None) -> str:
+    """Of a controller of its own."""
+    q = ",".join(map(str, plan.trajectory(0.0) if at is None else at))
+    return f"ws://127.0.0.1:{port}/{mode}?id={uuid.uuid4()}&names={','.join(plan.robot.joint_names)}&q={q}{more}"
+
+
+def drive_on(url: str, plan: planners.Plan, **options: Any) -> RosDrive:
+    return RosDrive(plan.robot, RosbridgeTransport(url, timeout=20.0), **options)
+
+
+def test_a_dry_run_checks_everything_and_sends_nothing(port, plan):
+    drive = drive_on(address(port, "ok", plan), plan, patience=20.0)
+    with drive.transport:
+        dry = drive.execute(plan)
+        assert (dry.status, dry.motion) == ("dry_run", None)
+        assert "points of 4.0004 s to ws://127.0.0.1" in dry.reason and "--execute" in dry.advice
+        time.sleep(0.2)
+        np.testing.assert_array_equal(drive.measure(), plan.trajectory(0.0))  # and the arm stands where it stood
+
+
+def test_an_execution_follows_the_controller_by_the_robots_clock(port):
+    seen, plan = [], hop(1.5)
+    drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
+    with drive.transport:
+        done = drive.execute(plan, watch=seen.append)
+    assert done and done.status == "done" and done.fault is None, done.reason
+    assert done.plan.certificate.holds and abs(done.motion.end - 1.5) < 1e-3
+    np.testing.assert_allclose(done.q[-1], plan.trajectory(plan.trajectory.end), atol=1e-9)
+    # What the joint states say is what was sent, at the instants of the robot's clock: its points reproduce the motion.
+    assert len(done.t) > 20 and np.abs(done.q - done.setpoints.q).max() < 1e-5
+    assert len(seen) > 20 and seen[-1].t <= time.monotonic()
+
+
+@pytest.mark.parametrize(("more", "off"), [("", 1e-5), ("&legacy=1", 2e-2)])
+def test_a_stop_replaces_the_goal_at_an_instant_of_the_controllers_clock_and_resume_goes_on(port, plan, more, off):
+    drive = drive_on(address(port, "ok", plan, more), plan, **PATIENT)
+    with drive.transport:
+        stopped = drive.execute(plan, stop=0.2)
+        assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
+        assert stopped.stop.certificate.holds and stopped.motion.end < 3.9
+        # Older controllers go to the first point of the stop by a quintic of their own; newer ones go on along the plan.
+        assert np.abs(stopped.q - stopped.setpoints.q).max() < off
+        np.testing.assert_allclose(stopped.q[-1], stopped.stop.trajectory(stopped.stop.trajectory.end), atol=1e-6)
+        assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01  # it did not go to the end
+        rest = drive.resume(stopped)
+        assert rest, (rest.reason, rest.notes)
+        np.testing.assert_allclose(rest.q[-1], plan.trajectory(plan.trajectory.end), atol=1e-6)
+        with pytest.raises(InvalidInput, match="stopped"):
+            drive.resume(rest)
+        again = drive.resume(stopped)  # the arm stands at the goal by now
+        assert again.status == "refused" and "end of the path already" in again.reason
+
+
+def test_a_stop_reaches_an_old_rosbridge_that_reads_nothing_while_a_goal_runs(port, plan):
+    drive = drive_on(address(port, "blocking", plan), plan, **PATIENT)
+    with drive.transport:
+        stopped = drive.execute(plan, stop=lambda t: t > 0.2)
+    assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
+
+
+@pytest.mark.parametrize(
+    ("mode", "why"),
+    [
+        ("rejectstop", "did not take the stop: Action goal was rejected"),
+        ("quietstop", "did not take the stop"),
+        ("oddfeedback", "no feedback tells where the controller is"),
+        ("elsewhere", "no feedback tells where the controller is"),
+    ],
+)
+def test_where_no_stop_is_taken_the_goal_is_cancelled(port, plan, mode, why):
+    drive = drive_on(address(port, mode, plan), plan, **PATIENT)
+    with drive.transport:
+        stopped = drive.execute(plan, stop=0.2)
+    assert (stopped.status, stopped.stop) == ("stopped", None), (stopped.reason, stopped.notes)
+    assert why in stopped.reason and any("controller's own" in note for note in stopped.notes)
+    assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind", "why"),
+    [
+        ("reject", "controller", "did not take the goal: Action goal was rejected"),
+        ("quiet", "connection", "did not say within 1 s"),
+        ("abort", "stall", "left its path tolerance"),
+        ("broken", "controller", "code -9: hardware fault"),
+        ("oddresult", "controller", "cannot be read"),
+        ("close", "connection", "closed by the other side while a goal ran"),
+        ("noresult", "stall", "no result came within 0.2 s after"),
+        ("freeze", "encoder", "not fresh"),
+    ],
+)
+def test_every_fault_is_a_status_with_a_reason(port, plan, mode, kind, why, capfd):
+    short = hop(1.0)
+    patience = 20.0 if mode in ("reject", "close") else 1.0
+    options = {"execute": True, "patience": patience, "grace": 0.2 if mode == "noresult" else 20.0}
+    drive = drive_on(address(port, mode, short), short, **options)
+    with drive.transport:
+        done = drive.execute(short)
+    assert (done.status, done.fault and done.fault.kind) == ("fault", kind), (done.reason, done.notes)
+    assert why in done.reason and done.advice
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize(
+    ("mode", "why"),
+    [
+        ("silent", "no joint states came"),
+        ("nonsense", "no joint states came within 0.3 s; the latest message that could not be read"),
+        ("wrong", "position: expected 6 numbers; got '0.1, 0.2'"),
+        ("stale", "not fresh"),
+        ("nan", "the position of joint2 is no number"),
+        ("null", "the position of joint2 is no number"),
+        ("missing", "they have gripper"),
+    ],
+)
+def test_nothing_is_sent_to_an_arm_whose_joints_are_not_known(port, plan, mode, why, capfd):
+    drive = drive_on(address(port, mode, plan), plan, execute=True, patience=0.3)
+    with drive.transport:
+        refused = drive.execute(plan)
+        assert np.isnan(drive.measure()).any()
+    assert refused.status == "refused" and why in refused.reason and refused.advice, refused.reason
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def test_nothing_is_sent_to_an_arm_that_stands_elsewhere(port, plan):
+    elsewhere = plan.trajectory(0.0) + np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0])
+    drive = drive_on(address(port, "ok", plan, at=elsewhere), plan, execute=True, patience=20.0)
+    with drive.transport:
+        refused = drive.execute(plan)
+        assert refused.status == "refused" and f"{plan.robot.joint_names[2]} stands at" in refused.reason, (
+            refused.reason
+        )
+        near = RosDrive(plan.robot, drive.transport, patience=20.0, start_tolerance=0.03)
+        assert near.execute(plan).status == "dry_run"
+
+
+def test_nothing_is_sent_whose_certificate_does_not_hold_now(port, plan):
+    drive = drive_on(address(port, "ok", plan), plan, execute=True, patience=20.0)
+    slow = planners.MotionLimits(velocity=0.01, acceleration=1.0, jerk=10.0)
+    stale = replace(plan, limits=slow)  # its stored certificate, of other limits, holds
+    moving = planners.replan(plan, 1.0)
+    with drive.transport:
+        refused = drive.execute(stale)
+        assert stale.certificate.holds and refused.status == "refused" and "velocity" in refused.reason, refused.reason
+        assert "begins in motion" in drive.execute(moving).reason
+        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, timing="quintic")  # promises no limits
+        assert quintic and "acceleration" in drive.execute(quintic).reason
+        with pytest.raises(InvalidInput, match="this drive's arm"):
+            drive.execute(replace(plan, robot=optik.load("ur5e")))
+
+
+def test_the_controllers_names_and_order_of_the_joints(port, plan):
+    names = {name: f"arm/{name}" for name in plan.robot.joint_names}
+    order = [*range(1, plan.robot.n), 0]
+    theirs = ",".join(names[plan.robot.joint_names[i]] for i in order)
+    url = address(port, "ok", plan, at=plan.trajectory(0.0)[order]).replace(",".join(plan.robot.joint_names), theirs)
+    drive = drive_on(url, plan, joint_names=names, **PATIENT)
+    quick = hop(0.8)
+    with drive.transport:
+        done = drive.execute(quick)
+    assert done, done.reason
+    np.testing.assert_allclose(done.q[-1], quick.trajectory(quick.trajectory.end), atol=1e-9)
+
+
+def test_an_exception_of_the_caller_stops_the_arm(port, plan):
+    def careless(moment):
+        if moment.t > 0.2:
+            raise KeyboardInterrupt
+
+    drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
+    with drive.transport:
+        with pytest.raises(KeyboardInterrupt):
+            drive.execute(plan, watch=careless)
+        reason, _ = drive.unmeasured()  # waits until it stands
+        assert reason == "" and np.abs(drive.measure() - plan.trajectory(4.0)).max() > 0.01
+
+
+def test_a_server_that_never_answers_or_is_not_there(plan, capfd):
+    with socket.socket() as mute:
+        mute.bind(("127.0.0.1", 0))
+        mute.listen()
+        url = f"ws://127.0.0.1:{mute.getsockname()[1]}"
+        since = time.monotonic()
+        drive = RosDrive(plan.robot, RosbridgeTransport(url, timeout=0.3))
+        assert "no rosbridge answers" in drive.execute(plan).reason
+    assert "no rosbridge answers" in RosDrive(plan.robot, RosbridgeTransport(url, timeout=0.3)).execute(plan).reason
+    assert time.monotonic() - since < 60.0
+    assert drive.transport.send({}).refused == drive.transport.lost  # and nothing is sent later
+    assert "Traceback" not in "".join(capfd.readouterr())
+    assert all(thread.daemon for thread in threading.enumerate() if thread.name.startswith("roslibpy"))
+
+
+def test_wrong_arguments(plan):
+    for url in ("127.0.0.1:9090", "http://x:1", "ws://", "ws://x:99999", 7):
+        with pytest.raises(InvalidInput, match=r"url.*ws://127\.0\.0\.1:9090"):
+            RosbridgeTransport(url)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="action"):
+        RosbridgeTransport(action="no name")
+    with pytest.raises(InvalidInput, match="a Transport"):
+        RosDrive(plan.robot, "ws://127.0.0.1:9090")  # type: ignore[arg-type]
+
+
+def test_a_missing_package_is_named_with_the_way_to_install_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "roslibpy", None)
+    with pytest.raises(MissingDependency, match=r"roslibpy.*optik-toolkit\[ros2\]"):
+        RosbridgeTransport()
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    with pytest.raises(MissingDependency, match=r"rclpy.*source a ROS 2"):
+        RclpyTransport()
+
+
+# ---------------------------------------------------------------- stored motions, and the command line
+
+
+def test_the_plan_of_a_stored_motion_can_be_stopped(tmp_path):
+    robot = optik.load("paper6r")
+    q = robot.limits.middle
+    start = robot.fk(q)
+    goal = start.copy()
+    goal[:3, 3] += [-0.12, 0.0, 0.2]
+    made = planners.plan(robot, goal, q, timing="quintic")
+    made.save(tmp_path / "line.json")
+    found = plan_of(planners.load_motion(tmp_path / "line.json"))
+    assert found and np.array_equal(found.trajectory.coefficients, made.trajectory.coefficients)
+    s = np.linspace(0.0, made.joint_path.end, 50)
+    np.testing.assert_allclose(found.joint_path(s), made.joint_path(s), atol=1e-6)
+    assert planners.replan(found, 0.5 * found.trajectory.end, stop=True)
+    hasty = replace(made.motion, limits=made.limits.scaled(0.05), keeps=("velocity",))
+    with pytest.raises(NoSolution, match="certificate of this motion does not hold"):
+        plan_of(hasty)
+
+
+def typed(*words: str) -> tuple[int, str]:
+    """Exit status and output of `optik drive`."""
+    done = CliRunner().invoke(app, ["drive", *words])
+    assert done.exception is None or isinstance(done.exception, SystemExit | OptikError), done.exception
+    return done.exit_code, done.output + str(done.exception or "")
+
+
+def test_the_command_line_checks_sends_and_reports(port, plan, tmp_path):
+    file, out = str(tmp_path / "hop.json"), str(tmp_path / "done.json")
+    hop(0.6).save(file)
+    code, said = typed(file, "--on", "ros", "--url", address(port, "ok", plan))
+    assert code == 0 and "nothing was sent" in said and "points of 0.60006 s" in said and "--execute" in said, said
+    code, said = typed(file, "--on", "ros", "--url", address(port, "close", plan), "--execute", "--json")
+    assert code == 1 and json.loads(said.rpartition("}")[0] + "}")["fault"]["kind"] == "connection", said
+    code, said = typed(file, "--on", "ideal", "--execute", "--out", out)
+    data = json.loads(Path(out).read_text())
+    assert code == 0 and "needs no --execute" in said and data["status"] == "done", said
+    assert max(data["tracking"]) < 1e-5 and len(data["t"]) == len(data["q"])
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("stored")
+    hop(0.6).save(folder / "hop.json")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["nix.json"], "nix.json"),
+        (["hop.json", "--url", "ws://127.0.0.1:9090"], "--on: expected ros"),
+        (["hop.json", "--on", "ros", "--url", "127.0.0.1"], "url: expected the address"),
+        (["hop.json", "--on", "ros", "--via", "tcp"], "--via: expected rosbridge or rclpy"),
+        (["hop.json", "--on", "ros", "--via", "rclpy", "--url", "ws://127.0.0.1:1"], "--url: expected no address"),
+        (["hop.json", "--on", "ros", "--joint-names", "a,b"], "--joint-names: expected 6 names"),
+        (["hop.json", "--on", "idael"], "did you mean ideal"),
+        (["hop.json", "--stop", "-1"], "--stop: expected a time"),
+        (["hop.json", "--out", "done.csv"], "ends with .json"),
+    ],
+)
+def test_what_is_typed_wrong_is_named(stored, monkeypatch, words, why):
+    monkeypatch.chdir(stored)
+    code, said = typed(*words)
+    assert code != 0 and why in said
