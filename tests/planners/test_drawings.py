@@ -219,3 +219,5 @@ def test_the_commands_of_the_application_layer_exist() -> None:
     group = get_command(app)
     missing = [command for command in COMMANDS if command.split()[1] not in group.commands]
     assert not missing
+    suites = {command.split()[3] for command in COMMANDS if command.startswith("optik bench run ")}
+    assert suites <= {p.stem for p in (oracles.REPOSITORY / "benchmarks" / "suites").glob("*.toml")}

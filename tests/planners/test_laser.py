@@ -7,7 +7,7 @@ from math import inf, pi
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -224,6 +224,7 @@ def test_a_moved_plane_holds_the_moved_points(T: Array, a: Array, n: Array) -> N
 
 
 @given(poses, pans, tilts, st.floats(0.1, 10.0))
+@settings(max_examples=20)
 def test_the_jacobians_are_those_of_differences(T: Array, pan: float, tilt: float, distance: float) -> None:
     by_reading, by_pose = PanTiltLaser(T).jacobians(pan, tilt, distance)
     h = 1e-6

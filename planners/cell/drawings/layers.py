@@ -26,7 +26,7 @@ BETWEEN = 46.0
 LOOP = 40.0
 """Width beside the layers, for the arrow from the laser back to the main control [px]."""
 
-COMMANDS = ("optik cell", "optik view")
+COMMANDS = ("optik cell", "optik drive", "optik view", "optik bench run cell")
 """How a person uses the cell from the command line."""
 
 

@@ -25,6 +25,10 @@ FILTER_SHARE = 0.25
 """Time constant of the filter of the velocity, times the natural frequency in rad/s [1]: 4 ms at 10 Hz. More makes the loop
 ring (the damping ratio of its fast part is 0.65), less makes motors shake by the counts of the encoders."""
 
+FASTEST_GAIN = 1.0
+"""Largest gain of the velocity, and natural frequency in rad/s, times the step of the plant [1]: beyond, a servo does more in
+one step than it corrects, and motors shake between their limits (from 160 Hz on at 0.5 ms)."""
+
 EXAMINED = 20
 """Configurations at which it is examined whether every joint moves a mass: one is enough but for singular ones."""
 
@@ -75,6 +79,27 @@ def gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:
     _check_inertia(robot)
     w = 2.0 * pi * _positive(robot, bandwidth, "bandwidth")
     return Gains(w, 2.0 * w * _positive(robot, damping, "damping"), FILTER_SHARE / w)
+
+
+def check_step(found: Gains, step: float) -> None:
+    """Raise where servos are too fast for the step of the plant.
+
+    Parameters
+    ----------
+    found : Gains
+        Their gains.
+    step : float
+        Of the plant [s].
+
+    Raises
+    ------
+    InvalidInput
+        Gains at which they would not be stable.
+    """
+    fastest = float(np.maximum(found.frequency, found.damping).max())
+    if fastest * step > FASTEST_GAIN:
+        wanted = f"gains of at most {FASTEST_GAIN / step:.0f} 1/s at steps of {1000.0 * step:g} ms, or a smaller step"
+        raise InvalidInput("bandwidth, damping", f"a gain (ω, 2 ζ ω) of {fastest:.0f} 1/s", wanted)
 
 
 def _check_inertia(robot: Robot) -> None:

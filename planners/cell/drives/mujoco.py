@@ -17,7 +17,7 @@ from optik.types import Array, Flags
 from planners.cell._masses import with_masses
 from planners.cell.disturbances import LostEncoder
 from planners.cell.drives._run import Commands, Run, Steps
-from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, gains, servo, tuning
+from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, gains, servo, tuning
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
 from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model
@@ -32,9 +32,12 @@ BLOCKED = 1e6
 SETTLED = 10.0
 """How long the last set-point is held, in time constants of the slowest servo [1]: of an error, 5e-4 is left then."""
 
+DIVERGED = 1e6
+"""Velocity of a joint above which the simulation is not stable [rad/s, m/s]: no motor turns so fast."""
+
 SAG = (0.03, 0.003)
-"""Largest difference of the arm's reading and a plan's start without feed-forward, by default [rad, m]: under gravity such
-servos stand off by the acceleration of a free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
+"""Largest difference of the arm's reading and a plan's start or end without feed-forward, by default [rad, m]: under gravity
+such servos stand off by the acceleration of a free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
 
 
 class MujocoDrive(SimulatedDrive):
@@ -72,13 +75,14 @@ class MujocoDrive(SimulatedDrive):
     seed : int
         Of the encoders' noise.
     **others
-        As for every simulated drive. Without feed-forward, the default of ``start_tolerance`` is 0.03 rad and 3 mm.
+        As for every simulated drive. Without feed-forward, the default of ``start_tolerance`` and ``end_tolerance`` is
+        0.03 rad and 3 mm.
 
     Raises
     ------
     InvalidInput
-        One of them out of range, a step above 0.5 ms, a plant with other kinematics or without masses, a joint that moves
-        no mass.
+        One of them out of range, a step above 0.5 ms, servos that are too fast for it, a plant with other kinematics or
+        without masses, a joint that moves no mass; while it executes, a plant on which the servos are not stable.
     MissingDependency
         MuJoCo is not installed.
     """
@@ -95,7 +99,8 @@ class MujocoDrive(SimulatedDrive):
         self._mujoco = import_mujoco("the drive 'mujoco'")
         self.feedforward = check_flag(feedforward, "feedforward")
         if not feedforward and isinstance(robot, Robot):
-            others.setdefault("start_tolerance", np.where(robot.prismatic, *reversed(SAG)))
+            sag = np.where(robot.prismatic, *reversed(SAG))
+            others = {"start_tolerance": sag, "end_tolerance": sag, **others}
         super().__init__(robot, step=step, seed=seed, **others)
         if step > PLANT_STEP:
             raise InvalidInput(
@@ -146,6 +151,7 @@ class MujocoDrive(SimulatedDrive):
         self._friction = np.array(self.plant.inertia.coulomb)
         self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
         self._step = self.period / self.steps
+        check_step(self.gains, self._step)
         self._tuned = tuning(self.gains, self._step, self.options.resolution, self.options.following, self._most)
         self._stood = False  # whether the friction of a joint is that of a brake or a block
         self._model = mujoco_model(self.plant, step=self._step)
@@ -187,6 +193,9 @@ class MujocoDrive(SimulatedDrive):
             servo(tuned, M, row, read, state, h, motors)
             self._mujoco.mj_step(self._model, data)
             q[j], dq[j], torque[j] = at, data.qvel, motors
+        if data.warning.number.any() or np.abs(dq).max() > DIVERGED:  # MuJoCo would put the arm back to zero
+            wanted = f"servos that are stable on this plant at steps of {1000.0 * h:g} ms"
+            raise InvalidInput("bandwidth, damping, plant", "a simulation that diverged", wanted)
         self._now = torque[-1].copy()
         return Steps(q, dq, torque)
 
