@@ -18,7 +18,7 @@ from planners.paths.arc import Arc
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.paths.polyline import Polyline
-from planners.plan import Plan, PlanStatus, plan
+from planners.plan import Plan, PlanSeconds, PlanStatus, plan
 from planners.replan import replan
 from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
@@ -40,6 +40,7 @@ __all__ = [
     "Path",
     "PathError",
     "Plan",
+    "PlanSeconds",
     "PlanStatus",
     "Polyline",
     "Scene",

@@ -30,7 +30,7 @@ from planners.timing import TimeLaw, law_for, make_law
 from planners.timing.base import check_motion
 from planners.trajectory import Trajectory
 
-__all__ = ["Asked", "Plan", "PlanStatus", "make_law", "path_to", "plan"]
+__all__ = ["Asked", "Plan", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
 
 UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
 """Advice for a motion whose certificate does not hold."""
@@ -99,7 +99,7 @@ class Plan:
     margin : float
         What all distances to it must exceed [m].
     seconds : PlanSeconds
-        How long the parts of planning took; plans are equal whatever they took.
+        How long the parts of planning took, after `replan` the certificate's only; plans are equal whatever they took.
     """
 
     robot: Robot

@@ -7,6 +7,7 @@ from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
+from planners.cell.drives.ros import RosDrive
 from planners.cell.errors import ErrorSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
@@ -14,6 +15,8 @@ from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
 from planners.cell.mjcf import mujoco_model, to_mjcf
 from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
+from planners.cell.stored import plan_of
+from planners.cell.transports import RclpyTransport, RosbridgeTransport, Transport
 
 __all__ = [
     "Calibration",
@@ -40,6 +43,9 @@ __all__ = [
     "PathSplit",
     "Plane",
     "PoseFigures",
+    "RclpyTransport",
+    "RosDrive",
+    "RosbridgeTransport",
     "Round",
     "Setpoints",
     "SightStatus",
@@ -48,6 +54,7 @@ __all__ = [
     "Spot",
     "Stall",
     "Step",
+    "Transport",
     "WrongSetpoint",
     "calibrate",
     "crossings",
@@ -56,6 +63,7 @@ __all__ = [
     "make_drive",
     "mujoco_model",
     "path_figures",
+    "plan_of",
     "pose_figures",
     "setpoints",
     "split_configurations",

@@ -34,12 +34,15 @@ def split_along(execution: Execution, solver: IKSolver, true_spot: Array, sample
     PathSplit
         The last instant is the end of the execution.
     """
-    assert execution.motion is not None
-    robot, path, motion, t = execution.robot, execution.plan.path, execution.motion, execution.t
+    robot, path, t = execution.robot, execution.plan.path, execution.t
+    motion = execution.plan.trajectory if execution.motion is None else execution.motion
     binding = execution.plan.certificate.binding
     wanted = np.interp(np.linspace(0.0, path.end, samples), binding.s, binding.t)
     chosen = np.unique(np.append(np.clip(np.searchsorted(t, wanted), 0, t.size - 1), t.size - 1))
-    planned = motion(np.minimum(t[chosen], motion.end))
+    # without a motion of its own, the arm stood at the end of the plan already
+    planned = motion(
+        np.minimum(t[chosen], motion.end) if execution.motion is not None else motion.end * np.ones(chosen.size)
+    )
     s = path.nearest(robot.fk(planned))
     s[-1] = path.end  # an execution ends where its motion does, and that is the end of the path
     poses = path.pose(s)

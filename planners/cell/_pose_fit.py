@@ -21,6 +21,10 @@ TINY = 1e-150
 MOST_TRIPLES = 100
 """Most triples of pairs of which starts are made: with a quarter of outliers, all of 100 have one with a chance of 10⁻²³."""
 
+FLAT_TRIPLE = 0.1
+"""Smallest area of a triple's triangle, over the largest one [1]: a flatter one does not fix the rotation, which many points on
+one line would not show."""
+
 MOST_FIT_STEPS = 50
 """Most Gauss–Newton steps; from the closed-form start three to five are enough."""
 
@@ -235,7 +239,10 @@ def robust_start(readings: Readings) -> tuple[Array, Flags]:
     candidates = closed_form(readings.spots[triples], readings.points[triples])
     squares = np.sum((residuals(readings, candidates) * readings.weights) ** 2, axis=-1)
     half = readings.m // 2 + 1
-    best = int(np.argmin(np.partition(squares, half - 1, axis=1)[:, half - 1]))
+    median = np.partition(squares, half - 1, axis=1)[:, half - 1]
+    a, b, c = readings.points[triples].swapaxes(0, 1)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    best = int(np.argmin(np.where(area >= FLAT_TRIPLE * area.max(), median, np.inf)))
     kept = np.zeros(readings.m, dtype=bool)
     kept[triples[best]] = True
     kept[np.argsort(squares[best])[:half]] = True

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from math import inf
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -60,20 +62,20 @@ Look = Callable[[], Spot]
 class Wishes:
     """What was asked of a task; see `Cell.move_to_spot`."""
 
-    orientation: Array | None
-    corrections: int
-    readings: int
     law: TimeLaw
     ik: str | os.PathLike[str] | IKSolver
-    samples: int
-    plane: Plane | None
-    true_spot: Array | None
-    follow: Follow | None
-    moved: float
-    most_replans: int
-    look: Look | None
     stop: StopRequest | None
     watch: Watcher | None
+    orientation: Array | None = None
+    corrections: int = 0
+    readings: int = 1
+    samples: int = 151
+    plane: Plane | None = None
+    true_spot: Array | None = None
+    follow: Follow | None = None
+    moved: float = inf
+    most_replans: int = 0
+    look: Look | None = None
 
 
 class Ended(Exception):
@@ -145,6 +147,29 @@ class Task:
             status = ended.status
         return self._outcome(status)
 
+    def resume(self, outcome: Outcome) -> Outcome:
+        """Go on with a task that was stopped while the arm moved.
+
+        Parameters
+        ----------
+        outcome : Outcome
+            How it ended; its last execution was stopped.
+
+        Returns
+        -------
+        Outcome
+            Of the rest of the way.
+        """
+        self.spot, self.true_spot, self.target = outcome.spot, outcome.true_spot, outcome.target
+        since, status = perf_counter(), CellStatus.ARRIVED
+        try:
+            execution = self.cell.drive.resume(outcome.executions[-1], stop=self.wishes.stop, watch=self.wishes.watch)
+            self._ended(execution, since)
+            self._arrived(execution.plan, execution)
+        except Ended as ended:
+            status = ended.status
+        return self._outcome(status)
+
     def _outcome(self, status: CellStatus) -> Outcome:
         cell = self.cell
         beam = None if self.spot is None else (cell.laser.pose[:3, 3], self.spot)
@@ -209,7 +234,7 @@ class Task:
 
     # ------------------------------------------------------------ from the line to its execution
 
-    def _planned(self) -> Plan | None:
+    def _planned(self, law: TimeLaw) -> Plan | None:
         """Steps "line", "joints", "timing" and "certificate"; None where the tool is at its target already."""
         since, cell, robot = perf_counter(), self.cell, self.cell.robot
         q = self._measured_start()
@@ -222,16 +247,20 @@ class Task:
             self._add("line", "the tool is there already", line, since)
             return None
         self._add("line", f"{_length(line)} long", line, since)
-        found = self._plan(line, q)
+        found = self._plan(line, q, law)
         if found and found.trajectory.duration < cell.drive.period and found.speed is None:
-            found = self._plan(line, q, cell.drive.period)
+            found = self._plan(line, q, law, cell.drive.period)
         self._add_planned(found)
+        if found.trajectory.duration < cell.drive.period:
+            took = f"the motion takes {found.trajectory.duration:.3g} s at the tool speed that was asked"
+            reason = f"{took}, less than the servo's period of {cell.drive.period:g} s"
+            raise self._fail("execution", CellStatus.REFUSED, reason, "a lower tool speed, or a law without one")
         return found
 
-    def _plan(self, line: Line, q: Array, duration: float | None = None) -> Plan:
+    def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
         cell, wishes = self.cell, self.wishes
         return plan(
-            cell.robot, line, q, ik=self.solver, timing=wishes.law, limits=cell.limits, samples=wishes.samples,
+            cell.robot, line, q, ik=self.solver, timing=law, limits=cell.limits, samples=wishes.samples,
             duration=duration, scene=cell.scene, margin=cell.margin,
         )  # fmt: skip
 
@@ -259,7 +288,10 @@ class Task:
     def _executed(self, found: Plan, stop: StopRequest | None) -> Execution:
         """Step "execution", or "stop" where a spot that moved stopped it."""
         since = perf_counter()
-        execution = self.cell.drive.execute(found, stop=stop, watch=self.wishes.watch)
+        return self._ended(self.cell.drive.execute(found, stop=stop, watch=self.wishes.watch), since)
+
+    def _ended(self, execution: Execution, since: float) -> Execution:
+        """The step that an execution was, judged by how it ended."""
         if execution.t.size:
             self.clock += float(execution.t[-1])
         if execution:
@@ -308,7 +340,7 @@ class Task:
         follow, most = self.wishes.follow, self.wishes.most_replans
         for replans in range(most + 1):
             self._stopped_by_spot = False
-            found = self._planned()
+            found = self._planned(self.wishes.law)
             execution = None if found is None else self._executed(found, self._stop())
             if follow is not None:
                 self._see(follow(self.clock))
@@ -363,7 +395,11 @@ class Task:
             return
         self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + rest)
         self._stopped_by_spot = False
-        found = self._planned()
+        law = self.wishes.law
+        if law.speed is not None:  # a correction is too short to come to a tool speed that was asked
+            law = copy(law)
+            law.speed = None
+        found = self._planned(law)
         if found is not None:
             self._arrived(found, self._executed(found, self.wishes.stop))
 

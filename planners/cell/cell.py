@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import os
 from collections.abc import Callable
 from time import perf_counter
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,25 +19,22 @@ from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell._checks import vectors
-from planners.cell._seeing import meant, reading_variance, seen_from
+from planners.cell._readings import CellReadings
 from planners.cell._task import Follow, Look, Task, wishes_of
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, Held
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
-from planners.cell.sighting import Plane, Sighting, Spot
+from planners.cell.sighting import Plane, Spot
 from planners.limits import MotionLimits
 from planners.timing import TimeLaw
 
 MOST_ROUNDS = 100
 """Most corrections of one task: noise keeps them from getting better after two or three."""
 
-MOST_KNOWN = 10_000
-"""Readings whose true points are kept, the last ones."""
 
-
-class Cell:
+class Cell(CellReadings):
     """The paper's system: a laser unit beside an arm on one platform, the control that plans, and the drive that executes.
 
     Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
@@ -101,18 +97,14 @@ class Cell:
         for name, kind in kinds.items():
             if not isinstance(given[name], kind) and (given[name] is not None or name in ("robot", "laser")):
                 raise InvalidInput(name, shown(given[name]), f"a {kind.__name__}")
-        check_count(seed, "seed", 0)
-        self._bare, self.laser, self.gripper = robot, laser, gripper
-        self.unit = laser if unit is None else unit
+        super().__init__(laser, laser if unit is None else unit, np.eye(4) if base is None else base, seed)
+        self._bare, self.gripper = robot, gripper
         self.held: Held | None = None
         self.width = None if gripper is None else gripper.opening
         self.robot = robot if gripper is None else gripper.mounted(robot)
         self.limits = MotionLimits.of(robot) if limits is None else limits
-        self.base = np.eye(4) if base is None else se3.check_pose(base, "base")
         self.scene, self.margin = scene, 0.0 if scene is None else check_scene(self.robot, scene, margin)
         self.drive = self._driven(drive, q)
-        self._rng = np.random.default_rng(seed)
-        self._known: dict[int, tuple[Spot, Array]] = {}
 
     def _driven(self, drive: Any, q: ArrayLike | None) -> Drive:
         """The drive, for the arm with its gripper."""
@@ -134,169 +126,6 @@ class Cell:
         """What the reader of an outcome must know of the cell."""
         heavy = self.robot.inertia is None and self.gripper is not None
         return [f"the masses of {self.robot.name} are unknown: those of the gripper are not counted"] if heavy else []
-
-    # ------------------------------------------------------------ frames and readings
-
-    def moved(self, base: ArrayLike) -> Self:
-        """Return the same cell, its platform standing elsewhere; arm, drive and laser are the same.
-
-        Parameters
-        ----------
-        base : (4, 4) array
-            T_world_platform [1, m].
-
-        Returns
-        -------
-        Cell
-            The cell there.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose.
-        """
-        there = copy.copy(self)
-        there.base = se3.check_pose(base, "base")
-        return there
-
-    def from_world(self, points: ArrayLike) -> Array:
-        """Return points of the world in the arm's base frame.
-
-        Parameters
-        ----------
-        points : (3,) or (..., 3) array
-            In the world [m].
-
-        Returns
-        -------
-        (3,) or (..., 3) array
-            In the base frame [m].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong shape, NaN or infinity.
-        """
-        local: Array = (vectors(points, "points") - self.base[:3, 3]) @ self.base[:3, :3]
-        return local
-
-    def read(self, point: ArrayLike, readings: int = 1) -> Spot:
-        """Return what the true unit reads of a true point, with its noise, for simulations.
-
-        Parameters
-        ----------
-        point : (3,) array
-            In the arm's base frame [m].
-        readings : int
-            How often it is read.
-
-        Returns
-        -------
-        Spot
-            The reading, or arrays (k,) of several [rad, rad, m]. A task with it knows where the spot truly is.
-
-        Raises
-        ------
-        InvalidInput
-            Wrong shape, NaN or infinity, or fewer than one reading.
-        """
-        check_count(readings, "readings", 1)
-        true = vectors(point, "point")
-        spot = self._read(true, readings)
-        self._known[id(spot)] = (spot, true)
-        if len(self._known) > MOST_KNOWN:
-            self._known.pop(next(iter(self._known)))
-        return spot
-
-    def _read(self, true: Array, readings: int) -> Spot:
-        return self.unit.read(true if readings == 1 else np.tile(true, (readings, 1)), self._rng)
-
-    def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
-        """Return where a spot truly is, and whether that is known.
-
-        Parameters
-        ----------
-        spot : Spot
-            A reading.
-        plane : Plane, optional
-            On which the spot is.
-
-        Returns
-        -------
-        point : (3,) array
-            The point that `read` was given; of another reading, where the true unit's beam points with it [m].
-        known : bool
-            Whether the reading was made by `read`.
-
-        Raises
-        ------
-        InvalidInput
-            A reading that is none, or whose beam does not meet the plane.
-        """
-        if id(spot) in self._known:
-            return self._known[id(spot)][1], True
-        return meant(self.unit, spot, plane), False
-
-    def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
-        """Return where the calibrated unit says that a spot is: the mean of its readings.
-
-        Parameters
-        ----------
-        spot : Spot
-            A reading, or several.
-        plane : Plane, optional
-            On which the spot is; the range is then not used.
-
-        Returns
-        -------
-        Sighting
-            The point, or why there is none.
-
-        Raises
-        ------
-        InvalidInput
-            No reading, or NaN in it.
-        """
-        return seen_from(self.laser, spot, plane)
-
-    def noise(self, spot: Spot, plane: Plane | None = None) -> float:
-        """Return the variance of a measured point by the noise of its readings alone, summed over the three axes.
-
-        Parameters
-        ----------
-        spot : Spot
-            A reading, or several.
-        plane : Plane, optional
-            On which the spot is.
-
-        Returns
-        -------
-        float
-            The variance [m²], by the stated noise of the calibrated unit.
-        """
-        return reading_variance(self.laser, spot, plane)
-
-    def read_tool(self, tool: Array, readings: int, look: Look | None) -> Spot | Sighting:
-        """Return a reading of the tool, or why the true unit cannot see it.
-
-        Parameters
-        ----------
-        tool : (3,) array
-            Where it truly is, for simulations [m].
-        readings : int
-            How often it is read; the mean counts.
-        look : callable, optional
-            Makes a reading of the real tool.
-
-        Returns
-        -------
-        Spot or Sighting
-            The reading; a sighting that is not found where the unit cannot see the tool.
-        """
-        if look is not None:
-            return look()
-        visible = self.unit.angles(tool)
-        return self._read(tool, readings) if visible else visible
 
     # ------------------------------------------------------------ tasks
 
@@ -359,6 +188,42 @@ class Cell:
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
         )  # fmt: skip
         return Task(self, wishes).run(spot)
+
+    def resume(
+        self, outcome: Outcome, *, ik: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
+        watch: Watcher | None = None,
+    ) -> Outcome:  # fmt: skip
+        """Go on with a task that was stopped on request or by a fault while the arm moved, along the same path.
+
+        An arm that stands off the path goes back to it first. To correct afterwards, or where there is no way back:
+        `move_to_spot` again, whose line begins where the arm stands.
+
+        Parameters
+        ----------
+        outcome : Outcome
+            Of `move_to_spot` or `resume`, failed at the step "execution".
+        ik : str, path or IKSolver, optional
+            Method whose answers the error split judges; by default that of the plan.
+        stop, watch : optional
+            As for `Drive.resume`.
+
+        Returns
+        -------
+        Outcome
+            Its steps are "execution" and "tool".
+
+        Raises
+        ------
+        InvalidInput
+            An outcome of another kind.
+        """
+        stopped = isinstance(outcome, Outcome) and outcome.status in (CellStatus.STOPPED, CellStatus.FAULT)
+        if not stopped or not outcome.executions or outcome.failed is None or outcome.failed.name != "execution":
+            came = str(getattr(outcome, "status", shown(outcome)))
+            raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
+        plan = outcome.executions[-1].plan
+        wishes = wishes_of("optimal", ik=plan.ik if ik is None else ik, stop=stop, watch=watch)
+        return Task(self, wishes).resume(outcome)
 
     def _check_counts(self, corrections: int, readings: int, most_replans: int, look: Look | None) -> None:
         """Counts are whole numbers, and corrections on a real arm need someone who reads its tool."""

@@ -140,17 +140,23 @@ def test_it_plays_to_the_end_and_again_from_the_start(opened: Browser) -> None:
     opened.until("!optikView.shown.playing")
     assert time_of(opened) == end
     assert text_of(opened, "play") == "Play"
+    opened.run(
+        "document.getElementById('speed').value = '0.1'"
+    )  # else a busy machine comes to the end before the next key
     press(opened, " ", text=" ")
-    opened.until("optikView.shown.time < 0.5 * optikView.end")
+    opened.until("optikView.shown.playing && optikView.shown.time < 0.5 * optikView.end")
     press(opened, " ", text=" ")
     assert not opened.run("optikView.shown.playing")
+    opened.run("document.getElementById('speed').value = '1'")
 
 
 def test_speed_is_that_of_the_clock(opened: Browser) -> None:
     slow = """(async () => { const s = document.getElementById('speed'); s.value = '0.1'; optikView.play(true);
         const from = performance.now(); await new Promise(r => setTimeout(r, 900)); optikView.play(false);
         s.value = '1'; return optikView.shown.time / (performance.now() - from) * 1e3; })()"""
-    assert opened.run(slow) == pytest.approx(0.1, rel=0.3)  # to within a picture or two
+    assert (
+        0.05 < opened.run(slow) < 0.101
+    )  # what is shown is late by a picture, which a busy machine takes its time for
 
 
 def test_the_slider_and_keys_lead_to_a_time_and_its_numbers(opened: Browser) -> None:

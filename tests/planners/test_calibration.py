@@ -228,6 +228,19 @@ def test_outliers_are_found_and_not_the_other_pairs(count: int) -> None:
         assert found.freedom == again.freedom
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_outliers_are_found_where_most_points_are_on_one_line(seed: int) -> None:
+    truth, _, points = drawn(seed)
+    points[:8] = points[0] + np.linspace(0.0, 1.0, 8)[:, None] * (points[1] - points[0])
+    spots = np.stack(truth.read(points, np.random.default_rng(seed)), axis=1)
+    spots[:8] = np.stack(truth.reading(points[:8]), axis=1)  # a triple of them fits most pairs best
+    spots[10] += (0.2, 0.3, 0.4)
+    found = calibrate(paired(spots, points), UNIT)
+    assert found, found.reason
+    assert found.outliers == (10,)
+    assert squared_distance(found, truth) <= QUANTILE
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
 def test_of_2_000_calibrations_the_outliers_are_found_and_hardly_ever_another_pair(count: int) -> None:

@@ -83,6 +83,27 @@ def test_an_orientation_that_was_asked_is_reached() -> None:
     assert np.abs(oracles.fk(oracles.PAPER, outcome.executions[-1].q[-1])[:3, :3] - R).max() < 1e-8
 
 
+def test_a_way_shorter_than_a_servo_period_takes_a_whole_one() -> None:
+    near = TOOL[:3, 3] + np.array([0.0, 2e-8, 0.0])  # the limits allow it in 2 ms
+    outcome = cell_of(drive=ideal(encoder=np.inf)).move_to_spot(EXACT.reading(near))
+    assert outcome and outcome.executions[0].motion.end == pytest.approx(0.004, abs=1e-12)
+    assert np.abs(outcome.tool - near).max() < 1e-12
+    there = cell_of(drive=ideal(encoder=np.inf)).move_to_spot(EXACT.reading(TOOL[:3, 3]))
+    assert there and not there.executions and there.steps[-1].reason == "the tool is there already"
+
+
+def test_a_tool_speed_that_was_asked_is_kept_and_corrections_need_not_come_to_it() -> None:
+    v, w = sides(1)
+    law = planners.make_law("constant_speed", speed=0.2)
+    cell = cell_of(unit=EXACT.with_pose(turned(BESIDE, v, w)))
+    outcome = cell.move_to_spot(cell.read(SPOT), timing=law, corrections=1)
+    assert outcome and outcome.rounds[0].plan.speed == 0.2 and outcome.rounds[1].plan.speed is None
+    fast = planners.MotionLimits(velocity=100.0, acceleration=1e6, jerk=1e10)
+    spot = EXACT.reading(TOOL[:3, 3] + np.array([0.0, 1e-4, 0.0]))
+    short = cell_of(limits=fast).move_to_spot(spot, timing=law)  # the servo's period would change the speed
+    assert short.status is CellStatus.REFUSED and short.failed.name == "execution" and "period" in short.reason
+
+
 def test_a_spot_on_the_graph_paper_needs_no_range() -> None:
     plane = Plane(SPOT, [0.3, 1.0, -0.2])
     pan, tilt, _ = EXACT.reading(SPOT)
@@ -184,19 +205,31 @@ def test_what_is_in_the_way_is_named() -> None:
     assert outcome.failed.name == "joints" and "box1" in outcome.reason and not outcome.executions
 
 
-@pytest.mark.parametrize("drive", [{}, {"disturbances": (Stall(0, 0.1, until=0.5),)}], ids=["stopped", "blocked"])
-def test_after_a_stop_or_a_fault_the_same_task_goes_on(drive) -> None:
-    cell = cell_of(drive=ideal(**drive))
-    spot = cell.read(SPOT)
-    first = cell.move_to_spot(spot, stop=None if drive else 0.05)
-    assert first.status is (CellStatus.FAULT if drive else CellStatus.STOPPED)
-    assert np.linalg.norm(first.tool - SPOT) > 0.01
-    again = cell.move_to_spot(spot)
-    assert again and np.linalg.norm(again.tool - SPOT) < 3e-6
-    if not drive:  # the rest of the same line
-        line = planners.Line(TOOL, se3.pose(TOOL[:3, :3], SPOT))
+def test_after_a_stop_the_same_task_is_the_rest_of_the_same_line() -> None:
+    line = planners.Line(TOOL, se3.pose(TOOL[:3, :3], SPOT))
+    for on in (lambda cell, spot, first: cell.move_to_spot(spot), lambda cell, spot, first: cell.resume(first)):
+        cell = cell_of(drive=ideal())
+        spot = cell.read(SPOT)
+        first = cell.move_to_spot(spot, stop=0.05)
+        assert first.status is CellStatus.STOPPED and np.linalg.norm(first.tool - SPOT) > 0.01
+        again = on(cell, spot, first)
+        assert again and np.linalg.norm(again.tool - SPOT) < 3e-6 and np.linalg.norm(again.error.total) < 3e-6
         tools = ARM.fk(again.executions[0].q)
         assert np.abs(line.pose(line.nearest(tools))[:, :3, 3] - tools[:, :3, 3]).max() < 1e-5
+
+
+def test_after_a_fault_the_task_goes_on_along_its_path() -> None:
+    cell = cell_of(drive=ideal(disturbances=(Stall(0, 0.1, until=0.5),)))
+    first = cell.move_to_spot(cell.read(SPOT))
+    assert first.status is CellStatus.FAULT and np.linalg.norm(first.tool - SPOT) > 0.01
+    again = cell.resume(first)
+    assert again and [step.name for step in again.steps] == ["execution", "tool"]
+    assert np.linalg.norm(again.tool - SPOT) < 3e-6
+    split = again.error
+    assert np.abs(split.laser + split.ik + split.path + split.servo - split.total).max() < 1e-12
+    for wrong in (again, cell.close(), None):
+        with pytest.raises(InvalidInput, match="outcome"):
+            cell.resume(wrong)
 
 
 def test_misuse_is_refused_by_name() -> None:
@@ -303,28 +336,28 @@ def test_corrections_fall_to_the_noise_of_the_readings() -> None:
     """Squared errors in units of what the noise of the last readings leaves: χ² with three degrees of freedom each."""
     noisy = PanTiltLaser(BESIDE, angle_noise=2e-4, range_noise=5e-4)
     scaled = []
-    for seed in range(8):
+    for seed in range(6):
         v, w = sides(seed)
         cell = cell_of(noisy, unit=noisy.with_pose(turned(BESIDE, v, w)), seed=seed, drive=ideal())
-        outcome = cell.move_to_spot(cell.read(SPOT, 3), corrections=2, readings=4)
+        outcome = cell.move_to_spot(cell.read(SPOT, 3), corrections=1, readings=4)
         exact = noisy.reading(SPOT)
         S = noisy.covariance(*exact) * (1.0 / 3.0 + 1.0 / 4.0)
         assert outcome and abs(outcome.floor**2 - np.trace(S)) < 0.02 * np.trace(S)
         e = outcome.rounds[-1].error
         scaled.append(float(e @ np.linalg.solve(S, e)))
-    assert 8.0 < sum(scaled) < 51.2  # 0.1 % to 99.9 % of χ²(24)
+    assert 4.9 < sum(scaled) < 42.3  # 0.1 % to 99.9 % of χ²(18)
 
 
 def test_corrections_remove_what_an_unknown_load_leaves() -> None:
-    """Three kilograms that the servos' feed-forward does not know: they hang lower by more than a millimetre."""
+    """A kilogram that the servos' feed-forward does not know: it hangs lower by a millimetre."""
     pytest.importorskip("mujoco")
-    drive = make_drive("mujoco", ARM, q=START, plant=ARM.with_payload(3.0))
+    drive = make_drive("mujoco", ARM, q=START, plant=ARM.with_payload(1.0))
     cell = cell_of(drive=drive)
     outcome = cell.move_to_spot(cell.read(SPOT), corrections=2)
     off = [float(np.linalg.norm(each.error)) for each in outcome.rounds]
-    assert outcome and off[0] > 1e-3 and off[1] < 0.3 * off[0] and off[2] < 0.2 * off[0]
+    assert outcome and off[0] > 3e-4 and off[1] < 0.5 * off[0] and off[2] < 0.3 * off[0]
     assert (
-        np.linalg.norm(outcome.error.servo) > 1e-3 and np.linalg.norm(outcome.error.laser) > 1e-3
+        np.linalg.norm(outcome.error.servo) > 3e-4 and np.linalg.norm(outcome.error.laser) > 3e-4
     )  # one undoes the other
 
 

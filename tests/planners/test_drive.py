@@ -216,9 +216,26 @@ def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyP
     def none(running: Plan, *given: Any, **options: Any) -> Plan:
         return replan(running, 0.1, stop=True, limits=MotionLimits(1e-3, 1e-3, 1e-3))
 
-    monkeypatch.setattr(import_module("planners.cell.drives._run"), "replan", none)
+    monkeypatch.setattr(import_module("planners.cell.drives._stop"), "replan", none)
     execution = IdealDrive(paper6r()).execute(line(), stop=0.1)
     assert execution.status is ExecutionStatus.DONE and "could be certified" in execution.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("law", "limits"),
+    [("toppra", MotionLimits(2.0, 10.0)), ("quintic", MotionLimits(2.0, 10.0, 100.0)), ("quintic", MotionLimits()),
+     ("toppra", MotionLimits((-1.5, 2.0), (-8.0, 10.0)))],
+)  # fmt: skip
+def test_a_plan_whose_law_keeps_no_jerk_is_stopped_and_resumed_too(law: str, limits: MotionLimits) -> None:
+    running = plan(paper6r(), default_line(), START, timing=law, limits=limits)
+    drive = IdealDrive(paper6r())
+    stopped = drive.execute(running, stop=0.15 * running.trajectory.end)
+    assert stopped.status is ExecutionStatus.STOPPED and stopped.stop is not None and stopped.stop.certificate.holds
+    for order, limit in ((1, 2.0), (2, 10.0)):
+        own = running.trajectory.extrema(order).worst
+        most = np.maximum(own, 0.1 * own.max() if limits.velocity is None else limit)
+        assert (stopped.stop.trajectory.extrema(order).worst <= most * (1.0 + 2e-6)).all()
+    assert drive.resume(stopped)
 
 
 def test_an_arm_that_was_moved_since_its_stop_is_not_resumed() -> None:

@@ -23,12 +23,14 @@ import optik
 import planners
 from benchmarks.cli.app import app
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OptikError
+from planners.cell.drives._ros_goals import message_for, stops_for
 from planners.cell.drives.ros import RosDrive
 from planners.cell.stored import plan_of
 from planners.cell.transports import RclpyTransport, RosbridgeTransport
+from tests.planners.rclpy_stand_in import Rclpy
 
 SERVER = Path(__file__).with_name("rosbridge_server.py")
-PATIENT = {"execute": True, "patience": 20.0, "grace": 60.0, "latency": 0.6}
+PATIENT = {"execute": True, "patience": 20.0, "grace": 60.0, "latency": 0.6, "stops_every": 0.7}
 """For what must succeed on a machine that is busy: nothing waits that long where it is not."""
 
 
@@ -148,7 +150,7 @@ def test_where_no_stop_is_taken_the_goal_is_cancelled(port, plan, mode, why):
 def test_every_fault_is_a_status_with_a_reason(port, plan, mode, kind, why, capfd):
     short = hop(1.0)
     patience = 20.0 if mode in ("reject", "close") else 1.0
-    options = {"execute": True, "patience": patience, "grace": 0.2 if mode == "noresult" else 20.0}
+    options = {"execute": True, "patience": patience, "stops_every": 0.5, "grace": 0.2 if mode == "noresult" else 20.0}
     drive = drive_on(address(port, mode, short), short, **options)
     with drive.transport:
         done = drive.execute(short)
@@ -218,6 +220,29 @@ def test_the_controllers_names_and_order_of_the_joints(port, plan):
     np.testing.assert_allclose(done.q[-1], quick.trajectory(quick.trajectory.end), atol=1e-9)
 
 
+def test_a_stop_that_cannot_be_certified_is_a_cancellation_and_is_said_before(port, plan):
+    slack = replace(plan, limits=planners.MotionLimits(velocity=2.0))  # no law can stop without an acceleration
+    drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
+    with drive.transport:
+        stopped = drive.execute(slack, stop=0.2)
+    assert (stopped.status, stopped.stop) == ("stopped", None), (stopped.reason, stopped.notes)
+    assert "no stop from here could be certified" in stopped.reason
+    assert any("0 were found, and from other instants the goal is cancelled" in note for note in stopped.notes)
+
+
+def test_stops_are_computed_before_the_arm_moves_and_in_bounded_time(plan, monkeypatch):
+    sent, _ = message_for(hop(1.0), None)
+    stops = stops_for(sent, 0.2, None)
+    assert [round(stop.t, 9) for stop in stops.found] == [0.2, 0.4, 0.6, 0.8] and stops.reason == ""
+    for stop in stops.found:  # each begins where the motion is, and keeps the limits as the controller interpolates
+        first = stop.message["points"][0]
+        np.testing.assert_allclose(first["positions"], sent.trajectory(stop.t), atol=1e-9)
+        np.testing.assert_allclose(first["velocities"], sent.trajectory(stop.t, 1), atol=1e-9)
+        assert stop.plan.certificate.holds and stop.plan.limits == sent.limits
+    monkeypatch.setattr(sys.modules[stops_for.__module__], "PREPARING", 1e-6)
+    assert len(stops_for(sent, 0.1, None).found) <= 2
+
+
 def test_an_exception_of_the_caller_stops_the_arm(port, plan):
     def careless(moment):
         if moment.t > 0.2:
@@ -263,6 +288,36 @@ def test_a_missing_package_is_named_with_the_way_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(MissingDependency, match=r"rclpy.*source a ROS 2"):
         RclpyTransport()
+
+
+def test_a_goal_through_rclpy(monkeypatch):
+    plan = hop(0.6)
+    ros = Rclpy(monkeypatch, plan)
+    with RclpyTransport(timeout=20.0) as transport:
+        done = RosDrive(plan.robot, transport, **PATIENT).execute(plan)
+        assert done, (done.reason, done.notes)
+        [goal] = ros.goals
+        assert goal.trajectory.joint_names == list(plan.robot.joint_names) and len(goal.trajectory.points) > 2
+        last = goal.trajectory.points[-1]
+        assert last.time_from_start.sec + 1e-9 * last.time_from_start.nanosec == pytest.approx(0.60006)
+        np.testing.assert_allclose(last.positions, plan.trajectory(plan.trajectory.end), atol=1e-12)
+        ros.q = list(last.positions)
+        ros.accepts = False
+        back = RosDrive(plan.robot, transport, **PATIENT).execute(
+            planners.plan(plan.robot, plan.trajectory(0.0), np.array(ros.q), timing="ruckig", limits=plan.limits)
+        )
+        assert (back.status, back.fault.kind) == ("fault", "controller") and "rejected" in back.reason
+        ros.accepts, ros.state = True, 6
+        lost = RosDrive(plan.robot, transport, **PATIENT).execute(
+            planners.plan(plan.robot, plan.trajectory(0.0), np.array(ros.q), timing="ruckig", limits=plan.limits)
+        )
+        assert (lost.status, lost.fault.kind) == ("fault", "stall") and "goal tolerance" in lost.reason
+        goal = transport.send(
+            {"joint_names": [], "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}, "points": []}
+        )
+        transport.cancel(goal)
+        assert ros.cancelled == 1
+    assert transport.lost and ros.closed
 
 
 # ---------------------------------------------------------------- stored motions, and the command line

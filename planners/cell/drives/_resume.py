@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._run import ends_at_goal, speed_kept
+from planners.cell.drives._stop import ends_at_goal, limits_of
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import slowed_to
 from planners.limits import MotionLimits
@@ -73,7 +73,7 @@ def resumed(
     if execution.stop is None or ends_at_goal(execution.stop):
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    limits = speed_kept(execution.plan)
+    limits = limits_of(execution.plan)[0]
     onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
     return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
 
@@ -114,7 +114,7 @@ def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
     Plan
         The way back; on failure with reason and advice.
     """
-    limits = running.limits
+    limits = limits_of(running)[0]
     joints = MotionLimits(limits.velocity, limits.acceleration, limits.jerk, torque=limits.torque)
     return plan(
         running.robot,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik.errors import NoSolution
+from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.files._ros.export import JointNames, ros_message
 from planners.motion import Motion
@@ -15,6 +16,8 @@ from planners.plan import Plan
 from planners.replan import replan
 from planners.trajectory import Trajectory
 
+PREPARING = 5.0
+"""About how long the stops of a motion may take to compute before it is sent [s]: longer, and their grid gets wider."""
 MOTORS = ("velocity", "acceleration", "torque")
 """Limits of the motors, which no law can pass on a real arm; the others say how smooth the motion is."""
 DESIRED = 1e-3
@@ -25,6 +28,32 @@ WINDOW = 0.5
 ROOM = 1e-4
 """By how much a motion is slowed before it is sent [1], so that a stop from any of its states has room within the limits: the
 times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
+
+
+class Stopping(NamedTuple):
+    """A stop from an instant of a motion.
+
+    Attributes
+    ----------
+    t : float
+        The instant [s].
+    plan : Plan
+        The stop, with the motion that the controller interpolates, certified.
+    message : dict
+        A ``trajectory_msgs/JointTrajectory`` as plain data; its first point is the state at t.
+    """
+
+    t: float
+    plan: Plan
+    message: dict[str, Any]
+
+
+class Stops(NamedTuple):
+    """The stops of a motion, by their instants; the spacing of those [s]; and why one was not found, empty where all were."""
+
+    found: list[Stopping]
+    every: float
+    reason: str
 
 
 def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, Any]]:
@@ -115,7 +144,7 @@ def with_room(plan: Plan) -> Plan:
     return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
 
 
-def stop_for(sent: Plan, t: float, joint_names: JointNames) -> tuple[Plan, dict[str, Any]]:
+def stop_for(sent: Plan, t: float, joint_names: JointNames) -> Stopping:
     """Plan a certified stop from an instant of a motion that was sent, and make its message.
 
     Parameters
@@ -129,10 +158,8 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames) -> tuple[Plan, dict[
 
     Returns
     -------
-    stop : Plan
-        With the motion that the controller interpolates, certified.
-    message : dict
-        A ``trajectory_msgs/JointTrajectory`` as plain data; its first point is the state at t.
+    Stopping
+        The stop.
 
     Raises
     ------
@@ -142,7 +169,40 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames) -> tuple[Plan, dict[
         An instant at which the motion has ended.
     """
     found = replan(sent, t, stop=True, limits=sent.limits.scaled(1.0 - 0.5 * ROOM))
-    return message_for(replace(found, limits=sent.limits), joint_names)
+    return Stopping(t, *message_for(replace(found, limits=sent.limits), joint_names))
+
+
+def stops_for(sent: Plan, every: float, joint_names: JointNames) -> Stops:
+    """Plan the stops from a grid of instants of a motion, before it is sent: while the arm moves there is no time for it.
+
+    Parameters
+    ----------
+    sent : Plan
+        As `message_for` returned it.
+    every : float
+        Spacing of the grid [s]; wider where all of them would take longer than `PREPARING`.
+    joint_names : mapping or sequence, optional
+        As for `planners.to_ros`.
+
+    Returns
+    -------
+    Stops
+        Those that were found.
+    """
+    found: list[Stopping] = []
+    reason, took = "", 0.0
+    t = min(every, 0.5 * sent.trajectory.end)
+    while t < sent.trajectory.end - 0.5 * every:
+        since = perf_counter()
+        try:
+            found.append(stop_for(sent, t, joint_names))
+        except (NoSolution, InvalidInput) as error:
+            reason = reason or f"at t = {t:.6g} s: {error}"
+        last, took = took, perf_counter() - since
+        if last:  # the first one of a process compiles
+            every = max(every, min(last, took) * sent.trajectory.end / PREPARING)
+        t += every
+    return Stops(found, every, reason)
 
 
 def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:

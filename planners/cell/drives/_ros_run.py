@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners.cell.drives._ros_goals import instant_of, stop_for
+from planners.cell.drives._ros_goals import Stops, instant_of
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.setpoints import Setpoints
 from planners.cell.transports._messages import NANOSECONDS, Feedback, GoalState, time_of
@@ -43,8 +42,8 @@ class Run:
         What was sent, as the controller interpolates it.
     goal : Goal
         The goal that runs: that of the plan, or of its stop.
-    stop_takes : float
-        How long a stop takes to compute [s].
+    stops : Stops
+        What can replace it.
     notes : tuple of str
         What the reader must know.
     """
@@ -52,7 +51,7 @@ class Run:
     drive: RosDrive
     plan: Plan
     goal: Goal
-    stop_takes: float
+    stops: Stops
     notes: tuple[str, ...]
     stop: Plan | None = None
     fault: Fault | None = None
@@ -174,33 +173,26 @@ class Run:
     # ------------------------------------------------------------ stopping
 
     def _stop(self) -> None:
-        """Replace the goal by a certified stop; where there is none, or the controller does not take it, cancel."""
-        why = "no feedback tells where the controller is"
-        for attempt in (1, 2):
-            if self.begun is None or self.stamp is None:
-                break
-            t = self.now + attempt * (self.drive.timing.latency + 2.0 * self.stop_takes)
-            if t >= self.motion.end:
-                self.notes += ("the motion ended before a stop could begin",)
-                return
-            try:
-                found, message = stop_for(self.plan, t, self.drive.joint_names)
-            except (NoSolution, InvalidInput) as error:
-                why = f"no stop could be certified: {error}"
-                break
-            if self.now + self.drive.timing.latency > t:
-                why = "computing the stop took longer than the time to its beginning"
-                continue
-            message["header"]["stamp"] = time_of(self.stamp + round(t * NANOSECONDS))
-            goal = self.drive.transport.send(message)
-            if self._taken(goal, t + CONFIRMED):
-                self.goal, self.stop = goal, found
-                self.motion = joined(start_of(self.motion, t), found.trajectory)
-                return
-            self.drive.transport.cancel(goal)
-            why = f"the controller did not take the stop{f': {goal.refused}' if goal.refused else ''}"
-            break
-        self._cancel(why)
+        """Replace the goal by the next certified stop; where there is none, or the controller does not take it, cancel."""
+        if self.begun is None or self.stamp is None:
+            self._cancel("no feedback tells where the controller is")
+            return
+        earliest = self.now + self.drive.timing.latency
+        stop = next((each for each in self.stops.found if each.t >= earliest), None)
+        if stop is None:
+            if self.motion.end - earliest <= 2.0 * self.stops.every:
+                self.notes += ("the motion ends about when a stop could: it is not replaced",)
+            else:
+                self._cancel("no stop from here could be certified")
+            return
+        stamp = time_of(self.stamp + round(stop.t * NANOSECONDS))
+        goal = self.drive.transport.send(stop.message | {"header": stop.message["header"] | {"stamp": stamp}})
+        if self._taken(goal, stop.t + CONFIRMED):
+            self.goal, self.stop = goal, stop.plan
+            self.motion = joined(start_of(self.motion, stop.t), stop.plan.trajectory)
+            return
+        self.drive.transport.cancel(goal)
+        self._cancel(f"the controller did not take the stop{f': {goal.refused}' if goal.refused else ''}")
 
     def _cancel(self, why: str) -> None:
         """Ask the controller to cancel the goal; that is waited for, for a while only."""

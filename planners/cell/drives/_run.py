@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from optik.types import Array
+from planners.cell.drives._stop import ends_at_goal, stop_from
 from planners.cell.drives.base import Fault
 from planners.cell.setpoints import Setpoints, setpoints
-from planners.limits import MotionLimits
-from planners.plan import Plan
-from planners.replan import replan
+from planners.plan import Plan, PlanStatus
 from planners.splice import joined, start_of
 from planners.trajectory import Trajectory
-
-END_SHARE = 2e-9
-"""Share of a path before its end that counts as its end: `replan` plans nothing from half of that."""
-
-SPEED_SPARE = 1e-6
-"""Share by which a stop may exceed a constant tool speed that was asked: what rounding makes of a motion at that speed."""
 
 
 class Commands(NamedTuple):
@@ -92,45 +85,6 @@ def commands(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
     return Commands(u[:, 0] * period, position, velocity, (2.0 * c2 + 6.0 * u * c3) / period**2)
 
 
-def ends_at_goal(plan: Plan) -> bool:
-    """Whether a plan or a stop ends at the end of its path.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion.
-
-    Returns
-    -------
-    bool
-        True for a whole path.
-    """
-    return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
-
-
-def speed_kept(running: Plan) -> MotionLimits:
-    """Limits of a stop and of the rest of the way: those of the plan, and a constant tool speed that was asked as one more.
-
-    Parameters
-    ----------
-    running : Plan
-        What is executed.
-
-    Returns
-    -------
-    MotionLimits
-        With a limit on the speed of the tool, or of its rotation where it only turns.
-    """
-    limits, speed = running.limits, running.speed
-    if speed is None:
-        return limits
-    most, moves = speed * (1.0 + SPEED_SPARE), running.certificate.tool_speed.value > 0.5 * speed
-    name = "tool_speed" if moves else "rotation_speed"
-    known = getattr(limits, name)
-    kept: dict[str, Any] = {name: most if known is None else np.minimum(known, most)}
-    return replace(limits, **kept)
-
-
 @dataclass
 class Run:
     """The state of one execution.
@@ -144,7 +98,7 @@ class Run:
     stream : Setpoints
         Its set-points.
     stop : Plan or None
-        The certified stop.
+        The stop; certified, but perhaps after a fault.
     stopping : bool
         Whether a stop was begun, or looked for in vain.
     requested : bool
@@ -186,7 +140,9 @@ class Run:
         return self.stop is None or ends_at_goal(self.stop)
 
     def stop_at(self, tick: int) -> None:
-        """Replace the set-points after a tick by a certified stop; where none is found the arm goes on to the end.
+        """Replace the set-points after a tick by a stop; where none is certified the arm goes on to the end.
+
+        After a fault the stop that passes the limits least is better than going on: it is sent, and the notes say so.
 
         Parameters
         ----------
@@ -202,13 +158,14 @@ class Run:
                 "the set-points that the drive held already reached the end of the plan: no stop was needed"
             )
             return
-        found = replan(self.plan, t, stop=True, limits=speed_kept(self.plan))
+        found = stop_from(self.plan, t)
         if not found:
             assert found.stop is not None
-            self.notes.append(
-                f"no stop from t = {t:.6g} s could be certified, so the plan was ended: {found.stop.reason}"
-            )
-            return
+            why = f"no stop from t = {t:.6g} s could be certified: {found.stop.reason}"
+            if self.fault is None or found.status is not PlanStatus.NOT_PROVED:
+                self.notes.append(f"{why}; so the plan was ended")
+                return
+            self.notes.append(f"{why}; it was sent all the same, because of the fault")
         self.stop = found
         self.motion = joined(start_of(self.motion, t), found.trajectory)
         self.stream = setpoints(self.motion, self.stream.period)

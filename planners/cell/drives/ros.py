@@ -13,7 +13,7 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._checks import asked, check_plan, no_motion
-from planners.cell.drives._ros_goals import exceeded, judged, message_for, stop_for, with_room
+from planners.cell.drives._ros_goals import Stops, exceeded, judged, message_for, stops_for, with_room
 from planners.cell.drives._ros_run import Run
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
@@ -35,8 +35,8 @@ GRACE = 5.0
 LATENCY = 0.1
 """How long before the instant of a stop its goal is sent by default [s], more than a message takes on a network of
 machines beside each other."""
-COMPILED = 0.3
-"""A stop that takes longer than this [s] was the first of the process, which compiles: the next one tells how long it takes."""
+STOPS_EVERY = 0.1
+"""Spacing of the instants of stops by default [s]: as much again as the latency."""
 SAID_FROM = 1e-3
 """By how much more a motion must be slowed for the controller before that is said [1]."""
 SAID = (
@@ -59,12 +59,15 @@ class Timing(NamedTuple):
         How much longer than its motion a goal may take [s].
     latency : float
         How long before the instant of a stop its goal is sent [s].
+    stops_every : float
+        Spacing of the instants of stops [s].
     """
 
     state_age: float
     patience: float
     grace: float
     latency: float
+    stops_every: float
 
 
 class Measured(NamedTuple):
@@ -106,6 +109,8 @@ class RosDrive(Drive):
         How much longer than its motion a goal may take [s].
     latency : float
         How long before the instant of a stop its goal is sent [s].
+    stops_every : float
+        Spacing of the instants from which stops are computed, before a motion is sent [s].
 
     Raises
     ------
@@ -119,7 +124,7 @@ class RosDrive(Drive):
     def __init__(
         self, robot: Robot, transport: Transport, *, execute: bool = False, joint_names: JointNames = None,
         start_tolerance: float = START_WITHIN, state_age: float = STATE_AGE, patience: float = WAITING,
-        grace: float = GRACE, latency: float = LATENCY,
+        grace: float = GRACE, latency: float = LATENCY, stops_every: float = STOPS_EVERY,
     ) -> None:  # fmt: skip
         for argument, value, kind in (("robot", robot, Robot), ("transport", transport, Transport)):
             if not isinstance(value, kind):
@@ -129,6 +134,7 @@ class RosDrive(Drive):
         self.joint_names, self.columns = joint_names, columns_of(robot, joint_names)
         self.start_tolerance = check_number(start_tolerance, "start_tolerance", "rad or m, above 0", above=0.0)
         given = {"state_age": state_age, "patience": patience, "grace": grace, "latency": latency}
+        given["stops_every"] = stops_every
         self.timing = Timing(**{k: check_number(v, k, "seconds above 0", above=0.0) for k, v in given.items()})
 
     # ------------------------------------------------------------ measuring
@@ -247,15 +253,15 @@ class RosDrive(Drive):
             advice = error.advice if isinstance(error, NoSolution) else error.expected
             return self._unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
         notes = tuple(filter(None, (_slower(plan, sent), exceeded(sent))))
-        rehearsed, unstoppable = self._rehearse(sent) if self.sends else (0.0, ())
+        stops = stops_for(sent, self.timing.stops_every, self.joint_names) if self.sends else Stops([], 0.0, "")
         reason, advice = self._not_at_start(sent)
         if reason:
             return self._unsent(sent, ExecutionStatus.REFUSED, reason, advice)
         if not self.sends:
             dry = self._unsent(sent, ExecutionStatus.DRY_RUN, *_would_send(sent, message, self.transport.place))
             return replace(dry, notes=notes)
-        said = (*SAID, *notes, *unstoppable)
-        return Run(self, sent, self.transport.send(message), rehearsed, said).follow(asking, watch)
+        said = (*SAID, *notes, self._stopping(stops))
+        return Run(self, sent, self.transport.send(message), stops, said).follow(asking, watch)
 
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
@@ -318,19 +324,13 @@ class RosDrive(Drive):
         where = f"{self.robot.joint_names[i]} stands at {q[i]:.6g} and the plan begins at {start[i]:.6g}"
         return f"{where}, more than {self.start_tolerance:g} away", "a plan that begins where the arm stands"
 
-    def _rehearse(self, plan: Plan) -> tuple[float, tuple[str, ...]]:
-        """How long a stop takes to compute [s], and what the reader must know where none is found."""
-        taken = np.inf
-        for _ in range(2):
-            if taken < COMPILED:
-                break
-            since = time.monotonic()
-            try:
-                stop_for(plan, 0.5 * plan.trajectory.end, self.joint_names)
-            except (NoSolution, InvalidInput) as error:
-                return 0.0, (f"a stop in the middle cannot be certified ({error}): it would be a cancellation",)
-            taken = time.monotonic() - since
-        return taken, ()
+    def _stopping(self, stops: Stops) -> str:
+        """A note on how long after a request a stop begins."""
+        latency = self.timing.latency
+        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request"
+        if stops.reason:
+            note += f"; {len(stops.found)} were found, and from other instants the goal is cancelled ({stops.reason})"
+        return note
 
     def _unsent(self, plan: Plan, status: ExecutionStatus, reason: str, advice: str) -> Execution:
         """Record an execution for which nothing was sent."""

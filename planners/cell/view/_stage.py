@@ -191,8 +191,12 @@ def _bodies(robot: Robot, reach: float) -> list[tuple[int, Array, Array, float]]
         return [(int(link), a, b, float(radius)) for link, a, b, radius in zip(*robot.shapes.capsules, strict=True)]
     fixed, prismatic, tool = robot.chain
     nothing, thin = np.zeros(3), 0.008 * reach
+    bodies: list[tuple[int, Array, Array, float]] = []
     ends = [*(T[:3, 3] for T in fixed), tool[:3, 3]]
-    bodies = [(i, nothing, end, thin) for i, end in enumerate(ends) if i == robot.n or not prismatic[i]]
+    lower, upper = robot.limits.lower, robot.limits.upper
+    for i in np.flatnonzero(prismatic):  # a slide is drawn as its rod, from where it is to where it comes out
+        bodies.append((int(i) + 1, nothing, np.array([0.0, 0.0, -max(lower[i], upper[i], key=abs)]), thin))
+    bodies += [(i, nothing, end, thin) for i, end in enumerate(ends)]
     return bodies + [(i, nothing, nothing, 2.0 * thin) for i in range(robot.n + 1)]
 
 
