@@ -83,10 +83,10 @@ def drive(
         raise InvalidInput("--out", str(out), "a file that ends with .json")
     if on != "ros" and reached != Reached():
         raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
-    import planners
+    from benchmarks.cli.view import stored
     from planners.cell.stored import plan_of
 
-    planned = plan_of(planners.load_motion(plan), ik=ik)
+    planned = plan_of(stored(plan), ik=ik)
     executed = _through_ros(planned, reached, execute, stop) if on == "ros" else _simulated(planned, on, execute, stop)
     _say(executed, out, as_json)
     raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)

@@ -178,7 +178,7 @@ class Cell(CellReadings):
         InvalidInput
             An argument that cannot be meant; corrections on a real drive without ``look``; no such law or method.
         """
-        self._check_counts(corrections, readings, most_replans, look)
+        self._check_asked(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
         if not isinstance(spot, Spot):
             raise InvalidInput("spot", shown(spot), "a planners.cell.Spot(pan, tilt, range)")
         wishes = wishes_of(
@@ -225,12 +225,15 @@ class Cell(CellReadings):
         wishes = wishes_of("optimal", ik=plan.ik if ik is None else ik, stop=stop, watch=watch)
         return Task(self, wishes).resume(outcome)
 
-    def _check_counts(self, corrections: int, readings: int, most_replans: int, look: Look | None) -> None:
-        """Counts are whole numbers, and corrections on a real arm need someone who reads its tool."""
+    def _check_asked(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
+        """Counts are whole numbers, functions can be called, and corrections on a real arm need one that reads its tool."""
+        for name, given in functions.items():
+            if given is not None and not callable(given):
+                raise InvalidInput(name, shown(given), "a function")
         check_count(corrections, "corrections", 0, MOST_ROUNDS)
         check_count(readings, "readings", 1)
         check_count(most_replans, "most_replans", 0)
-        if corrections and look is None and not self.drive.simulated:
+        if corrections and functions["look"] is None and not self.drive.simulated:
             raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
 
     def open(self, width: float | None = None) -> Outcome:

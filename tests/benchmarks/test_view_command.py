@@ -105,6 +105,14 @@ def test_what_is_wrong_is_one_line(
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize("wrong", ["a folder", "a failed plan", "what --json printed"])
+def test_a_drive_is_given_the_same_files(typed: Any, motion: Path, tmp_path: Path, wrong: str) -> None:
+    file, _, expected, words = WRONG[wrong]
+    status, _, said = typed("drive", str(file(tmp_path, motion)))
+    assert status == expected and words in said
+    assert said.count("\n") == 1
+
+
 def test_a_port_in_use_is_one_line(typed: Any, motion: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         status, _, said = typed("view", str(motion), "--port", str(taken.getsockname()[1]))

@@ -242,6 +242,8 @@ def test_misuse_is_refused_by_name() -> None:
         cell_of().move_to_spot(spot, np.ones((3, 3)))
     with pytest.raises(InvalidInput, match="moved"):
         cell_of().move_to_spot(spot, follow=lambda t: spot, moved=np.nan)
+    with pytest.raises(InvalidInput, match="follow"):
+        cell_of().move_to_spot(spot, follow=3)
     with pytest.raises(InvalidInput, match="drive"):
         Cell(optik.load("ur5e"), EXACT, ideal())
     with pytest.raises(InvalidInput, match="laser"):

@@ -311,7 +311,7 @@ def _wrong(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
         return
     outside = f"it is outside the position limits [{low:.6g}, {high:.6g}]"
     jumps = f"it is {step:.6g} from the one before, and the velocity limit allows {most:.6g} in a period"
-    what = outside if not low <= value <= high else jumps
+    what = "it is no number" if np.isnan(value) else outside if not low <= value <= high else jumps
     name, t = robot.joint_names[joint], row * run.stream.period
     reason = f"the set-point {value:.6g} of {name} for t = {t:.6g} s was refused: {what}"
     run.fail(Fault(FaultKind.SETPOINT, t, name, reason, "find out what the host sent, and why; then resume"), row - 1)
