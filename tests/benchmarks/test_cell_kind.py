@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
-from benchmarks.experiments.executed import executed_claims
+from benchmarks.experiments.executed import executed_claims, needed_budgets
 from benchmarks.kinds.base import load_kind
 from benchmarks.kinds.cell.facts import facts_of
 from benchmarks.kinds.cell.iso import ISO_TYPES, IsoWork
@@ -278,6 +278,15 @@ def test_the_claims_as_executed_can_come_out_in_every_way(error: Any, verdicts: 
     assert [f.key for f in found] == ["a", "b", "c"]
     for finding, verdict in zip(found, verdicts, strict=True):
         assert finding.verdict.startswith(verdict), (finding.verdict, finding.summary)
+
+
+def test_the_iterations_that_a_spot_needs_are_those_from_which_on_it_is_reached() -> None:
+    axis = {"once": [1.0, 1e-3, 5e-3, 1e-3], "early": [1e-3] * 4, "never": [1e-3, 1e-3, 1e-3, 3e-3]}
+    rows = pl.concat(
+        pl.DataFrame({"problem": name, "repeat": 0, "distance": 0.1, "budget": [1, 2, 4, 8], "axis": errors})
+        for name, errors in axis.items()
+    )
+    assert dict(needed_budgets(rows).select("problem", "needed").iter_rows()) == {"once": 8, "early": 1}
 
 
 def test_a_motion_that_was_not_executed_counts_as_missed() -> None:

@@ -53,9 +53,9 @@ def path_of(robot: Robot, q: Array, rng: np.random.Generator) -> Path:
     return Arc.about(T, T[:3, 3] + 0.05 * T[:3, 0], T[:3, 2], float(rng.uniform(0.5, 6.2)))
 
 
-def drawn(seed: int) -> Iterator[Plan]:
+def drawn(seed: int, first: int = 0) -> Iterator[Plan]:
     """Plans that hold and promise velocity, acceleration and jerk: arms, paths, laws and limits in turn."""
-    rng, k = np.random.default_rng([31, seed]), 0
+    rng, k = np.random.default_rng([31, seed]), first
     while True:
         name, _, kind = KINDS[k % len(KINDS)].partition(" ")
         robot, law = optik.load(name), str(rng.choice(LAWS))
@@ -150,9 +150,9 @@ def stopped(plan: Plan, at: float) -> Stopped:
     return Stopped(plan, execution, resumed, ratios, tuple(wrong))
 
 
-def stops(seed: int, plans: int, each: int) -> Iterator[Stopped]:
+def stops(seed: int, plans: int, each: int, first: int = 0) -> Iterator[Stopped]:
     """Stop plans at random moments."""
     rng = np.random.default_rng([32, seed])
-    for _, running in zip(range(plans), drawn(seed), strict=False):
+    for _, running in zip(range(plans), drawn(seed, first), strict=False):
         for at in rng.uniform(0.0, running.trajectory.end, each):
             yield stopped(running, float(at))

@@ -176,9 +176,9 @@ def test_noise_of_the_encoders_is_drawn_from_the_seed() -> None:
 # ---------------------------------------------------------------- stop and resume
 
 
-def wrong_of(seed: int, plans: int, each: int) -> list[str]:
+def wrong_of(seed: int, plans: int, each: int, first: int = 0) -> list[str]:
     """All that is wrong with random stops; how far they went to the limits is printed."""
-    found = list(stops(seed, plans, each))
+    found = list(stops(seed, plans, each, first))
     worst: dict[str, float] = {}
     for x in found:
         worst |= {name: max(worst.get(name, 0.0), ratio) for name, ratio in x.ratios.items()}
@@ -189,7 +189,7 @@ def wrong_of(seed: int, plans: int, each: int) -> list[str]:
 
 
 def test_stops_are_within_the_limits_on_the_path_and_resumed() -> None:
-    assert not wrong_of(3, 5, 2)
+    assert not wrong_of(3, 3, 3, first=4)  # of arms that are planned quickly; make soak has all
 
 
 @pytest.mark.soak

@@ -75,6 +75,8 @@ def test_without_noise_repeatability_is_not_applicable_and_never_0() -> None:
     for found in (pose_figures(np.eye(4), still), pose_figures(np.eye(4), still, noise=False)):
         assert (found.repeatability, found.turn_repeatability, found.reason) == (None, None, NO_NOISE)
         assert found.accuracy == pytest.approx(math.sqrt(3) * 1e-3)
+    rounded = around(np.eye(4), np.random.default_rng(4).normal(0.0, 1e-17, (30, 3)), np.zeros((30, 3)))
+    assert pose_figures(np.eye(4), rounded, noise=False).reason == NO_NOISE  # rounding from cycle to cycle is no spread
     assert "one cycle" in pose_figures(np.eye(4), still[:1]).reason
     path = path_figures(np.zeros((2, 3)), still[:10, None, :3, 3].repeat(2, axis=1))
     assert (path.repeatability, path.repeatability_at, path.reason) == (None, None, NO_NOISE)

@@ -10,15 +10,20 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from optik.registry import load_method
 from optik.scene import Scene
 from optik.types import Array
-from planners.cell.drives import drives
 from planners.cell.drives.base import Execution
 from planners.cell.outcome import Outcome
+from planners.cell.view._facts import (
+    certificate_facts,
+    drive_words,
+    execution_facts,
+    motion_facts,
+    outcome_facts,
+    unread_facts,
+)
 from planners.certificate.certificate import Certificate
 from planners.following.follow import JointPath
-from planners.limits import ALL_LIMITS
 from planners.motion import HasMotion, Motion, motion_of
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -144,7 +149,7 @@ def show_of(motion: Motion | HasMotion) -> Show:
         proof = found.certify()
     return Show(
         found.robot, f"{found.robot.name}: {found.law or 'a motion'}", track_of(found.trajectory),
-        path_points(found.path), scene=found.scene, facts=(*_motion_facts(found), *certificate_facts(proof)),
+        path_points(found.path), scene=found.scene, facts=(*motion_facts(found), *certificate_facts(proof)),
     )  # fmt: skip
 
 
@@ -172,7 +177,7 @@ def show_of_execution(execution: Execution) -> Show:
         planned = execution.motion
         executed, unread = executed_track(execution.t, execution.q, execution.dq)
     title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
-    facts = (*_motion_facts(plan.motion), *certificate_facts(plan.certificate), *_execution_facts(execution, unread))
+    facts = (*motion_facts(plan.motion), *certificate_facts(plan.certificate), *execution_facts(execution, unread))
     return Show(
         execution.robot, title, track_of(planned), path_points(plan.path), executed, plan.scene, facts=facts
     )  # fmt: skip
@@ -204,7 +209,7 @@ def show_of_outcome(outcome: Outcome) -> Show:
     gaps = [part for points in paths for part in (np.full((1, 3), np.nan), points)][1:]
     beam = None if outcome.beam is None else Beam(*outcome.beam)
     motions = [*certificate_facts(outcome.rounds[0].plan.certificate)] if outcome.rounds else []
-    facts = (*outcome_facts(outcome), *_unread_facts(unread), *motions)
+    facts = (*outcome_facts(outcome), *unread_facts(unread), *motions)
     return Show(
         outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _joined(planned),
         np.vstack(gaps), _joined(executed) if executed else None, outcome.scene, beam, facts,
@@ -320,120 +325,3 @@ def _thinned(t: Array, q: Array, dq: Array) -> Track:
     """At most 2000 of the instants, both ends included."""
     kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
     return Track(t[kept], q[kept], dq[kept])
-
-
-# ---------------------------------------------------------------- facts
-
-
-def _motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
-    """Arm, law, path and scene in words."""
-    robot, path = motion.robot, motion.path
-    shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
-    turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
-    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn
-    rows = [
-        ("Arm", f"{robot.name}, {robot.n} joints, {shapes}"),
-        ("Path", f"{path.name}, {way}"),
-        ("Law", motion.law or "not stated"),
-        ("Duration", f"{motion.trajectory.duration:.4f} s"),
-    ]
-    if motion.speed is not None:
-        unit = "rad/s" if path.turns_only else "m/s"
-        rows.append(("Tool speed asked", f"{motion.speed:.4g} {unit}"))
-    if motion.scene is not None:
-        rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.margin:.4g} mm"))
-    return tuple(rows)
-
-
-def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
-    """Say what a motion keeps.
-
-    Parameters
-    ----------
-    proof : Certificate
-        Of the motion.
-
-    Returns
-    -------
-    tuple of (name, text)
-        Rows of the table.
-    """
-    rows = [("Certificate", "holds" if proof.holds else f"does NOT hold: {'; '.join(proof.broken)}")]
-    for name in ALL_LIMITS:
-        ratio, joint, t = proof.worst(name)
-        if not np.isnan(ratio):
-            promised = "" if name in proof.keeps else ", not promised by the law"
-            much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
-            words = f"{much} at {t:.3f} s, {joint}{promised}"
-            rows.append((f"Largest {name.replace('_', ' ')}", words))
-    return tuple(rows)
-
-
-def _execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
-    """How an execution ended."""
-    rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
-    if execution.reason:
-        rows.append(("Reason", execution.reason))
-    if execution.advice:
-        rows.append(("Advice", execution.advice))
-    if execution.late:
-        rows.append(("Late set-points", str(execution.late)))
-    rows += [*_unread_facts(unread), *(("Note", note) for note in execution.notes)]
-    return tuple(rows)
-
-
-def drive_words(name: str) -> str:
-    """Say which drive it was, and that it is a simulated one.
-
-    Parameters
-    ----------
-    name : str
-        Of the drive.
-
-    Returns
-    -------
-    str
-        For titles and facts.
-    """
-    kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
-    return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
-
-
-def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
-    """Say how a task of the cell ended: its status, the error and where it comes from, its rounds, steps and notes.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Of a task.
-
-    Returns
-    -------
-    tuple of (name, text)
-        Rows of the table.
-    """
-    rows = [("Task", str(outcome.status).replace("_", " "))]
-    if outcome.failed is not None:
-        rows += [("Failed step", outcome.failed.name), ("Reason", outcome.reason), ("Advice", outcome.advice)]
-    if outcome.error is not None:
-        norms = {name: _millimetres(float(size)) for name, size in outcome.error.norms.items()}
-        rows.append(("Error at the end", norms.pop("total")))
-        rows.append(("Parts of it", ", ".join(f"{name} {size}" for name, size in norms.items())))
-    for k, each in enumerate(outcome.rounds):
-        what = f"Correction {k}" if k else "First motion"
-        rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
-    if outcome.executions:
-        rows.append(("Drive", drive_words(outcome.executions[0].drive)))
-    rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
-    return (*rows, *(("Note", note) for note in outcome.notes))
-
-
-def _millimetres(length: float) -> str:
-    """A length [m] in words; what is below a nanometre is rounding."""
-    return f"{1e3 * length:.3g} mm" if length >= 1e-9 else "below 1 nm"
-
-
-def _unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
-    """What is not drawn of an execution."""
-    words = f"{unread} instants without an encoder reading of every joint"
-    return (("Not drawn", words),) if unread else ()

@@ -45,6 +45,13 @@ def _kept(b: BlockRows) -> pl.DataFrame:
     return done(b).filter(pl.col("planned").is_not_null()).sort("distance")
 
 
+def _everywhere(rows: pl.DataFrame, labels: list[str]) -> list[int]:
+    """Spots to which every method has a path, the nearest first; all spots where there is none."""
+    every = rows.group_by("problem", maintain_order=True).agg(pl.col("setting").n_unique())
+    found: list[int] = every.filter(pl.col("setting") == len(labels))["problem"].to_list()
+    return found or every["problem"].to_list()
+
+
 def _points(values: Any) -> Array:
     """Flat numbers as points (k, 3) [mm]."""
     return 1e3 * np.array(values, dtype=float).reshape(-1, 3)
@@ -63,7 +70,7 @@ def _board(b: BlockRows, run: Run) -> Board:
         560,
     )
     plot.add(_spots(all_spots))
-    problems = rows["problem"].unique(maintain_order=True).to_list()
+    problems = _everywhere(rows, labels)
     for row in rows.iter_rows(named=True):
         when = shown_at(row["setting"], row["after"]) | {"spot": [str(row["problem"])]}
         for column, words, colour, width in (

@@ -106,8 +106,9 @@ def _board(b: BlockRows) -> Board:
     controls = (Control.of("method", "Method", labels), after_control(b))
     return Board(
         f"split-{name}", (budgets, far), controls, tuple(legend),
-        "Medians of the lengths of the vectors over the executed trials; lengths do not add up, vectors do. What is not 0 "
-        "and below a nanometre is drawn there.",
+        "Medians of the lengths of the vectors over the executed trials; lengths do not add up, vectors do. Less than a "
+        "nanometre is drawn there: a move in joint space ends at the answer itself, and where no iterate is nearer than the "
+        "start the answer is the start, to which nothing is executed.",
     )  # fmt: skip
 
 

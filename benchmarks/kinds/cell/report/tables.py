@@ -36,7 +36,7 @@ SPOT_COLUMNS = (
     Column("servo", "servo", "mm"),
     Column("tracking", "worst tracking", "mm", "less"),
     Column("torque", "worst torque over its bound", "", "", "limit"),
-    Column("duration", "median duration", "s"),
+    Column("duration", "median duration", "s", aside=True),
     Column("failed", "not executed", show="count"),
 )
 """Columns of a table of spots; the parts of the error are medians of lengths."""

@@ -1,0 +1,162 @@
+"""Facts of a motion, of an execution and of a task of the cell in words, for the table of a viewer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.registry import load_method
+from planners.cell.drives import drives
+from planners.cell.drives.base import Execution
+from planners.cell.outcome import Outcome
+from planners.certificate.certificate import Certificate
+from planners.limits import ALL_LIMITS
+from planners.motion import Motion
+
+
+def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
+    """Say what arm, law, path and scene a motion has.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion.
+
+    Returns
+    -------
+    tuple of (name, text)
+        Rows of the table.
+    """
+    robot, path = motion.robot, motion.path
+    shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
+    turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
+    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn
+    rows = [
+        ("Arm", f"{robot.name}, {robot.n} joints, {shapes}"),
+        ("Path", f"{path.name}, {way}"),
+        ("Law", motion.law or "not stated"),
+        ("Duration", f"{motion.trajectory.duration:.4f} s"),
+    ]
+    if motion.speed is not None:
+        unit = "rad/s" if path.turns_only else "m/s"
+        rows.append(("Tool speed asked", f"{motion.speed:.4g} {unit}"))
+    if motion.scene is not None:
+        rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.margin:.4g} mm"))
+    return tuple(rows)
+
+
+def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
+    """Say what a motion keeps.
+
+    Parameters
+    ----------
+    proof : Certificate
+        Of the motion.
+
+    Returns
+    -------
+    tuple of (name, text)
+        Rows of the table.
+    """
+    rows = [("Certificate", "holds" if proof.holds else f"does NOT hold: {'; '.join(proof.broken)}")]
+    for name in ALL_LIMITS:
+        ratio, joint, t = proof.worst(name)
+        if not np.isnan(ratio):
+            promised = "" if name in proof.keeps else ", not promised by the law"
+            much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
+            words = f"{much} at {t:.3f} s, {joint}{promised}"
+            rows.append((f"Largest {name.replace('_', ' ')}", words))
+    return tuple(rows)
+
+
+def execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
+    """Say how an execution ended.
+
+    Parameters
+    ----------
+    execution : Execution
+        Of a drive.
+    unread : int
+        Instants that are not drawn.
+
+    Returns
+    -------
+    tuple of (name, text)
+        Rows of the table.
+    """
+    rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
+    if execution.reason:
+        rows.append(("Reason", execution.reason))
+    if execution.advice:
+        rows.append(("Advice", execution.advice))
+    if execution.late:
+        rows.append(("Late set-points", str(execution.late)))
+    rows += [*unread_facts(unread), *(("Note", note) for note in execution.notes)]
+    return tuple(rows)
+
+
+def drive_words(name: str) -> str:
+    """Say which drive it was, and that it is a simulated one.
+
+    Parameters
+    ----------
+    name : str
+        Of the drive.
+
+    Returns
+    -------
+    str
+        For titles and facts.
+    """
+    kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
+    return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
+
+
+def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
+    """Say how a task of the cell ended: its status, the error and where it comes from, its rounds, steps and notes.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of a task.
+
+    Returns
+    -------
+    tuple of (name, text)
+        Rows of the table.
+    """
+    rows = [("Task", str(outcome.status).replace("_", " "))]
+    if outcome.failed is not None:
+        rows += [("Failed step", outcome.failed.name), ("Reason", outcome.reason), ("Advice", outcome.advice)]
+    if outcome.error is not None:
+        norms = {name: _millimetres(float(size)) for name, size in outcome.error.norms.items()}
+        rows.append(("Error at the end", norms.pop("total")))
+        rows.append(("Parts of it", ", ".join(f"{name} {size}" for name, size in norms.items())))
+    for k, each in enumerate(outcome.rounds):
+        what = f"Correction {k}" if k else "First motion"
+        rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
+    if outcome.executions:
+        rows.append(("Drive", drive_words(outcome.executions[0].drive)))
+    rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
+    return (*rows, *(("Note", note) for note in outcome.notes))
+
+
+def _millimetres(length: float) -> str:
+    """A length [m] in words; what is below a nanometre is rounding."""
+    return f"{1e3 * length:.3g} mm" if length >= 1e-9 else "below 1 nm"
+
+
+def unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
+    """Say what is not drawn of an execution.
+
+    Parameters
+    ----------
+    unread : int
+        Instants without an encoder reading of every joint.
+
+    Returns
+    -------
+    tuple of (name, text)
+        A row of the table, or none.
+    """
+    words = f"{unread} instants without an encoder reading of every joint"
+    return (("Not drawn", words),) if unread else ()
