@@ -11,8 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly")
-"""This package and its dependencies; versions of peers are shown next to their results."""
+PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly", "mujoco")
+"""This package, its dependencies and the simulator where it is installed; versions of peers stand next to their results."""
 
 
 def provenance(seed: int, workers: int) -> dict[str, Any]:

@@ -40,7 +40,8 @@ def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
     """
     suffix = Path(file).suffix.lower() if isinstance(file, str | os.PathLike) else None
     if suffix not in known:
-        raise InvalidInput("file", repr(file)[:120], f"a name that ends in {', '.join(known)}")
+        came = os.fspath(file) if isinstance(file, os.PathLike) else file
+        raise InvalidInput("file", repr(came)[:120], f"a name that ends in {', '.join(known)}")
     return str(suffix)
 
 

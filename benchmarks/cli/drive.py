@@ -182,19 +182,19 @@ def _small(value: float) -> str:
 def _print_joints(done: Execution) -> None:
     """Tracking error and torque of every joint."""
     robot, bound = done.robot, done.plan.certificate.torque.value
-    table = Table(
-        "joint", "largest tracking error", title="" if done.torque is None else "torque beside the proved bound"
-    )
+    title = "" if done.torque is None else "torque beside the certificate's bound for the planned motion"
+    table = Table("joint", "largest tracking error", title=title)
     columns = [np.abs(tracking(done)).max(axis=0) * per(robot)]
     if done.torque is not None:
         table.add_column("peak torque")
-        table.add_column("proved bound")
+        table.add_column("bound of the plan")
+    torque_units = np.where(robot.prismatic, "N", "N·m")
     for i, name in enumerate(robot.joint_names):
         row = [name, f"{columns[0][i]:.3g}{units(robot)[i]}"]
         if done.torque is not None:
             row += [
-                f"{np.abs(done.torque[:, i]).max():.4g}",
-                f"{bound[i]:.4g}" if np.isfinite(bound[i]) else "no limit",
+                f"{np.abs(done.torque[:, i]).max():.4g} {torque_units[i]}",
+                f"{bound[i]:.4g} {torque_units[i]}" if np.isfinite(bound[i]) else "no limit",
             ]
         table.add_row(*row)
     out_console.print(table)

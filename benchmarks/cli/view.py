@@ -56,11 +56,13 @@ def view(
     MissingDependency
         Without ``--html``, where viser is not installed.
     """
-    from planners.cell.view.page import write_page
+    from planners.cell.view.page import PAGE_SUFFIXES, write_page
     from planners.cell.view.show import show_of, show_of_execution
 
     if drive is not None:
         _check_simulated(drive)
+    if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
+        raise InvalidInput("--html", str(html), f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
     motion = stored(plan)
     planned = None if drive is None else plan_of(motion)
     if html is None:

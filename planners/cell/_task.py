@@ -436,4 +436,4 @@ def _metres(point: Any) -> str:
 
 
 def _length(line: Line) -> str:
-    return f"{line.end:.4g} {line.unit}"
+    return _mm(line.end) if line.unit == "m" and line.end < 0.1 else f"{line.end:.4g} {line.unit}"

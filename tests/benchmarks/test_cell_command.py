@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import optik
 from benchmarks.cli import cell as command
 from benchmarks.cli.app import app
 from optik.errors import InvalidInput, OutputError, UnknownName
@@ -44,6 +45,16 @@ def test_a_task_that_fails_names_its_step_and_writes_no_page(tmp_path: Path) -> 
     assert json.loads((tmp_path / "task.json").read_text(encoding="utf-8"))["failed"] == "target"
 
 
+def test_the_direction_of_a_miscalibration_has_nothing_of_the_noise() -> None:
+    laser = command.unit_of(optik.load("paper6r"), np.array([0.1, 0.3, 0.4]), "1,1")
+    cosines = []
+    for seed in range(60):
+        off = command.moved_of(laser, "2,0", seed).pose[:3, 3] - laser.pose[:3, 3]
+        noise = np.random.default_rng(seed).normal(size=3)  # what the readings of a cell with this seed begin with
+        cosines.append(off @ noise / np.linalg.norm(off) / np.linalg.norm(noise))
+    assert abs(np.mean(cosines)) < 4.0 * np.sqrt(1.0 / 3.0 / 60.0)  # 1 where both came from the same numbers
+
+
 def test_without_mujoco_it_says_which_drive_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert command.drive_of("mujoco")[0] == "mujoco"
     monkeypatch.setattr(command, "find_spec", lambda name: None)
@@ -56,13 +67,14 @@ def test_without_mujoco_it_says_which_drive_it_takes(monkeypatch: pytest.MonkeyP
     [
         (("--spot", "1,2"), InvalidInput, "--spot"),
         (("--spot", "a,b,c"), InvalidInput, "--spot"),
+        (("--spot", "nan,0,0"), InvalidInput, "--spot"),
         (("--drive", "ros"), InvalidInput, "--drive"),
         (("--noise", "-1,0"), InvalidInput, "--noise"),
         (("--noise", "nan,0"), InvalidInput, "--noise"),
         (("--miscalibration", "1"), InvalidInput, "--miscalibration"),
         (("--seed", "-1"), InvalidInput, "--seed"),
-        (("--corrections", "-1"), InvalidInput, "corrections"),
-        (("--readings", "0"), InvalidInput, "readings"),
+        (("--corrections", "-1"), InvalidInput, "--corrections"),
+        (("--readings", "0"), InvalidInput, "--readings"),
         (("--timing", "nope"), UnknownName, "nope"),
         (("--out", "page.txt"), InvalidInput, "--out"),
         (("--robot", "ur5e"), InvalidInput, "--jerk"),

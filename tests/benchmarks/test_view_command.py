@@ -85,7 +85,7 @@ WRONG: dict[str, tuple[Any, tuple[str, ...], int, str]] = {
     "a report": (lambda folder, motion: REPOSITORY / "docs" / "report.png", (), 2, ".json"),
     "a failed plan": (failed, (), 1, "joint5 comes to its end"),
     "what --json printed": (printed, (), 2, "--out"),
-    "a page's suffix": (lambda folder, motion: motion, ("--html", "page.txt"), 2, ".html"),
+    "a page's suffix": (lambda folder, motion: motion, ("--html", "page.txt"), 2, "--html"),
     "an unwritable page": (lambda folder, motion: motion, ("--html", "/none/page.html"), 2, "/none/page.html"),
     "another address": (lambda folder, motion: motion, ("--host", "203.0.113.7"), 2, "203.0.113.7"),
     "a real drive": (real, ("--drive", "./real.py"), 2, "simulated drive"),

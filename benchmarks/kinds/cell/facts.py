@@ -34,8 +34,8 @@ def facts_of(execution: Execution) -> dict[str, Any]:
     -------
     dict
         Values of `EXECUTION_TYPES`. Tracking errors are the largest differences from the continuous planned motion at the steps
-        of the plant: of the tool's position [m], and of a joint [rad, m]. The energy is the integral of |torque times
-        velocity| over all joints, as motors without recuperation take it [J].
+        of the plant: of the tool's position [m], and of a joint [rad, m]. The energy is the integral of the positive
+        powers of all joints, torque times velocity: braking gives nothing back, as in the certificate's ``energy.drawn`` [J].
     """
     found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
@@ -50,7 +50,7 @@ def facts_of(execution: Execution) -> dict[str, Any]:
         "tracking_joint": names[joint], "tracking_m": float(np.linalg.norm(tools, axis=1).max()), "late": execution.late,
     }  # fmt: skip
     if execution.torque is not None:
-        found["energy"] = float(np.trapezoid(np.abs(execution.torque * execution.dq).sum(axis=1), execution.t))
+        found["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
         peak, bound = peaks(execution)
         if bound is not None:
             worst = int(np.argmax(peak / bound))

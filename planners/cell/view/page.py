@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 SCRIPTS = ("arm.js", "draw.js", "picture.js", "page.js")
 """Scripts of the page, each of which uses those before it."""
+PAGE_SUFFIXES = (".html", ".htm")
+"""Names of pages end in one of these, so that a browser opens them."""
 MOST_PAGE = 2_000_000
 """Largest page [bytes]: it still goes by mail, and a browser reads it at once."""
 MOST_OBJECTS_DRAWN = 2000
@@ -49,7 +51,7 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
     OutputError
         The file cannot be written.
     """
-    suffix_of(file, (".html", ".htm"))
+    suffix_of(file, PAGE_SUFFIXES)
     content = page_of(show).encode()
     if len(content) > MOST_PAGE:
         got = f"a page of {len(content) / 1e6:.1f} MB"

@@ -217,7 +217,8 @@ def law_tables(b: BlockRows, run: Run) -> list[Table]:
             f"Of {_lines(rows)}: medians of duration, energy and end error, the largest of all else, "
             "without noise unless a column says so. Tracking is executed minus planned at the same instant, at every step of "
             "the plant. The bound is the certificate's largest |torque|; single steps in which the servo "
-            "answers the resolution of its encoders exceed it. Energy is the integral of |torque · velocity|. "
+            "answers the resolution of its encoders exceed it. Energy is the integral of "
+            "the positive powers torque · velocity of all joints: braking gives nothing back. "
             f"{SIMULATED.capitalize()}."
         )
         name = f"cell-laws-{slug(b.block.id)}" + ("" if timed == OWN_TIME else "-same")
