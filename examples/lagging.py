@@ -1,4 +1,4 @@
-"""A drive of your own: an arm whose joints lag behind their set-points. Run me, or give my path as a drive.
+"""A drive in one file: an arm whose joints lag behind their set-points. Run me, or give my path as a drive.
 
 python examples/lagging.py
 drive = planners.cell.make_drive("./lagging.py", robot)

@@ -220,14 +220,25 @@ def test_the_controllers_names_and_order_of_the_joints(port, plan):
     np.testing.assert_allclose(done.q[-1], quick.trajectory(quick.trajectory.end), atol=1e-9)
 
 
-def test_a_stop_that_cannot_be_certified_is_a_cancellation_and_is_said_before(port, plan):
-    slack = replace(plan, limits=planners.MotionLimits(velocity=2.0))  # no law can stop without an acceleration
+def test_a_stop_that_cannot_be_certified_is_a_cancellation_and_is_said_before(port, plan, monkeypatch):
+    def none(*_: Any) -> planners.Plan:
+        raise NoSolution("no stop within the limits")
+
+    monkeypatch.setattr(sys.modules[stops_for.__module__], "stop_from", none)
     drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
     with drive.transport:
-        stopped = drive.execute(slack, stop=0.2)
+        stopped = drive.execute(plan, stop=0.2)
     assert (stopped.status, stopped.stop) == ("stopped", None), (stopped.reason, stopped.notes)
     assert "no stop from here could be certified" in stopped.reason
     assert any("0 were found, and from other instants the goal is cancelled" in note for note in stopped.notes)
+
+
+def test_the_motion_of_a_law_without_jerk_limits_can_be_stopped():
+    robot = optik.load("irb120")
+    q, limits = robot.limits.middle, planners.MotionLimits(velocity=2.0, acceleration=10.0)
+    smooth = planners.plan(robot, q + 0.2, q, limits=limits, timing="toppra", duration=1.5)
+    stops = stops_for(message_for(smooth, None)[0], 0.5, None)
+    assert len(stops.found) == 2 and all(stop.plan.certificate.holds for stop in stops.found), stops.reason
 
 
 def test_stops_are_computed_before_the_arm_moves_and_in_bounded_time(plan, monkeypatch):

@@ -10,10 +10,10 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.cell.drives._stop import stop_from
 from planners.files._ros.export import JointNames, ros_message
 from planners.motion import Motion
 from planners.plan import Plan
-from planners.replan import replan
 from planners.trajectory import Trajectory
 
 PREPARING = 5.0
@@ -168,7 +168,7 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames) -> Stopping:
     InvalidInput
         An instant at which the motion has ended.
     """
-    found = replan(sent, t, stop=True, limits=sent.limits.scaled(1.0 - 0.5 * ROOM))
+    found = stop_from(sent, t, 1.0 - 0.5 * ROOM)
     return Stopping(t, *message_for(replace(found, limits=sent.limits), joint_names))
 
 

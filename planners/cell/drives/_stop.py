@@ -22,7 +22,7 @@ LEAST_SHARE = 0.1
 """Share of the greatest value of all joints that each may reach, where nothing but the plan itself says how much."""
 
 
-def stop_from(running: Plan, t: float) -> Plan:
+def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
     """Return the stop of a plan from a time of its motion on: of some limits on the jerk the first with which it holds.
 
     Parameters
@@ -31,6 +31,8 @@ def stop_from(running: Plan, t: float) -> Plan:
         What is executed.
     t : float
         When the stop begins [s].
+    share : float
+        Of the limits that the stop may use [1].
 
     Returns
     -------
@@ -39,7 +41,7 @@ def stop_from(running: Plan, t: float) -> Plan:
     """
     stops = []
     for limits in limits_of(running):
-        found = replan(running, t, stop=True, limits=limits)
+        found = replan(running, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
         if found:
             return found
         stops.append(found)
