@@ -232,6 +232,7 @@ def test_a_wrong_value_is_one_line_that_names_it(data: Any, error: type[Exceptio
         (changed(1, move_m=[3, 0, 0]), "a line that the arm can follow"),
         (changed(2, moves_m=[[0, 0, 0]]), "a motion"),
         (changed(0, options={"start_deg": START, "halfsize": 1}), "halfsize"),
+        (changed(0, robot="ur5e"), "cell 'spots': robot: limits: expected limits on jerk"),
     ],
 )
 def test_what_only_trying_shows_is_refused_before_anything_is_written(data: Any, says: str) -> None:

@@ -29,7 +29,8 @@ from planners.cell.drives.base import Execution
 from planners.cell.errors import ErrorSplit, split_configurations
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot
-from planners.plan import plan
+from planners.limits import MotionLimits
+from planners.plan import make_law, plan
 
 SPOTS_PART = 4
 """Spots in one part of the work: a second or more of executions, so that workers share them evenly."""
@@ -223,7 +224,8 @@ def prepare_spots(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
     Raises
     ------
     InvalidInput
-        An option that a method or the set does not have; a set with several starts.
+        An option that a method or the set does not have; a set with several starts; an arm without a limit that the law
+        needs.
     """
     with naming(f"cell {block.id!r}: options"):
         robot, problems = problem_set(block, seed)
@@ -231,6 +233,8 @@ def prepare_spots(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
         make_solver(robot, method.name, **_options(method, block.budgets[-1]))
     if (problems.starts != problems.starts[0]).any():
         raise InvalidInput(f"cell {block.id!r}: options", "several starts", "one start of the arm for all spots")
+    with naming(f"cell {block.id!r}: robot"):
+        make_law(block.law).need(MotionLimits.of(robot), robot)
     return robot, problems
 
 
