@@ -116,7 +116,7 @@ def _iso_sentence(b: BlockRows) -> str:
     if not poses:
         return ""
     words = ", ".join(f"{name[:2].upper()} {number(value)} mm" for name, value in found.items() if value == value)
-    cycles = f"{poses[0].cycles} cycles"
+    cycles = "1 cycle" if poses[0].cycles == 1 else f"{poses[0].cycles} cycles"
     return f"In the manner of ISO 9283, {SIMULATED}, worst of five poses over {cycles} and of one line: {words}."
 
 

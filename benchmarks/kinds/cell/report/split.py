@@ -77,7 +77,8 @@ def _not_executed(b: BlockRows) -> str:
     why = lost.with_columns(why=pl.col("reason").str.split(" at s = ").list.first())
     counts = why.group_by("setting", "why", maintain_order=True).len().sort("len", descending=True)
     words = [f"{count} of {setting}: {reason}" for setting, reason, count in counts.head(MOST_REASONS).iter_rows()]
-    return f"{b.block.title}: {len(lost)} trials were not executed. {'; '.join(words)}."
+    trials = "1 trial was" if len(lost) == 1 else f"{len(lost)} trials were"
+    return f"{b.block.title}: {trials} not executed. {'; '.join(words)}."
 
 
 def _times(count: int) -> str:
