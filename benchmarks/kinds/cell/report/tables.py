@@ -124,7 +124,8 @@ def spots_table(b: BlockRows) -> Table:
         "Of spots with a known solution. The parts of the error are medians of the lengths of the vectors: laser (target "
         "minus spot), IK (tool at the method's answer minus target), path (planned minus answer), servo (executed minus "
         "planned), all at the end of the motion. An answer that is the start is no motion, and has no servo error. What was "
-        "not executed counts as missed, and has no error. Torque: simulated, its largest peak, over the certificate's bound for the arm as it is planned for: other friction and "
+        "not executed counts as missed, and has no error. Torque: simulated, its "
+        "largest peak, over the certificate's bound for the arm as it is planned for: other friction and "
         "payload, and single steps in which the servo answers the resolution and noise of its encoders, exceed it."
     )
     return Table(f"cell-spots-{slug(b.block.id)}", b.block.title, SPOT_COLUMNS, tuple(rows), note)
