@@ -53,7 +53,7 @@ def draw_layers(cell: Cell) -> str:
     carried = [
         ("spot, orientation", "outcome, errors"),
         (f"set-points, every {ms:g} ms", f"encoders, every {ms:g} ms"),
-        ("where the tool went", "what to measure"),
+        ("where the tool went", ""),
     ]
     sheet = Sheet("Layers of the cell: " + ", ".join(title for title, _ in layers))
     y, tops = MARGIN, []
@@ -78,12 +78,13 @@ def draw_layers(cell: Cell) -> str:
 
 
 def _carry(sheet: Sheet, y: float, words: tuple[str, str], width: float) -> None:
-    """The arrows between two layers, one down and one up, with what they carry."""
+    """The arrows between two layers, one down and one up, with what they carry; none where nothing is carried."""
     down, up = MARGIN + 20.0, MARGIN + width / 2 + 8.0
     sheet.arrow([(down, y + 3.0), (down, y + BETWEEN - 3.0)])
     sheet.words((down + 9.0, y + BETWEEN / 2 + 5.0), words[0])
-    sheet.arrow([(up, y + BETWEEN - 3.0), (up, y + 3.0)])
-    sheet.words((up + 9.0, y + BETWEEN / 2 + 5.0), words[1])
+    if words[1]:
+        sheet.arrow([(up, y + BETWEEN - 3.0), (up, y + 3.0)])
+        sheet.words((up + 9.0, y + BETWEEN / 2 + 5.0), words[1])
 
 
 def _control(cell: Cell) -> list[str]:

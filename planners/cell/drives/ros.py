@@ -253,8 +253,10 @@ class RosDrive(Drive):
             advice = error.advice if isinstance(error, NoSolution) else error.expected
             return self._unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
         notes = tuple(filter(None, (_slower(plan, sent), exceeded(sent))))
-        stops = stops_for(sent, self.timing.stops_every, self.joint_names) if self.sends else Stops([], 0.0, "")
-        reason, advice = self._not_at_start(sent)
+        stops, (reason, advice) = Stops([], 0.0, ""), self._not_at_start(sent)
+        if self.sends and not reason:
+            stops = stops_for(sent, self.timing.stops_every, self.joint_names)
+            reason, advice = self._not_at_start(sent)  # measured anew: the stops took a while
         if reason:
             return self._unsent(sent, ExecutionStatus.REFUSED, reason, advice)
         if not self.sends:
