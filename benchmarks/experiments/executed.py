@@ -57,14 +57,16 @@ def _within(rows: pl.DataFrame) -> Finding:
         "As for the answers of the iteration: the share of the spots with a known solution at which the executed tool is "
         "within 2 mm on each axis at the largest budget. Holds if the lower end of its Wilson 95 % interval is at least 99 %. "
         "Holds when the spot is closer than d if that is so for the spots closer than d, d as large as possible, and those "
-        "are at least half of all. Else it does not hold. A motion that was not executed to its end counts as missed."
+        "are at least half of all. Not tested where even all of so few trials would not reach 99 %, and the interval does not "
+        "end below it. Else it does not hold. A motion that was not executed to its end counts as missed."
     )
     if rows.is_empty():
         return Finding("a", claim, UNTESTED, "No spot was reached for by dls.", rule)
     most = int(rows["budget"].max())  # type: ignore[arg-type]
     last = rows.filter(pl.col("budget") == most).sort("distance", "problem", "repeat")
     within = (last["axis"] <= TWO_MM).to_numpy()
-    count, low = len(within), wilson(int(within.sum()), len(within))[0]
+    count = len(within)
+    low, high = wilson(int(within.sum()), count)
     text = (
         f"{rows['setting'][0]}, {most} iterations, executed on the drive {last['drive'][0]}: {100 * within.mean():.1f} % of "
         f"{count:,} trials are within 2 mm on each axis (at least {100 * low:.1f} % by the interval)."
@@ -73,6 +75,8 @@ def _within(rows: pl.DataFrame) -> Finding:
     figures = tuple((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows())
     if low >= ALMOST_ALL:
         return Finding("a", claim, HOLDS, text, rule, figures)
+    if wilson(count, count)[0] < ALMOST_ALL <= high:
+        return Finding("a", claim, UNTESTED, f"{text} Too few trials to judge.", rule, figures)
     near = nearest_that_hold(within)
     if near >= count / 2:
         d = 1e3 * float(last["distance"][near - 1])

@@ -281,6 +281,12 @@ def test_the_claims_as_executed_can_come_out_in_every_way(error: Any, verdicts: 
         assert finding.verdict.startswith(verdict), (finding.verdict, finding.summary)
 
 
+def test_too_few_trials_neither_prove_nor_refute_that_all_are_within_two_millimetres() -> None:
+    good = executed_claims(drawn(lambda d, k: 1e-4 * d, count=12))[0]
+    assert good.verdict == UNTESTED and "Too few" in good.summary
+    assert executed_claims(drawn(lambda d, k: 0.1 + 0 * d, count=12))[0].verdict == FAILS
+
+
 def test_the_iterations_that_a_spot_needs_are_those_from_which_on_it_is_reached() -> None:
     axis = {"once": [1.0, 1e-3, 5e-3, 1e-3], "early": [1e-3] * 4, "never": [1e-3, 1e-3, 1e-3, 3e-3]}
     rows = pl.concat(

@@ -25,7 +25,8 @@ NOISE_WORDS = {
     "laser_position": ("σ of each coordinate of its calibrated position", 1e3, "mm"),
     "laser_rotation": ("σ of each component of its calibrated orientation", 1e3, "mrad"),
     "friction": ("friction of each joint, uniform ±", 1e2, "%"), "payload": ("payload, uniform ±", 1e2, "%"),
-    "encoder_counts": ("encoders of", 1.0, "counts a turn"), "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
+    "encoder_counts": ("rounding of encoders to", 1.0, "counts a turn"),
+    "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
 }  # fmt: skip
 """What varies, in words, with the factor to its unit."""
 
