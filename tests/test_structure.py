@@ -126,6 +126,11 @@ def test_importing_optik_loads_numpy_and_numba_and_nothing_heavier():
     assert loaded("import optik", "numpy", "numba") == ["numpy", "numba"]
 
 
+def test_the_command_line_loads_no_planner_before_a_command_needs_it():
+    heavy = {*HEAVY, "planners", "planners.plan", "planners.cell"} - {"typer"}
+    assert loaded("import benchmarks.cli.app", *heavy) == []
+
+
 def test_a_solve_by_dls_loads_no_casadi_and_by_ipopt_does():
     code = "import optik; r = optik.load('paper6r'); q = [0.1] * 6; optik.solve_ik(r, r.fk(q), q, {!r})"
     by_numba = {"scipy.linalg"}  # to find the BLAS, when it first loads a compiled function

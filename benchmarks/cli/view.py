@@ -7,16 +7,16 @@ import sys
 from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-import planners
 from benchmarks.cli.shared import err_console, out_console
 from optik.errors import InvalidInput, NoSolution
 from optik.registry import load_method
-from planners.cell.drives import make_drive
-from planners.cell.stored import plan_of
+
+if TYPE_CHECKING:
+    from planners import Motion, Plan
 
 LOCAL = "127.0.0.1"
 """Address that only this machine reaches."""
@@ -56,6 +56,8 @@ def view(
     MissingDependency
         Without ``--html``, where viser is not installed.
     """
+    from planners.cell.drives import make_drive
+    from planners.cell.stored import plan_of
     from planners.cell.view.page import PAGE_SUFFIXES, write_page
     from planners.cell.view.show import show_of, show_of_execution
 
@@ -79,8 +81,9 @@ def view(
     out_console.print(f"written to {html}: open it in a browser", highlight=False, soft_wrap=True)
 
 
-def _serve(motion: planners.Motion, planned: planners.Plan | None, drive: str | None, host: str, port: int) -> None:
+def _serve(motion: Motion, planned: Plan | None, drive: str | None, host: str, port: int) -> None:
     """Serve until the process is interrupted."""
+    from planners.cell.drives import make_drive
     from planners.cell.view.live import Viewer
     from planners.cell.view.show import show_of
 
@@ -115,7 +118,7 @@ def _is_local(host: str) -> bool:
         return host == "localhost"
 
 
-def stored(file: Path) -> planners.Motion:
+def stored(file: Path) -> Motion:
     """Read a motion.
 
     Parameters
@@ -135,10 +138,12 @@ def stored(file: Path) -> planners.Motion:
     NoSolution
         The data of a plan that failed, as ``--json`` prints them.
     """
+    from planners.files import load_motion
+
     if file.is_dir():
         raise InvalidInput("PLAN", f"the folder {file}", STORED_MOTION)
     try:
-        return planners.load_motion(file)
+        return load_motion(file)
     except InvalidInput as error:
         data = _printed(file)
         if data.get("reason"):
