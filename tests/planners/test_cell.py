@@ -350,6 +350,26 @@ def test_corrections_fall_to_the_noise_of_the_readings() -> None:
     assert 4.9 < sum(scaled) < 42.3  # 0.1 % to 99.9 % of χ²(18)
 
 
+@pytest.mark.soak
+@pytest.mark.parametrize("drive", ["ideal", "mujoco"])
+@pytest.mark.parametrize(("noise", "readings"), [(0.0, 1), (1.0, 1), (1.0, 10)])
+def test_corrections_round_by_round_at_length(drive: str, noise: float, readings: int) -> None:
+    """Prints the row of the table in docs/cell.md: RMS over 30 seeds [mm]."""
+    laser = PanTiltLaser(BESIDE, angle_noise=2e-4 * noise, range_noise=5e-4 * noise)
+    errors, floors = [], []
+    for seed in range(30):
+        unit = laser.with_pose(turned(BESIDE, *sides(seed)))
+        cell = cell_of(laser, make_drive(drive, ARM, q=START), unit=unit, seed=seed)
+        outcome = cell.move_to_spot(cell.read(SPOT, readings), corrections=2, readings=readings)
+        assert outcome, outcome.reason
+        errors.append([np.linalg.norm(r.error) for r in outcome.rounds])
+        floors.append(outcome.floor)
+    first, once, twice = 1e3 * np.sqrt(np.mean(np.square(errors), axis=0))
+    floor = 1e3 * float(np.mean(floors))
+    print(f"{drive}, noise {noise:g}, {readings} readings: {first:.2f} {once:.4f} {twice:.5f}, floor {floor:.2f}")
+    assert first > 2.0 > 2.0 * once and twice < max(1.2 * floor, 2e-3)
+
+
 def test_corrections_remove_what_an_unknown_load_leaves() -> None:
     """A kilogram that the servos' feed-forward does not know: it hangs lower by a millimetre."""
     pytest.importorskip("mujoco")
