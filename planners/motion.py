@@ -41,6 +41,8 @@ class Motion:
         What must not be touched by an arm with shapes.
     margin : float, optional
         What all distances to it must exceed [m].
+    before : (2,) tuple, optional
+        Limits in the place of ``limits`` until a time [s].
 
     Raises
     ------
@@ -59,6 +61,7 @@ class Motion:
     speed: float | None = None
     scene: Scene | None = None
     margin: float = 0.0
+    before: tuple[MotionLimits, float] | None = None
 
     def __post_init__(self) -> None:
         kinds = {"robot": Robot, "path": Path, "limits": MotionLimits, "trajectory": Trajectory, "law": str}
@@ -101,7 +104,7 @@ class Motion:
             An option that `planners.certify` refuses.
         """
         known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance, "span": self.span}
-        known |= {"scene": self.scene, "margin": self.margin}
+        known |= {"scene": self.scene, "margin": self.margin, "before": self.before}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
 

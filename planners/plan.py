@@ -62,6 +62,14 @@ class PlanStatus(StrEnum):
     NOT_PROVED = "not_proved"
 
 
+class StopKind(StrEnum):
+    """What a stop is: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion itself."""
+
+    OPTIMUM = "optimum"
+    SWEEP = "sweep"
+    END = "end"
+
+
 class PlanSeconds(NamedTuple):
     """How long planning took: following the path, finding the law's motion, and certifying it [s]."""
 
@@ -98,6 +106,12 @@ class Plan:
         What must not be touched.
     margin : float
         What all distances to it must exceed [m].
+    before : (2,) tuple, or None
+        Limits that hold until a time [s], where the motion meets `limits` only from then on: after `replan` with lower limits.
+    start_error : (3,) tuple of float, or None
+        Largest differences [rad, rad/s, rad/s², or m] of a measured state from the motion's own, with which `replan` began.
+    stop_kind : StopKind or None
+        What a stop is: the optimum, the sweep's stop, or the end of the motion because that comes first.
     seconds : PlanSeconds
         How long the parts of planning took, after `replan` the certificate's only; plans are equal whatever they took.
     """
@@ -118,6 +132,14 @@ class Plan:
     scene: Scene | None = None
     margin: float = 0.0
     seconds: PlanSeconds = field(default=PlanSeconds(), compare=False)
+    before: tuple[MotionLimits, float] | None = None
+    start_error: tuple[float, float, float] | None = None
+    stop_kind: StopKind | None = None
+
+    @property
+    def within_limits_from(self) -> float:
+        """Time [s] from which the motion respects `limits`; before it, `before` has the limits that hold."""
+        return 0.0 if self.before is None else self.before[1]
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
@@ -182,7 +204,7 @@ class Plan:
         proof = self.certificate
         return Motion(
             self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance, self.span,
-            self.speed, self.scene, self.margin,
+            self.speed, self.scene, self.margin, self.before,
         )  # fmt: skip
 
     def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
@@ -323,6 +345,9 @@ class Asked:
     span: tuple[float, float] | None = None
     scene: Scene | None = None
     margin: float = 0.0
+    before: tuple[MotionLimits, float] | None = None
+    start_error: tuple[float, float, float] | None = None
+    stop_kind: StopKind | None = None
 
     def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
         """Certify a motion and return its plan, solved where the certificate holds.
@@ -345,7 +370,7 @@ class Asked:
         proof = certify(
             self.robot, self.path, trajectory, self.limits,
             law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
-            span=self.span, scene=self.scene, margin=self.margin,
+            span=self.span, scene=self.scene, margin=self.margin, before=self.before,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
         status, stop = PlanStatus.SOLVED, None
@@ -359,26 +384,14 @@ class Asked:
             )
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
-            self.span, self.law.speed, self.scene, self.margin, seconds,
+            self.span, self.law.speed, self.scene, self.margin, seconds, self.before, self.start_error, self.stop_kind,
         )  # fmt: skip
 
-    def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
-        """Return the plan of a law that found no motion.
-
-        Parameters
-        ----------
-        joints : JointPath
-            The joint path.
-        error : NoSolution
-            What the law raised.
-
-        Returns
-        -------
-        Plan
-            TIMING_INFEASIBLE, with the law's reason.
-        """
-        stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
-        return self._failed(PlanStatus.TIMING_INFEASIBLE, joints, stop)
+    def infeasible(
+        self, joints: JointPath, error: NoSolution, status: PlanStatus = PlanStatus.TIMING_INFEASIBLE
+    ) -> Plan:
+        """Return the plan without a motion, for the reason of an error."""
+        return self._failed(status, joints, Stop(status, error.s or 0.0, error.joint, error.reason, error.advice))
 
     def _failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
         """A plan without a motion; the joint path goes as far as it could be followed."""

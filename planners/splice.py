@@ -38,22 +38,10 @@ def _shifted(c: Array, u: Array) -> Array:
     return c
 
 
-def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
+def rest_of(trajectory: Trajectory, t: float, s: float | None = None) -> Trajectory:
     """Return what is left of a motion from a time t [s] before its end: the same polynomials, to rounding.
 
-    It begins with exactly the values that the trajectory has at t.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    t : float
-        A time before its end [s].
-
-    Returns
-    -------
-    Trajectory
-        The rest, from t = 0.
+    It begins with exactly the values that the trajectory has at t; `s` is the path parameter there, if it is known.
     """
     knots, c = trajectory.knots, _powers(trajectory)
     first = int(np.searchsorted(knots, t, side="right")) - 1
@@ -61,24 +49,12 @@ def rest_of(trajectory: Trajectory, t: float) -> Trajectory:
     c[:, :1] = _shifted(c[:, :1], np.array([t - knots[first]]))
     for order in range(3):
         c[5 - order, 0] = trajectory(t, order) / factorial(order)
-    return Trajectory(PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True))
+    known = None if s is None or trajectory.places is None else np.append(s, trajectory.places[first + 1 :])
+    return Trajectory(PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True), known)
 
 
 def start_of(trajectory: Trajectory, t: float) -> Trajectory:
-    """Return a motion up to a time t [s] after its start: the same polynomials.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    t : float
-        A time after its start, at most its end [s].
-
-    Returns
-    -------
-    Trajectory
-        The first part, to t.
-    """
+    """Return a motion up to a time t [s] after its start and at most at its end: the same polynomials."""
     before = int(np.searchsorted(trajectory.knots, t, side="left"))
     knots = np.append(trajectory.knots[:before], t)
     return Trajectory(PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))
@@ -98,7 +74,9 @@ def joined(first: Trajectory, second: Trajectory) -> Trajectory:
         Both.
     """
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
-    return Trajectory(PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True))
+    a, b = first.places, second.places
+    places = None if a is None or b is None else np.append(a, b[1:])
+    return Trajectory(PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), places)
 
 
 def held(trajectory: Trajectory, duration: float) -> Trajectory:
@@ -156,4 +134,4 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
     for order, x in enumerate(start):
         c[5 - order, 0] = x / factorial(order)
-    return Trajectory(PPoly(c, knots, extrapolate=True))
+    return Trajectory(PPoly(c, knots, extrapolate=True), trajectory.places)

@@ -43,11 +43,13 @@ class Trajectory(Curve):
     ----------
     polynomial : scipy.interpolate.PPoly
         Knots from 0, coefficients (at most 6, m, n).
+    places : (m + 1,) array, optional
+        The path parameter s [m, or rad] at the knots, where the law that made the motion knows it.
     """
 
     parameter = "t"
 
-    def __init__(self, polynomial: Any) -> None:
+    def __init__(self, polynomial: Any, places: Array | None = None) -> None:
         if not isinstance(polynomial, PPoly):
             raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
@@ -56,7 +58,12 @@ class Trajectory(Curve):
             raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
+        if places is not None and np.shape(places) != polynomial.x.shape:
+            raise InvalidInput(
+                "places", f"an array of shape {np.shape(places)}", f"one for each knot: {polynomial.x.shape}"
+            )
         self._orders = [polynomial]
+        self.places = places
         self._extrema: dict[int, Extrema] = {}
 
     @property
@@ -262,7 +269,7 @@ class Trajectory(Curve):
         check_number(factor, "factor", "a number above 0", above=0.0)
         p = self._orders[0]
         powers = np.arange(p.c.shape[0])[::-1][:, None, None]
-        return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True))
+        return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.places)
 
 
 def _locked(array: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.types import Array
 from planners.certificate.examined import Examined
-from planners.limits import MotionLimits
+from planners.certificate.parts import LimitedPart
 from planners.limits._extreme import plain
 
 
@@ -33,26 +33,15 @@ class Binding(NamedTuple):
         return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
 
 
-def active_constraints(motion: Examined, limits: MotionLimits, places: Array) -> Binding:
-    """Find the worst ratio of every segment, its limit and its joint.
+def active_constraints(motion: Examined, parts: tuple[LimitedPart, ...], places: Array) -> Binding:
+    """Find the worst ratio of every segment, its limit and its joint, with the path parameter (m + 1,) at the knots.
 
-    Parameters
-    ----------
-    motion : Examined
-        The motion.
-    limits : MotionLimits
-        Its limits.
-    places : (m + 1,) array
-        Places of the path at its knots [m, or rad].
-
-    Returns
-    -------
-    Binding
-        Exact for the joints; for the tool from both ends of each segment.
+    Exact for the joints; for the tool from both ends of each segment.
     """
-    t, bounds = motion.trajectory.knots, limits.bounds(motion.robot.n)
-    ratios = np.concatenate([kind.piece_ratios(motion, bounds[kind.name]) for kind in limits.kinds], axis=1)
-    columns = [(kind.name, subject) for kind in limits.kinds for subject in kind.subjects(motion.robot)]
+    t, n, kinds = motion.trajectory.knots, motion.robot.n, parts[-1].limits.kinds
+    each = [[kind.piece_ratios(part.motion, part.limits.bounds(n)[kind.name]) for kind in kinds] for part in parts]
+    ratios = np.concatenate([np.concatenate(rows, axis=1) for rows in each], axis=0)
+    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(motion.robot)]
     which = ratios.argmax(axis=1)
     return Binding(
         t=t,

@@ -20,6 +20,7 @@ from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
 from planners.certificate.examined import Examined, examined
 from planners.certificate.failure import Failure
+from planners.certificate.parts import judged_parts, limited_parts
 from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
@@ -226,7 +227,7 @@ def certify(
     *,
     law: str = "", keeps: tuple[str, ...] | None = None, rate: float = 1000.0,
     tolerance: tuple[float, float] | None = None, span: tuple[float, float] | None = None,
-    scene: Scene | None = None, margin: float = 0.0,
+    scene: Scene | None = None, margin: float = 0.0, before: tuple[MotionLimits, float] | None = None,
 ) -> Certificate:  # fmt: skip
     """Prove what a trajectory keeps at every instant.
 
@@ -252,6 +253,8 @@ def certify(
     scene, margin : Scene and float, optional
         What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]. An
         empty scene for the links alone; by default nothing is examined.
+    before : (2,) tuple, optional
+        Limits in the place of ``limits`` until a time [s], a knot of the motion.
 
     Returns
     -------
@@ -275,7 +278,7 @@ def certify(
         tolerance = check_tolerance(tolerance)
     margin = margin if scene is None else check_scene(robot, scene, margin)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
-    promise = _Promise(law, keeps, rate, tolerance, scene, margin)
+    promise = _Promise(law, keeps, rate, tolerance, scene, margin, before)
     return _proved(examined(robot, trajectory, path, enough), limits, promise, span)
 
 
@@ -288,13 +291,15 @@ class _Promise(NamedTuple):
     tolerance: tuple[float, float] | None
     scene: Scene | None
     margin: float
+    before: tuple[MotionLimits, float] | None
 
 
 def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
     """The certificate of checked arguments: all judgements."""
-    law, keeps, rate, tolerance, scene, margin = promise
-    robot, trajectory, bounds = motion.robot, motion.trajectory, limits.bounds(motion.robot.n)
-    judged: dict[str, Any] = {kind.name: kind.judge(motion, bounds[kind.name]) for kind in limits.kinds}
+    law, keeps, rate, tolerance, scene, margin, before = promise
+    robot, trajectory = motion.robot, motion.trajectory
+    parts = limited_parts(motion, limits, before)
+    judged = judged_parts(motion, parts)
     off, places, covered = _along(motion, span)
     singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
     return Certificate(
@@ -309,7 +314,7 @@ def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tup
         tolerance=tolerance,
         singular_value=singular_value,
         t_singular_value=t_singular_value,
-        binding=active_constraints(motion, limits, places),
+        binding=active_constraints(motion, parts, places),
         coverage=covered,
         continuous=continuous_order(motion.jumps),
         rest=motion.rest,

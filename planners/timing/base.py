@@ -325,7 +325,9 @@ def _through(joint_path: JointPath, law: PPoly, t: Array) -> Trajectory:
     q, q1, q2 = (joint_path(s.ravel(), order).reshape(*s.shape, -1) for order in (0, 1, 2))
     dq, ddq = composed((q1, q2), (v[..., None], a[..., None]))
     q[1:, 0], dq[1:, 0] = q[:-1, 1], dq[:-1, 1]  # one value of q and q̇ at a knot, to the last bit
-    return Trajectory(quintic(t, (q[:, 0], dq[:, 0], ddq[:, 0]), (q[:, 1], dq[:, 1], ddq[:, 1])))
+    return Trajectory(
+        quintic(t, (q[:, 0], dq[:, 0], ddq[:, 0]), (q[:, 1], dq[:, 1], ddq[:, 1])), np.append(s[:, 0], s[-1, 1])
+    )
 
 
 def _exact(joint_path: JointPath, law: PPoly, t: Array, x: Array) -> tuple[Array, Array]:

@@ -43,6 +43,8 @@ SLOWER = 1.5
 """Largest factor by which an initial guess is slowed as a whole: one bad place should not slow a long path."""
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
 """Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
+STOP_INTERVALS = 48
+"""Intervals of a stop."""
 PROOF_EXCESS = 2e-5
 """Share of the limits on torque and its rate that is left to the proof: its bounds exceed the largest values by half of it."""
 SLOWDOWN_LEFT, SLOWDOWN_LOADED = 2e-4, 5e-4
@@ -179,6 +181,12 @@ class Optimal(TimeLaw):
             advice="higher limits" if stop else "stop=True, or higher limits",
         )
 
+    def run_to(self, joint_path: JointPath, limits: MotionLimits, state: PathState, end: float) -> Trajectory | None:
+        """Return the fastest motion from a moving state to rest at s = `end`, or None where none is found."""
+        problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
+        found = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+        return None if found is None else found.motion
+
 
 def _unloaded(limits: MotionLimits) -> bool:
     """Whether neither torques nor their rates are limited."""
@@ -313,7 +321,7 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
     v, a = state[:, :1], state[:, 1:]
     t = np.concatenate([[0.0], np.cumsum(tau)])
     q, q1, q2, _ = derivatives(joint_path, given.s)
-    return Trajectory(through(t, q, *composed((q1, q2), (v, a))))
+    return Trajectory(through(t, q, *composed((q1, q2), (v, a))), given.s)
 
 
 def _tighten(problem: Problem, excess: _Excess, tool: Array, spare: float) -> None:

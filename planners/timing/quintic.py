@@ -65,7 +65,7 @@ class Quintic(TimeLaw):
         q = joint_path(s)
         velocity = joint_path(s, 1) * (joint_path.end / self.duration)  # J⁻¹ V: q' times the constant ṡ
         velocity[0] = velocity[-1] = 0.0
-        return Trajectory(through(t, q, velocity, np.zeros_like(q)))
+        return Trajectory(through(t, q, velocity, np.zeros_like(q)), s)
 
     def least_duration(self, joint_path: JointPath, limits: MotionLimits) -> float:
         """Least T at which the law would keep all limits, with the same number of segments.

@@ -74,7 +74,9 @@ def resumed(
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
     limits = limits_of(execution.plan)[0]
-    onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
+    onward = long_enough(
+        replan(execution.stop, execution.stop.trajectory.end, limits=limits, timing="optimal"), drive.period
+    )
     return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
 
 

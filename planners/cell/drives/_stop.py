@@ -41,7 +41,7 @@ def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
     """
     stops = []
     for limits in limits_of(running):
-        found = replan(running, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
+        found = replan(running, t, stop=True, timing="optimal", limits=limits if share == 1.0 else limits.scaled(share))
         if found:
             return found
         stops.append(found)

@@ -19,8 +19,9 @@ from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopReq
 from planners.cell.setpoints import PERIOD
 from planners.cell.transports.base import Transport
 from planners.files._ros.export import JointNames, columns_of
+from planners.following.place import place_on
 from planners.plan import Plan
-from planners.replan import place_on, replan
+from planners.replan import replan
 
 STATE_AGE = 0.5
 """Oldest joint state by default [s]: 25 messages of a broadcaster at 50 Hz."""

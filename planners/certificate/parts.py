@@ -1,0 +1,66 @@
+"""A motion in parts with limits of their own: the old ones until it can meet the new ones."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.check import check_number
+from optik.errors import InvalidInput
+from planners.certificate.examined import Examined
+from planners.limits import Extreme, MotionLimits, ToolExtreme
+from planners.splice import rest_of, start_of
+
+
+class LimitedPart(NamedTuple):
+    """A part of a motion, when it begins [s], and its limits."""
+
+    motion: Examined
+    begin: float
+    limits: MotionLimits
+
+
+def limited_parts(
+    motion: Examined, limits: MotionLimits, before: tuple[MotionLimits, float] | None
+) -> tuple[LimitedPart, ...]:
+    """Return the whole motion, or its parts before and after the time until which other limits hold."""
+    if before is None:
+        return (LimitedPart(motion, 0.0, limits),)
+    expected = "limits of the same kinds, and the time of a knot inside the motion"
+    if not isinstance(before, tuple | list) or len(before) != 2 or not isinstance(before[0], MotionLimits):
+        raise InvalidInput("before", repr(before)[:60], expected)
+    old, t = before[0], check_number(before[1], "before", expected, above=0.0)
+    trajectory, path = motion.trajectory, motion.path if motion.has_path else None
+    knots = trajectory.knots
+    t = float(knots[int(np.abs(knots - t).argmin())]) if np.abs(knots - t).min() <= 1e-12 * trajectory.end else t
+    if old.names != limits.names or t not in knots:
+        raise InvalidInput("before", f"limits on {', '.join(old.names)} until {t:.9g} s", expected)
+    if t >= trajectory.end:
+        return (LimitedPart(motion, 0.0, old),)
+    first, second = (Examined(motion.robot, part, path) for part in (start_of(trajectory, t), rest_of(trajectory, t)))
+    return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
+
+
+def judged_parts(motion: Examined, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
+    """Return the worst judgement of each kind of limit over the parts; infinite where a derivative jumps between two."""
+    n = motion.robot.n
+    found: dict[str, Any] = {}
+    for kind in parts[-1].limits.kinds:
+        each: list[Any] = [kind.judge(part.motion, part.limits.bounds(n)[kind.name]) for part in parts]
+        each = [x._replace(time=x.time + part.begin) for x, part in zip(each, parts, strict=True)]
+        found[kind.name] = each[0] if len(each) == 1 else _worse(*each)
+    if len(parts) > 1:
+        k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
+        jump = motion.jumps[:3, k].any(axis=0)
+        if jump.any():
+            jerk = found["jerk"]
+            found["jerk"] = jerk._replace(ratio=np.where(jump & np.isfinite(jerk.ratio), np.inf, jerk.ratio))
+    return found
+
+
+def _worse(first: Any, second: Any) -> Extreme | ToolExtreme:
+    """Of two judgements that with the larger ratio, for each joint; where neither is limited that with the larger value."""
+    a, b = (np.where(np.isnan(x.ratio), x.value, x.ratio) for x in (first, second))
+    chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]
+    return Extreme(*chosen) if isinstance(first, Extreme) else ToolExtreme(*(float(x) for x in chosen))

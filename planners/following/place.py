@@ -1,0 +1,52 @@
+"""Find where on a joint path a configuration is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.types import Array
+from planners.curve import Curve
+from planners.following.joint_path import JointPath
+
+BETWEEN_NODES = 4
+"""Intervals between two nodes in which the nearest place is searched: in each the distance has one least value."""
+SEVERAL = 8
+"""Most intervals that are searched where a path comes near a configuration more than once."""
+SAME_PLACE = 1e-6
+"""Difference of distances [rad or m] below which two places are equally near."""
+STEPS = 60
+"""Steps of the search in an interval: bisection alone would do."""
+
+
+def place_on(joints: JointPath, q: ArrayLike, near: float) -> float:
+    """Return the path parameter s nearest to a configuration (n,) [rad, m]; of equally near ones that closest to `near`."""
+    q, part = np.asarray(q, dtype=np.float64), np.arange(BETWEEN_NODES) / BETWEEN_NODES
+    grid = np.append((joints.nodes[:-1, None] + np.diff(joints.nodes)[:, None] * part).ravel(), joints.end)
+    off = np.linalg.norm(joints(grid) - q, axis=1)
+    lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))
+    chosen = lowest[np.argsort(off[lowest], kind="stable")][:SEVERAL]
+    places = [place_between(joints, q, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]) for i in chosen]
+    rests = np.array([float(np.linalg.norm(joints(s) - q)) for s in places])
+    nearest = [s for s, rest in zip(places, rests, strict=True) if rest <= rests.min() + SAME_PLACE]
+    return min(nearest, key=lambda s: abs(s - near))
+
+
+def place_between(joints: Curve, q: Array, low: float, high: float) -> float:
+    """Return the place in [low, high] of a curve nearest to q: Newton's steps for q' · (q(s) − q) = 0, else bisection."""
+    s = 0.5 * (low + high)
+    for _ in range(STEPS):
+        q1, off = joints(s, 1), joints(s) - q
+        slope = float(q1 @ off)
+        if slope > 0.0:
+            high = s
+        else:
+            low = s
+        size = float(q1 @ q1)
+        after = s - slope / size if size > 0.0 else low - 1.0
+        if not low <= after <= high:
+            after = 0.5 * (low + high)
+        if abs(after - s) <= 1e-15 * joints.end:
+            return after
+        s = after
+    return s

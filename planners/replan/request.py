@@ -1,0 +1,94 @@
+"""What a motion from a moving state is planned and judged by."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+from optik.arm.shapes.contact import check_scene
+from optik.errors import InvalidInput, NoSolution
+from optik.scene import Scene
+from planners.following.joint_path import JointPath
+from planners.limits import MotionLimits
+from planners.plan import Asked, Plan, StopKind
+from planners.replan.state import MovingState
+from planners.splice import begun
+from planners.timing import TimeLaw, law_for, laws
+from planners.timing.base import PathState, check_motion
+from planners.timing.optimal import Optimal
+from planners.trajectory import Trajectory
+
+
+class Enforced(TimeLaw):
+    """The law that made a plan, as far as its result says: its name, what it enforces, and the speed that was asked."""
+
+    keeps = ()
+
+    def __init__(self, plan: Plan) -> None:
+        self.name, self.speed, self._enforced = plan.law, plan.speed, plan.certificate.keeps  # type: ignore[misc]
+
+    def promises(self, limits: MotionLimits) -> tuple[str, ...]:
+        """Return what the plan's certificate enforces."""
+        return tuple(name for name in self._enforced if name in limits.names)
+
+    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+        """Refuse: the law itself is not at hand."""
+        raise NoSolution(f"{self.name} starts from rest only")
+
+
+def request(
+    plan: Plan,
+    timing: str | os.PathLike[str] | TimeLaw | None,
+    limits: MotionLimits | None,
+    judged: tuple[tuple[float, float], float, Scene | None, float | None],
+) -> Asked:
+    """Build the law where it was given by name, and check that it can enforce these limits."""
+    tolerance, rate, scene, margin = judged
+    scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
+    if scene is not None:
+        check_scene(plan.robot, scene, margin)
+    law = law_for(timing) if timing is not None else _own_law(plan)
+    limits = plan.limits if limits is None else limits
+    if not isinstance(limits, MotionLimits):
+        raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
+    if timing is not None:
+        law.need(limits, plan.robot)
+    limits.check_path(plan.path)
+    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin)
+
+
+def _own_law(plan: Plan) -> TimeLaw:
+    """The plan's own law where it can start from a moving state; else one that stands for what it enforces."""
+    if plan.law in laws() and plan.speed is None:
+        law = law_for(plan.law)
+        if type(law).run_from is not TimeLaw.run_from:
+            return law
+    return Enforced(plan)
+
+
+def mover(asked: Asked) -> TimeLaw:
+    """Return the law that continues from a moving state."""
+    return Optimal() if isinstance(asked.law, Enforced) else asked.law
+
+
+def judged(
+    asked: Asked, plan: Plan, start: MovingState, motion: Trajectory, kind: StopKind | None, end: float | None = None
+) -> Plan:
+    """A plan with a motion, certified, and the part of the path that it covers."""
+    last = plan.joint_path.end if plan.span is None else plan.span[1]
+    end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
+    return replace(asked, span=(start.at.s, max(start.at.s, end)), stop_kind=kind).judged(plan.joint_path, motion)
+
+
+def by_law(law: TimeLaw, asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState) -> Trajectory | None:
+    """The law's motion from exactly this state; None where the law finds none."""
+    if at.s >= joints.end * (1.0 - 1e-9):  # nothing left to plan in
+        return None
+    try:
+        motion = check_motion(law, law.run_from(joints, limits, at, stop=False), asked.robot)
+    except (NoSolution, InvalidInput) as error:
+        if isinstance(error, InvalidInput) and law is asked.law:
+            raise
+        return None
+    assert at.joints is not None
+    return begun(motion, at.joints, limits)

@@ -1,0 +1,196 @@
+"""A moving state on a plan's path: where it is, and how it relates to the running motion."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.check import check_number, real_array
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.following.joint_path import JointPath
+from planners.following.place import place_between, place_on
+from planners.plan import Plan
+from planners.splice import State, begun, rest_of
+from planners.timing.base import PathState
+from planners.trajectory import Trajectory
+
+OFF_PATH = 1e-6
+"""Largest distance of a measured state from the path [rad or m], and over the greatest velocity and acceleration: encoders
+resolve less."""
+ENDED = 1e-9
+"""A motion within this of its end has ended [s]: controllers count in nanoseconds."""
+STANDING = 1e-6
+"""Speed and acceleration along the path [1/s, 1/s²] below which a measured state has stopped."""
+INSTANT = 0.01
+"""Time [s] by which velocities are multiplied to compare them with distances, in the search of the instant of a motion that
+is nearest to a state."""
+
+
+class MovingState(NamedTuple):
+    """A state on the path, and its time in the running motion with the rate and acceleration that the motion's clock has there.
+
+    ``rest`` is what is left of the motion, None where the state is not part of it; ``error`` the largest differences of a
+    measured state from the motion's own.
+    """
+
+    at: PathState
+    t: float
+    clock: tuple[float, float]
+    rest: Trajectory | None
+    still: bool
+    error: tuple[float, float, float] | None
+
+    @property
+    def joints(self) -> State:
+        """q, q̇ and q̈."""
+        assert self.at.joints is not None
+        return self.at.joints
+
+
+def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> MovingState:
+    """Return the moving state that is given as a time of the running motion, or as measured; raises InvalidInput."""
+    if isinstance(state, tuple | list):
+        given = _measured(plan, state)
+        t = _nearest_time(running, given)
+        own = _at(running, t)
+        off = [float(np.abs(x - y).max()) for x, y in zip(given, own, strict=True)]
+        if not all(each <= most for each, most in zip(off, _tolerances(given), strict=True)):
+            return _off_the_motion(plan, running, given, t)
+        error: tuple[float, float, float] | None = (off[0], off[1], off[2])
+    else:
+        t, error = check_number(state, "state", f"a time in [0, {running.end:.9g}]", least=0.0), None
+        if t > running.end:
+            raise InvalidInput("state", f"the time {t:.9g}", f"a time in [0, {running.end:.9g}]")
+        own = _at(running, t)
+    left, joints = t < running.end - ENDED, plan.joint_path
+    at = path_state(joints, s_at(plan, t), own)
+    standing = at.speed <= STANDING and abs(at.acceleration) <= STANDING
+    still = standing if error is not None else not (left and own[1].any())
+    if standing and (error is not None or not left):  # rounding and noise only
+        at = at._replace(speed=0.0, acceleration=0.0)
+    if at.s >= joints.end * (1.0 - 1e-9) and not left:
+        raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
+    rest = begun(rest_of(running, t, at.s), own, plan.limits) if left else None
+    return MovingState(at, t, (1.0, 0.0), rest, still, error)
+
+
+def s_at(plan: Plan, t: float) -> float:
+    """Return the path parameter s of the plan's motion at a time [s]; raises InvalidInput where the motion is off its path."""
+    running, joints = plan.trajectory, plan.joint_path
+    if running.places is not None:
+        knots, places = running.knots, running.places
+    else:
+        knots, places = plan.certificate.binding.t, plan.certificate.binding.s
+    k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2))
+    if t >= knots[-1]:
+        return float(places[-1])
+    slack = 0.0 if running.places is not None else 0.1 * float(places[k + 1] - places[k])
+    low, high = max(float(places[k]) - slack, 0.0), min(float(places[k + 1]) + slack, joints.end)
+    q = running(t)
+    s = place_between(joints, q, min(low, high), max(low, high))
+    if np.abs(joints(s) - q).max() <= OFF_PATH:
+        return s
+    s = place_on(joints, q, s)
+    off = float(np.abs(joints(s) - q).max())
+    if off > 1e2 * OFF_PATH:
+        raise InvalidInput(
+            "plan", f"a motion {off:.3g} rad or m off its joint path at t = {t:.6g} s", "one that follows it"
+        )
+    return s
+
+
+def path_state(joints: JointPath, s: float, given: State) -> PathState:
+    """Return the state at s with the speed and the acceleration along the path of q̇ and q̈."""
+    q1, q2 = joints(s, 1), joints(s, 2)
+    _, dq, ddq = given
+    size = float(q1 @ q1)
+    speed = float(q1 @ dq) / size
+    return PathState(s, max(speed, 0.0), float(q1 @ (ddq - q2 * speed**2)) / size, given)
+
+
+def _at(running: Trajectory, t: float) -> State:
+    return running(t), running(t, 1), running(t, 2)
+
+
+def _measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
+    n = plan.robot.n
+    if len(state) != 3:
+        raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
+    q, dq, ddq = (real_array(x, "state", f"{n} numbers each") for x in state)
+    if any(x.shape != (n,) or not np.isfinite(x).all() for x in (q, dq, ddq)):
+        raise InvalidInput("state", "another shape, NaN or infinity", f"three arrays of {n} finite numbers")
+    return q.copy(), dq.copy(), ddq.copy()
+
+
+def _tolerances(given: State) -> tuple[float, float, float]:
+    """Largest differences of position, velocity and acceleration that count as none."""
+    _, dq, ddq = given
+    return OFF_PATH, OFF_PATH * max(1.0, float(np.abs(dq).max())), 1e2 * OFF_PATH * max(1.0, float(np.abs(ddq).max()))
+
+
+def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> MovingState:
+    """A measured state on the path that is not one of the running motion; raises InvalidInput for one off the path."""
+    joints, (q, dq, ddq) = plan.joint_path, given
+    s = place_on(joints, q, s_at(plan, t))
+    q1, q2 = joints(s, 1), joints(s, 2)
+    size = float(q1 @ q1)
+    speed = float(q1 @ dq) / size
+    acceleration = float(q1 @ (ddq - q2 * speed**2)) / size
+    there = joints(s), q1 * speed, q1 * acceleration + q2 * speed**2
+    names = ("position", "velocity", "acceleration")
+    for what, x, y, most in zip(names, given, there, _tolerances(given), strict=True):
+        i = int(np.abs(x - y).argmax())
+        if (off := abs(x[i] - y[i])) > most:
+            raise InvalidInput(
+                "state",
+                f"{plan.robot.joint_names[i]} {off:.3g} off the path in {what} near s = {s:.6g}",
+                "a state on the plan's path, moving along it",
+            )
+    if speed < -OFF_PATH:
+        raise InvalidInput("state", f"a motion backwards along the path (ds/dt = {speed:.3g})", "one forwards")
+    still = speed <= STANDING and abs(acceleration) <= STANDING
+    if s >= joints.end * (1.0 - 1e-9):
+        raise InvalidInput("state", f"the path's end (s = {s:.9g})", "a state before it, with some path left")
+    at = PathState(s, 0.0 if still else max(speed, 0.0), 0.0 if still else acceleration, given)
+    t, clock = _clock(running, given, t)
+    return MovingState(at, t, clock, None, still, None)
+
+
+def _clock(running: Trajectory, given: State, t: float) -> tuple[float, tuple[float, float]]:
+    """The time at which the running motion passes a configuration, and the rate and acceleration of a clock that moves so."""
+    k = int(np.searchsorted(running.knots, t))
+    low, high = running.knots[max(k - 2, 0)], running.knots[min(k + 1, running.knots.size - 1)]
+    t = place_between(running, given[0], float(low), float(high))
+    v = running(t, 1)
+    size = float(v @ v)
+    if size == 0.0:
+        return t, (0.0, 0.0)
+    w = float(v @ given[1]) / size
+    return t, (w, float(v @ (given[2] - running(t, 2) * w * w)) / size)
+
+
+def _nearest_time(running: Trajectory, given: State) -> float:
+    """Time [s] at which the running motion is nearest to a state, with its velocity and acceleration."""
+    weights = (1.0, INSTANT, INSTANT**2)
+    aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])
+
+    def stacked(t: Array, order: int) -> Array:
+        return np.concatenate([w * running(t, order + i) for i, w in enumerate(weights)], axis=1)
+
+    knots = running.knots
+    grid = np.unique(np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])]))
+    t = float(grid[np.linalg.norm(stacked(grid, 0) - aim, axis=1).argmin()])
+    for _ in range(20):
+        at = np.array([t])
+        rate = stacked(at, 1)[0]
+        size = float(rate @ rate)
+        if size == 0.0:
+            break
+        after = float(np.clip(t + rate @ (aim - stacked(at, 0)[0]) / size, 0.0, running.end))
+        if abs(after - t) <= 1e-15 * running.end:
+            break
+        t = after
+    return t
