@@ -49,7 +49,7 @@ class Nearest:
 
     def __init__(self, path: Path) -> None:
         self._path, self._breaks = path, path.breaks
-        bounds = path.piece_bounds()
+        bounds = path.known_bounds
         rate = bounds[:, :, 0].max(axis=0)
         self._still = float(PATH_STILL * np.hypot(rate[0], NEAREST_TURN * rate[1])) ** 2  # at a cusp nothing tells
         self._slow = CUSP * float(np.hypot(rate[0], CHORD_TURN * rate[1]))

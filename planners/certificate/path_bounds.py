@@ -109,7 +109,7 @@ class PieceBounds(NamedTuple):
         PieceBounds
             Its breaks and their bounds.
         """
-        return cls(np.ascontiguousarray(path.breaks), np.ascontiguousarray(path.piece_bounds()))
+        return cls(np.ascontiguousarray(path.breaks), path.known_bounds)
 
 
 @compiled

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from optik.compiled import compiled
@@ -43,8 +45,8 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     (k,) array
         Places in [0, end] [m, rad], exact but for the path's bend; where the tool is far from the path, the nearest ones.
     """
-    edges, off = chords(path, CHORD_TURN, BEND, CHORD_CELLS)
-    z, y = (np.ascontiguousarray(embedded(T, CHORD_TURN)) for T in (path.pose(edges), poses))
+    edges, off, z = _chords(path)
+    y = np.ascontiguousarray(embedded(poses, CHORD_TURN))
     cell, room = np.empty(len(poses), np.int64), CHORD_ROOM + 2.0 * (bend + float(off.max()))
     size = float(np.ptp(np.concatenate([z, y]), axis=0).sum())
     while True:
@@ -54,6 +56,13 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
         if found == TOO_MANY or room > size:
             return path.nearest(poses)
         room *= ROOM_FACTOR
+
+
+@lru_cache(maxsize=4)
+def _chords(path: Path) -> tuple[Array, Array, Array]:
+    """The path's chords: their ends in s, the path's distance from each, and their ends as points."""
+    edges, off = chords(path, CHORD_TURN, BEND, CHORD_CELLS)
+    return edges, off, np.ascontiguousarray(embedded(path.pose(edges), CHORD_TURN))
 
 
 def _within(edges: Array, z: Array, y: Array, cell: Indices) -> Array:

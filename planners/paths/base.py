@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -112,6 +113,11 @@ class Path(Curve):
     def piece_bounds(self) -> Array:
         """Bounds (k − 1, 2, 4) as `derivative_bounds`, one for each piece between two breaks."""
         return np.tile(self.derivative_bounds(), (self.breaks.size - 1, 1, 1))
+
+    @cached_property
+    def known_bounds(self) -> Array:
+        """`piece_bounds`, found once."""
+        return np.ascontiguousarray(self.piece_bounds())
 
     def least_on_pieces(self, values: Array) -> Array:
         """Values of the pieces between breaks from values of the segments: the least of those that a piece is part of.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -13,11 +14,11 @@ from planners.fit import fitted, stretch
 from planners.following.joint_path import JointPath
 from planners.plan import Asked, Plan
 from planners.replan.reason import reason
-from planners.replan.request import Enforced, by_law, judged, mover
+from planners.replan.request import by_law, judged, mover
 from planners.replan.state import ENDED, MovingState, path_state, s_at
-from planners.replan.stop import SHARES, scales_of
-from planners.splice import begun, joined, rest_of
-from planners.timing._brake import Braking, brake
+from planners.replan.stop import DELAYS, SHARES, scales_of
+from planners.splice import begun, joined, rest_of, start_of
+from planners.timing._brake import brake
 from planners.timing.base import PathState, refit
 from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory
@@ -48,12 +49,12 @@ def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajector
     """Candidates from the state, the one that is first at rest first: the law's motion and the rest of the running one."""
     joints = plan.joint_path
     rests = joints.end if plan.span is None else plan.span[1]
-    own = isinstance(asked.law, Enforced)
-    if own and rests >= joints.end and start.rest is not None:
+    free = "jerk" not in asked.law.promises(asked.limits)  # then no motion that limits its jerk is faster
+    if free and rests >= joints.end and start.rest is not None:
         yield start.rest
     law = mover(asked)
     found = [by_law(law, asked, joints, asked.limits, start.at)]
-    found += [start.rest] if rests >= joints.end and not own else []
+    found += [start.rest] if rests >= joints.end and not free else []
     yield from sorted((motion for motion in found if motion is not None), key=lambda motion: motion.duration)
     if (
         rests < joints.end and start.rest is not None
@@ -65,39 +66,39 @@ def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajector
 
 
 def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
-    """A motion that slows down under the plan's own limits until it can respect the new ones, and then does."""
+    """A motion that slows down under the plan's own limits until it can respect the new ones; at the latest at rest."""
     running, rest, old = plan.trajectory, start.rest, replace(asked, limits=plan.limits)
-    assert rest is not None
-    if asked.limits == plan.limits or (plan.span is not None and plan.span[1] < plan.joint_path.end):
+    if rest is None or asked.limits == plan.limits or asked.limits.names != plan.limits.names:
         return None
-    try:
-        slower = stretch(plan.robot, rest, asked.limits, asked.law.promises(asked.limits), plan.path)
-    except NoSolution:
+    if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    for share in SHARES:
-        if not np.isfinite(slower) or slower <= 1.0:
-            return None
+    slower = stretch(plan.robot, rest, asked.limits, asked.law.promises(asked.limits), plan.path)
+    for delay, share in itertools.product((0.0, *DELAYS), SHARES[:2]):
+        if not 1.0 < slower < np.inf:
+            break
+        t, clock = start.t + delay * rest.end, start.clock if delay == 0.0 else (1.0, 0.0)
         goal = 1.0 / (slower * SLOWER)
-        braking = brake(plan.robot, running, plan.limits, start.t, start.clock, scales_of(old, plan), share, goal)
+        braking = brake(plan.robot, running, plan.limits, t, clock, scales_of(old, plan), share, goal)
         if braking is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)
         slow = rest_of(running, braking.end, s).slowed(slower * SLOWER)
-        found = _from_slow(asked, plan, start, braking, s, slow)
+        first = begun(braking.motion, start.joints, plan.limits) if delay == 0.0 else braking.motion
+        first = joined(start_of(rest, delay * rest.end), first) if delay else first
+        found = _from_slow(asked, plan, start, first, s, slow)
         if found is not None:
             return found
-    return None
+    found = judged(replace(asked, before=(plan.limits, rest.end)), plan, start, rest, None)
+    return found if found else None
 
 
 def _from_slow(
-    asked: Asked, plan: Plan, start: MovingState, braking: Braking, s: float, slow: Trajectory
+    asked: Asked, plan: Plan, start: MovingState, first: Trajectory, s: float, slow: Trajectory
 ) -> Plan | None:
     """The plan of a motion that has braked: on by the law, or by the running motion run slower."""
-    first = begun(braking.motion, start.joints, plan.limits)
     later = replace(asked, before=(plan.limits, first.end))
-    at = path_state(plan.joint_path, s, tuple(slow(0.0, order) for order in range(3)))  # type: ignore[arg-type]
-    law = mover(asked)
-    quick = by_law(law, asked, plan.joint_path, asked.limits, at) if law.keeps else None
+    at = path_state(plan.joint_path, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
+    quick = by_law(mover(asked), asked, plan.joint_path, asked.limits, at)
     for second in (quick, slow):
         if second is not None and second.duration <= slow.duration:
             found = judged(later, plan, start, joined(first, second), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +25,8 @@ ENDED = 1e-9
 """A motion within this of its end has ended [s]: controllers count in nanoseconds."""
 STANDING = 1e-6
 """Speed and acceleration along the path [1/s, 1/s²] below which a measured state has stopped."""
-INSTANT = 0.01
-"""Time [s] by which velocities are multiplied to compare them with distances, in the search of the instant of a motion that
-is nearest to a state."""
+SEVERAL = 3
+"""Instants from which the one nearest to a state is searched."""
 
 
 class MovingState(NamedTuple):
@@ -173,24 +173,38 @@ def _clock(running: Trajectory, given: State, t: float) -> tuple[float, tuple[fl
 
 
 def _nearest_time(running: Trajectory, given: State) -> float:
-    """Time [s] at which the running motion is nearest to a state, with its velocity and acceleration."""
-    weights = (1.0, INSTANT, INSTANT**2)
+    """Time [s] at which the running motion is nearest to a state, with its velocity and acceleration: damped Gauss–Newton."""
+    weights = tuple(OFF_PATH / most for most in _tolerances(given))
     aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])
 
-    def stacked(t: Array, order: int) -> Array:
-        return np.concatenate([w * running(t, order + i) for i, w in enumerate(weights)], axis=1)
+    def off(t: Array, order: int = 0) -> Array:
+        values = np.concatenate([w * running(t, order + i) for i, w in enumerate(weights)], axis=1)
+        return values - aim if order == 0 else values
 
     knots = running.knots
     grid = np.unique(np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])]))
-    t = float(grid[np.linalg.norm(stacked(grid, 0) - aim, axis=1).argmin()])
-    for _ in range(20):
-        at = np.array([t])
-        rate = stacked(at, 1)[0]
+    size = np.linalg.norm(off(grid), axis=1)
+    found = [_descend(off, float(grid[k]), running.end) for k in np.argsort(size, kind="stable")[:SEVERAL]]
+    return min(found, key=lambda each: each[1])[0]
+
+
+def _descend(off: Callable[..., Array], t: float, end: float) -> tuple[float, float]:
+    """The time of least distance around t, and the distance."""
+    here = off(np.array([t]))[0]
+    for _ in range(30):
+        rate = off(np.array([t]), 1)[0]
         size = float(rate @ rate)
-        if size == 0.0:
+        step = -float(rate @ here) / size if size > 0.0 else 0.0
+        for _ in range(20):
+            after = min(max(t + step, 0.0), end)
+            there = off(np.array([after]))[0]
+            if there @ there <= here @ here:
+                break
+            step *= 0.5
+        else:
             break
-        after = float(np.clip(t + rate @ (aim - stacked(at, 0)[0]) / size, 0.0, running.end))
-        if abs(after - t) <= 1e-15 * running.end:
+        done = abs(after - t) <= 1e-15 * end
+        t, here = after, there
+        if done:
             break
-        t = after
-    return t
+    return t, float(np.linalg.norm(here))

@@ -20,6 +20,8 @@ SHARES = (0.995, 0.96, 0.88)
 """Fractions of the limits that a sweep uses, tried in turn: it exceeds them a little between its knots."""
 DELAYS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6)
 """Fractions of what is left of the motion that are followed before the arm brakes, where it cannot brake at once."""
+SHORTEST = 1e-6
+"""Distance to rest, over the length of the path, below which the sweep alone is tried: the joint path is straight there."""
 ENDS = (0.97, 0.9, 1.0, 0.8, 1.08)
 """Distances to rest, over that of the sweep, at which the optimum is tried."""
 
@@ -81,6 +83,8 @@ def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: fl
     if best.span is None or best.within_limits_from or set(law.keeps) - set(asked.law.promises(asked.limits)):
         return best
     way, longest = best.span[1] - start.at.s, 0.0
+    if way < SHORTEST * joints.end:
+        return best
     for factor in ENDS:
         began = perf_counter()
         if began + longest > until:

@@ -154,7 +154,7 @@ def _rough(
     with np.errstate(divide="ignore"):
         most = float((1.0 / np.abs(cells.node[0, 0, :, 0])).min(initial=np.inf))
         jerk = float((1.0 / np.abs(cells.edge[0, 0, :, 0])).min(initial=np.inf))
-    most = max(min(most, 1e3 * w * w / left), abs(b))
+    most = max(min(most, 1e15 * w * w / left), abs(b), 1e-100)
     quickest = most * most / (QUICK_RAMP * w)
     jerk = min(jerk, quickest)
     ramp = min((most + abs(b)) / jerk, 2.0 * np.sqrt(w / jerk) + 2.0 * abs(b) / jerk)
@@ -302,7 +302,7 @@ def _viable(cells: Cells, top: float, share: float, jerk: float, least: Array) -
                 other, _, m = _lines(cells, cell, 1.0, w, share, jerk, after)
                 line[:, n : n + m] = after[:, :m]
                 low, n = max(low, other), n + m
-            low = min(_least(line, n, max(low, -jerk)), 0.0)
+            low = min(_least(line, n, max(low, -2.0 * np.sqrt(jerk * top))), 0.0)
             if i < last and not _onward(cells, i, w, low, line, n, top, least):
                 high = 0.0
                 for _ in range(BISECTIONS):

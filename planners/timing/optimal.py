@@ -183,8 +183,11 @@ class Optimal(TimeLaw):
 
     def run_to(self, joint_path: JointPath, limits: MotionLimits, state: PathState, end: float) -> Trajectory | None:
         """Return the fastest motion from a moving state to rest at s = `end`, or None where none is found."""
-        problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
-        found = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+        try:
+            problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
+            found = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+        except NoSolution:
+            return None
         return None if found is None else found.motion
 
 
