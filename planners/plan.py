@@ -26,6 +26,7 @@ from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion
 from planners.paths._goal import path_to
 from planners.paths.base import Path
+from planners.summary import plan_summary
 from planners.timing import TimeLaw, law_for, make_law
 from planners.timing.base import check_motion
 from planners.trajectory import Trajectory
@@ -121,6 +122,9 @@ class Plan:
 
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
+
+    def __str__(self) -> str:
+        return plan_summary(self, self._certificate)
 
     def _there(self) -> None:
         if self.stop is not None and self._trajectory is None:

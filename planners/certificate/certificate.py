@@ -27,6 +27,7 @@ from planners.certificate.singularity import smallest_singular_value
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
 from planners.paths.base import Path
+from planners.summary import certificate_lines
 from planners.trajectory import Trajectory
 
 RATIO_ROUNDING = 1e-12
@@ -113,6 +114,9 @@ class Certificate:
     energy: Energy | None = None
     friction_steps: tuple[FrictionStep, ...] = ()
     clearance: Clearance | None = None
+
+    def __str__(self) -> str:
+        return "\n".join(certificate_lines(self))
 
     def judged(self, field: str) -> Extreme | ToolExtreme:
         """Return the worst value of a limit, its ratio and its time.
