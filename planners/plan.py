@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.plain import robot_difference
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
@@ -19,6 +20,7 @@ from optik.ik import IKSolver, Tolerance, solver_for
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.statics import check_statics
+from planners.certificate.summary import plan_summary
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
@@ -26,7 +28,6 @@ from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion
 from planners.paths._goal import path_to
 from planners.paths.base import Path
-from planners.summary import plan_summary
 from planners.timing import TimeLaw, law_for, make_law
 from planners.timing.base import check_motion
 from planners.trajectory import Trajectory
@@ -189,7 +190,9 @@ class Plan:
             self.speed, self.scene, self.margin,
         )  # fmt: skip
 
-    def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
+    def save(
+        self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None, rate: float | None = None
+    ) -> None:
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
         Parameters
@@ -198,6 +201,8 @@ class Plan:
             ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
         format : str, optional
             Name of the format, for a file with another suffix.
+        rate : float, optional
+            Points per second [1/s] in the table of a CSV; by default points at the knots.
 
         Raises
         ------
@@ -210,7 +215,7 @@ class Plan:
         OutputError
             The file cannot be written.
         """
-        save(self.motion, file, format=format)
+        save(self.motion, file, format=format, rate=rate)
 
 
 def plan(
@@ -295,12 +300,12 @@ def _asked(
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
     if solver.robot != robot:
-        raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
+        other = f"a solver built for {solver.robot.name}, which differs in {robot_difference(solver.robot, robot)}"
+        raise InvalidInput("ik", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
     tolerance, rate, scene, margin = judged
-    if scene is not None:
-        check_scene(robot, scene, margin)
+    check_scene(robot, scene, margin)
     return solver, Asked(
         robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin
     )
