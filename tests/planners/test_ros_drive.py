@@ -201,7 +201,8 @@ def test_nothing_is_sent_whose_certificate_does_not_hold_now(port, plan):
         refused = drive.execute(stale)
         assert stale.certificate.holds and refused.status == "refused" and "velocity" in refused.reason, refused.reason
         assert "begins in motion" in drive.execute(moving).reason
-        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, timing="quintic")  # promises no limits
+        free = {"timing": "quintic", "allow": ("limits", "jerk")}  # a law that enforces nothing
+        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, **free)
         assert quintic and "acceleration" in drive.execute(quintic).reason
         with pytest.raises(InvalidInput, match="this drive's arm"):
             drive.execute(replace(plan, robot=optik.load("ur5e")))

@@ -3,46 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives._stop import ends_at_goal, limits_of
-from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus
 from planners.cell.setpoints import slowed_to
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
 
 
-def resumed(
-    drive: Drive, execution: Execution, stop: StopRequest | None, watch: Watcher | None, near: Array
-) -> Execution:
-    """Take the arm from where it stands to the goal of an execution that was stopped.
+def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, Any]) -> Execution:
+    """Take the arm from where it stands to the goal of an execution that was stopped; the options are those of `execute`.
 
-    Parameters
-    ----------
-    drive : Drive
-        The drive.
-    execution : Execution
-        What was stopped.
-    stop : float or callable, optional
-        As for `Drive.execute`.
-    watch : callable, optional
-        As for `Drive.execute`.
-    near : (n,) array
-        How far from where it was to stop the arm may stand [rad, m].
-
-    Returns
-    -------
-    Execution
-        Of the rest of the way; REFUSED where there is none.
-
-    Raises
-    ------
-    InvalidInput
-        An execution that was not stopped.
+    REFUSED if the arm stands farther than `near` (n,) [rad, m] from where it was to stop.
     """
     check_stopped(execution)
     assert execution.motion is not None
@@ -67,7 +45,7 @@ def resumed(
             assert back.stop is not None
             why = f"there is no way back to the path: {back.stop.reason}"
             return nothing_sent(drive, execution.plan, why, back.stop.advice)
-        before = drive.execute(long_enough(back, drive.period), stop=stop, watch=watch)
+        before = drive.execute(long_enough(back, drive.period), **options)
         if not before or execution.stop is None or ends_at_goal(execution.stop):
             return before
     if execution.stop is None or ends_at_goal(execution.stop):
@@ -75,7 +53,7 @@ def resumed(
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
     limits = limits_of(execution.plan)[0]
     onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
-    return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
+    return replace(drive.execute(onward, **options), before=before)
 
 
 def check_stopped(execution: Execution) -> None:

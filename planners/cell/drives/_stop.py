@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from optik.types import Array
+from planners.certificate.failure import Allow, forbidden
 from planners.limits import MotionLimits
 from planners.plan import Plan
 from planners.replan import replan
@@ -22,7 +23,12 @@ LEAST_SHARE = 0.1
 """Share of the greatest value of all joints that each may reach, where nothing but the plan itself says how much."""
 
 
-def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
+def is_permitted(plan: Plan, allow: Allow) -> bool:
+    """Return whether a plan is valid, or has only violations that these words permit."""
+    return bool(plan) or (plan.has_motion and bool(allow) and not forbidden(plan.certificate, allow))
+
+
+def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
     """Return the stop of a plan from a time of its motion on: of some limits on the jerk the first with which it holds.
 
     Parameters
@@ -33,6 +39,8 @@ def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
         When the stop begins [s].
     share : float
         Of the limits that the stop may use [1].
+    allow : str or several
+        Which violations of the stop are permitted.
 
     Returns
     -------
@@ -42,7 +50,7 @@ def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
     stops = []
     for limits in limits_of(running):
         found = replan(running, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
-        if found:
+        if is_permitted(found, allow):
             return found
         stops.append(found)
     return stops[-1]
