@@ -246,7 +246,7 @@ def plan(
     ik, timing : str, or IKSolver and TimeLaw
         Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
     limits : MotionLimits, optional
-        The robot's own by default. A plan that exceeds a limit given here is not valid, also if its law does not enforce it.
+        The robot's own by default. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
     samples : int
         Samples of the path, equally spaced.
     branch : {"start", "best"}, optional
@@ -278,11 +278,9 @@ def plan(
     """
     solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin, allow))
     _check_wishes(duration, strict)
-    allowed = Tolerance(*(FOLLOWED * x for x in asked.tolerance))
+    followable: dict[str, Any] = {"tolerance": Tolerance(*(FOLLOWED * x for x in asked.tolerance)), "samples": samples}
     started = perf_counter()
-    followed = follow(
-        solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene, margin=margin
-    )
+    followed = follow(solver, asked.path, q_start, branch=branch, scene=scene, margin=margin, **followable)
     return _clocked(started, perf_counter(), _timed(asked, followed, duration, strict))
 
 

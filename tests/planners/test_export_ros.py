@@ -308,7 +308,9 @@ def test_a_tool_speed_that_cannot_be_kept_is_refused_with_what_it_would_be(tmp_p
     motion = weld()
     least = np.asarray(motion.certify().acceleration.value) * (1.0 + 1e-9)
     tight = replace(motion, limits=replace(motion.limits, acceleration=least))  # cubics pass this limit
-    with pytest.raises(NoSolution, match=r"a tool speed of 0\.0[0-9]+, and 0\.05 was asked.*keep_speed=False") as caught:
+    with pytest.raises(
+        NoSolution, match=r"a tool speed of 0\.0[0-9]+, and 0\.05 was asked.*keep_speed=False"
+    ) as caught:
         to_ros(tight, tmp_path / "motion.json", interpolation="cubic")
     assert not (tmp_path / "motion.json").exists()
     slower = float(re.findall(r"speed of ([0-9.]+),", caught.value.reason)[0])

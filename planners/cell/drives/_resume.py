@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._stop import ends_at_goal, limits_of
+from planners.cell.drives._stop import ends_at_goal, limits_of, relaxed
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus
 from planners.cell.setpoints import slowed_to
 from planners.limits import MotionLimits
@@ -24,7 +24,7 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
     """
     check_stopped(execution)
     assert execution.motion is not None
-    rest = execution.motion(execution.motion.end)
+    rest, running = execution.motion(execution.motion.end), relaxed(execution.plan, options["allow"])
     measured = drive.measure()
     if np.isnan(measured).any():
         i = int(np.isnan(measured).argmax())
@@ -40,7 +40,7 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
             moved = f"{name} stands at {measured[i]:.6g}, and it was stopped at {rest[i]:.6g}"
             why = f"the arm was moved since: {moved}"
             return nothing_sent(drive, execution.plan, why, "a new plan from where it stands")
-        back = way_back(execution.plan, measured, rest)
+        back = way_back(running, measured, rest)
         if not back:
             assert back.stop is not None
             why = f"there is no way back to the path: {back.stop.reason}"
@@ -51,8 +51,9 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
     if execution.stop is None or ends_at_goal(execution.stop):
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    limits = limits_of(execution.plan)[0]
-    onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
+    stop = relaxed(execution.stop, options["allow"])
+    onward = long_enough(replan(stop, stop.trajectory.end, limits=limits_of(running)[0]), drive.period)
+    onward = replace(onward, scene=execution.plan.scene, margin=execution.plan.margin)
     return replace(drive.execute(onward, **options), before=before)
 
 

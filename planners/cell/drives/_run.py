@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array
-from planners.cell.drives._stop import ends_at_goal, is_permitted, stop_from
+from planners.cell.drives._stop import ends_at_goal, stop_from
 from planners.cell.drives.base import Fault
 from planners.cell.setpoints import Setpoints, setpoints
 from planners.plan import Plan, PlanStatus
@@ -162,7 +162,7 @@ class Run:
             )
             return
         found = stop_from(self.plan, t, allow=self.allow)
-        if not is_permitted(found, self.allow):
+        if not found:
             assert found.stop is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.stop.reason}"
             if self.fault is None or found.status is not PlanStatus.NOT_PROVED:

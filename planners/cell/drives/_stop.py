@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from optik.types import Array
-from planners.certificate.failure import Allow, forbidden
+from planners.certificate.failure import Allow, check_allow, required_limits
 from planners.limits import MotionLimits
 from planners.plan import Plan
 from planners.replan import replan
@@ -23,9 +23,17 @@ LEAST_SHARE = 0.1
 """Share of the greatest value of all joints that each may reach, where nothing but the plan itself says how much."""
 
 
-def is_permitted(plan: Plan, allow: Allow) -> bool:
-    """Return whether a plan is valid, or has only violations that these words permit."""
-    return bool(plan) or (plan.has_motion and bool(allow) and not forbidden(plan.certificate, allow))
+def relaxed(plan: Plan, allow: Allow) -> Plan:
+    """Return a plan that can be stopped and planned anew although it has violations that these words permit.
+
+    It has no scene where contact is permitted, and need not keep limits that may be exceeded.
+    """
+    allowed = check_allow(allow)
+    if not allowed:
+        return plan
+    proof = replace(plan.certificate, keeps=required_limits(plan.certificate.keeps, allowed))
+    scene = None if "contact" in allowed else plan.scene
+    return replace(plan, _certificate=proof, scene=scene, margin=0.0 if scene is None else plan.margin)
 
 
 def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
@@ -40,18 +48,18 @@ def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
     share : float
         Of the limits that the stop may use [1].
     allow : str or several
-        Which violations of the stop are permitted.
+        Which violations are permitted, of the plan and of the stop.
 
     Returns
     -------
     Plan
         From exactly the state at t; where none is certified, with a reason, and perhaps the motion that passes least.
     """
-    stops = []
-    for limits in limits_of(running):
-        found = replan(running, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
-        if is_permitted(found, allow):
-            return found
+    stops, plan = [], relaxed(running, allow)
+    for limits in limits_of(plan):
+        found = replan(plan, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
+        if found:
+            return replace(found, scene=running.scene, margin=running.margin)
         stops.append(found)
     return stops[-1]
 

@@ -15,6 +15,7 @@ from optik.types import Array
 from planners.cell.drives._checks import asked, check_plan, invalid
 from planners.cell.drives._ros_goals import Stops, exceeded, message_for, motor_motion, stops_for, with_room
 from planners.cell.drives._ros_run import Run
+from planners.cell.drives._stop import relaxed
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
 from planners.cell.transports.base import Transport
@@ -310,7 +311,9 @@ class RosDrive(Drive):
             what = "the arm stands at the end of the path already"
             return self._unsent(plan, ExecutionStatus.REFUSED, what, "nothing: the goal is reached")
         still = np.zeros(self.robot.n)
-        return self.execute(replan(plan, (joints(s), still, still)), stop=stop, watch=watch, allow=allow)
+        onward = replan(relaxed(plan, allow), (joints(s), still, still))
+        onward = replace(onward, scene=plan.scene, margin=plan.margin)
+        return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
     # ------------------------------------------------------------ before the start
 

@@ -60,22 +60,13 @@ class Sent(NamedTuple):
 
 
 def to_ros(
-    motion: Motion | HasMotion,
-    file: str | os.PathLike[str],
-    *,
-    rate: float | None = None,
-    interpolation: str = "quintic",
-    joint_names: JointNames = None,
-    start: ArrayLike | Mapping[str, float] | None = None,
-    tolerance: float = 0.01,
-    strict: bool = False,
-    keep_speed: bool = True,
-    frame_id: str = "",
-    allow: Allow = (),
-) -> Sent:
+    motion: Motion | HasMotion, file: str | os.PathLike[str], *, rate: float | None = None, interpolation: str = "quintic",
+    joint_names: JointNames = None, start: ArrayLike | Mapping[str, float] | None = None, tolerance: float = 0.01,
+    strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
+) -> Sent:  # fmt: skip
     """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller keeps its limits.
 
-    Both the motion and what the controller makes of it are certified, with the motion's scene, margin and tolerance.
+    The motion, and what the controller makes of it, are certified with the motion's own scene, margin and tolerance.
 
     Parameters
     ----------
@@ -86,8 +77,8 @@ def to_ros(
     rate : float, optional
         Points per second [1/s], for a whole number of periods; by default points at the knots.
     interpolation : {"quintic", "cubic", "linear"}
-        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q. ``"cubic"`` gives up limits on the jerk, and
-        ``"linear"`` those on the acceleration too: the controller's motion cannot keep them.
+        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q. A limit on the jerk is not judged with
+        ``"cubic"``, nor one on the acceleration with ``"linear"``: such a controller cannot keep them.
     joint_names : mapping or sequence, optional
         Another order of the robot's joint names, or a mapping from them to the controller's.
     start : (n,) array or mapping, optional
@@ -110,18 +101,15 @@ def to_ros(
 
     Raises
     ------
-    InvalidInput
-        An invalid argument, or a motion that a controller refuses; the message names it.
+    InvalidInput, NoSolution, OutputError
+        An argument or a motion that a controller refuses; a plan that failed, or limits that slowing does not keep; a file that
+        cannot be written.
     InvalidMotion
         The motion, or what the controller makes of it, violates something that ``allow`` does not permit.
-    NoSolution
-        A plan that failed, or limits that slowing does not keep.
-    OutputError
-        The file cannot be written.
     """
     suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
     options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
-    _form(motion, interpolation, joint_names, frame_id)
+    _form(motion, **options)
     _checked_rate(motion, rate, strict, keep_speed)
     motion.check_valid(allow)
     message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
