@@ -279,7 +279,7 @@ ERRORS = [
     NoSolution("joint 2 at its limit", s=0.1, joint="joint2", advice="a shorter line"),
     OutputError("run", "holds something else"),
 ]
-BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, OSError]
+BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, RuntimeError, OSError]
 
 
 @pytest.mark.parametrize(("error", "kind"), zip(ERRORS, BUILT_IN, strict=True), ids=lambda e: type(e).__name__)
