@@ -123,6 +123,16 @@ def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
         assert info.value.argument == "period"
 
 
+@pytest.mark.parametrize("periods", [1, 2, 7])
+def test_a_motion_needs_the_whole_periods_that_it_lasts(periods: int) -> None:
+    motion = line().trajectory
+    for off, count in ((0.0, periods), (0.99e-9, periods), (1.01e-9, periods + 1), (-0.99e-9, periods)):
+        period = (motion.end - off) / periods
+        assert len(setpoints(motion, period).t) == count + 1
+    with pytest.raises(InvalidInput, match="period"):
+        setpoints(motion, motion.end + 1.01e-9)
+
+
 def test_a_failed_plan_has_no_setpoints() -> None:
     far = plan(paper6r(), paper6r().fk(START) @ oracles.trans(5.0, 0.0, 0.0), START)
     assert not far

@@ -11,21 +11,22 @@ import pytest
 from scipy.interpolate import PPoly
 from scipy.spatial.transform import Rotation
 
-import optik
 from optik import DHRow, JointLimits, Robot, Scene, Shapes
 from optik.arm.inertia import Inertia
 from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, examined_pairs
 from optik.distance import DISTANCE_ROUNDING
+from optik.errors import InvalidInput
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate import clearance as module
-from planners.certificate import continuity
+from planners.certificate import continuity, position, sampled_jerk
 from planners.certificate._clearance import _around, _level
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
 from planners.certificate.effort import energy
 from planners.certificate.examined import Examined
-from planners.certificate.torque_bounds import RATE_REMAINDER, VALUE_REMAINDER, direction, fourth_bounds, sizes
+from planners.certificate.path_error import PathError
+from planners.certificate.torque_bounds import direction, fourth_bounds, sizes
 from planners.hermite import through
 from tests.planners.contacts import pose
 from tests.planners.torques import proved, values
@@ -157,7 +158,10 @@ def test_a_still_ball_is_bounded_by_its_distance_from_a_turned_box(seed: int) ->
             assert clearance(robot, motion, scene).touches
 
 
-@pytest.mark.parametrize("normal", [(1, 1, 0), (0.3, -2, 5), (1e-3, 2e-3, -1e-3), (3e200, 1e200, 0), (0, 0, 1 + 1.03 * UNIT_NORMAL)])  # fmt: skip
+@pytest.mark.parametrize(
+    "normal",
+    [(1, 1, 0), (0.3, -2, 5), (1e-3, 2e-3, -1e-3), (3e200, 1e200, 0), (0, 0, 1 + 1.03 * UNIT_NORMAL)],
+)
 def test_a_normal_of_any_length_is_made_one(normal: tuple[float, float, float]) -> None:
     rng = np.random.default_rng(1)
     scaled = np.array(normal) / np.abs(normal).max()
@@ -193,8 +197,6 @@ def test_one_interval_of_a_viscous_slider_is_bounded_by_its_remainder_exactly(se
     bound = [proved(robot, polynomial((h, side * rate.integ().coef[::-1][:, None])), rate=r, most=0).ratio[0]
              for r in (False, True)]  # fmt: skip
     largest = force.coef[0] + k * h**4 / 16.0, np.sqrt(3.0) * k * h**3 / 9.0
-    assert VALUE_REMAINDER == pytest.approx(1.0 / 384.0, rel=ROUNDING)
-    assert RATE_REMAINDER == pytest.approx(np.sqrt(3.0) / 216.0, rel=ROUNDING)
     np.testing.assert_allclose(bound, largest, rtol=1e-9)
     t = np.linspace(0.0, h, 10_001)
     reached = np.abs(values(robot, motion, t, robot.loads[0])[:, :, 0]).max(axis=0)
@@ -278,6 +280,27 @@ def test_friction_is_added_in_the_sense_of_a_slow_motion(seed: int) -> None:
         assert found.ratio[0] == pytest.approx(force, rel=1e-9), stops
 
 
+@SEEDS
+def test_ratios_at_the_ends_of_pieces_are_of_the_side_of_the_torque(seed: int) -> None:
+    """With friction by the sense of the motion, small torques and large ones, and unequal limits on both sides."""
+    rng = np.random.default_rng(seed)
+    robot = slider(rng.uniform(0.5, 3.0), rng.uniform(0.1, 2.0)).with_inertia(coulomb=0.3)
+    motion = polynomial((0.7, rng.normal(size=(6, 1))), (0.4, rng.normal(size=(6, 1))))
+    bound = np.array([[-rng.uniform(0.5, 2.0)], [rng.uniform(3.0, 9.0)]])
+    torques = Examined(robot, motion).torques
+    mass, viscous = torques.models[0][1].bodies[0][0], torques.models[0][1].viscous[0]
+    for rate in (False, True):
+        found = torques.piece_ratios(bound, rate=rate)
+        for k, (start, end) in enumerate(zip(motion.knots[:-1], motion.knots[1:], strict=True)):
+            local = np.poly1d(motion.coefficients[:, k, 0])
+            values_ = []
+            for t in (0.0, end - start):
+                v, a, j = (local.deriv(i)(t) for i in (1, 2, 3))
+                values_.append(mass * j + viscous * a if rate else mass * a + viscous * v + 0.3 * np.sign(v))
+            expected = max(x / bound[1, 0] if x > 0.0 else x / bound[0, 0] for x in values_)
+            assert found[k, 0] == pytest.approx(expected, rel=1e-9)
+
+
 # ---------------------------------------------------------------- energy
 
 
@@ -318,8 +341,8 @@ STATED = {
     "planners.certificate.torque": {"TORQUE_EXCESS": 1e-5, "TORQUE_FLOOR": 1e-2, "STANDSTILL": 1e-9},
     "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
-    "optik.distance": {"DISTANCE_ROUNDING": DISTANCE_ROUNDING},
-    "optik.scene.model": {"UNIT_NORMAL": UNIT_NORMAL},
+    "optik.distance": {"DISTANCE_ROUNDING": 1e-9},
+    "optik.scene.model": {"UNIT_NORMAL": 1e-14},
 }
 """What docstrings, documentation and formats promise; tests of behaviour take the code's own constants."""
 
@@ -348,12 +371,63 @@ def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps:
 @pytest.mark.parametrize(("share", "rests"), [(0.99, True), (1.01, False)])
 @pytest.mark.parametrize("end", [0, 1])
 def test_a_motion_is_at_rest_just_below_its_threshold(share: float, rests: bool, end: int) -> None:
-    t, q = np.array([0.0, 0.7, 1.3]), np.array([[0.0, 0.0], [0.4, 30.0], [0.9, -50.0]])
-    v = np.array([[0.0, 0.0], [1.0, 5.0], [0.0, 0.0]])
-    still = Trajectory(through(t, q, v, np.zeros((3, 2))))
+    t, q = np.array([0.0, 0.7, 1.3, 1.8]), np.array([[0.0, 0.0], [0.4, 30.0], [0.9, -50.0], [0.7, 20.0]])
+    v = np.array([[0.0, 0.0], [1.0, 5.0], [-0.5, 2.0], [0.0, 0.0]])
+    still = Trajectory(through(t, q, v, np.zeros((4, 2))))
     most = continuity._rounding(still)[1, -end]
     if end:
         most = most + continuity.AT_REST * still.extrema(1).worst
     v[-end, 0] = share * most[0]
-    found = continuity.rest(Trajectory(through(t, q, v, np.zeros((3, 2)))))
+    found = continuity.rest(Trajectory(through(t, q, v, np.zeros((4, 2)))))
     assert found[end] == rests and found[1 - end]
+
+
+def test_a_joint_that_stands_at_0_is_at_rest() -> None:
+    assert continuity.rest(polynomial((1.0, np.array([[0.0, 0.3]])))) == (True, True)
+
+
+def test_rounding_counts_by_the_shorter_of_the_pieces_beside_a_knot() -> None:
+    h, worst = np.array([0.5, 0.01, 0.2]), np.array([0.3, 4.0])
+    motion = polynomial(*((x, worst[None]) for x in h))
+    shorter = np.array([0.5, 0.01, 0.01, 0.2])
+    expected = continuity.STEP_ROUNDING * worst / shorter[None, :, None] ** np.arange(4)[:, None, None]
+    np.testing.assert_allclose(continuity._rounding(motion), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("distance", "angle"), [(1.01, 0.5), (0.5, 1.01), (1.01, 1.01), (1.0, 1.0)])
+@pytest.mark.parametrize("tolerance", [(3e-4, 2e-5), (1e-6, 5e-3)])
+def test_a_tool_off_its_path_is_named_just_beyond_the_tolerance(
+    distance: float, angle: float, tolerance: tuple[float, float]
+) -> None:
+    sizes_ = distance * tolerance[0], angle * tolerance[1]
+    off = PathError(*sizes_, *sizes_, 0.3, 0.7)
+    found = [(x.t, "turned" in x.words) for x in off.failures(tolerance)]
+    assert found == [(0.3, False)] * (distance > 1.0) + [(0.7, True)] * (angle > 1.0)
+    assert off.failures(None) == []
+
+
+def test_a_joint_leaves_its_range_just_beyond_the_tolerance() -> None:
+    for share in (1.0, 1.01):
+        margins = np.array([0.3, -share * position.LIMIT_TOLERANCE, 0.1])
+        found = position.position_failures(margins, ("a", "b", "c"))
+        assert [x.joint for x in found] == (["b"] if share > 1.0 else [])
+    limits = JointLimits([-0.5], [2.0])
+    robot = Robot("bar", np.eye(4)[None], np.array([False]), np.eye(4), limits)
+    for low, high in ((-0.3, 1.9), (-0.1, 0.2), (-0.7, 1.0), (0.0, 2.3)):
+        motion = polynomial((1.0, [[high - low], [low]]))
+        assert position.position_margins(robot, motion)[0] == pytest.approx(min(low + 0.5, 2.0 - high), abs=1e-12)
+
+
+def test_the_jerk_that_a_controller_sees_of_a_long_motion_is_found_at_its_knots(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An acceleration that jumps at one knot, of more periods than are all looked at."""
+    pieces = [(3.0, [[0.05], [0.0], [0.0]]), (2.0, [[-0.2], [0.3], [0.45]]), (4.0, [[0.01], [0.0], [0.0]])]
+    motion, largest = polynomial(*pieces), 2.0 * 0.25 * 100.0
+    for most in (sampled_jerk.PERIODS, 20):
+        monkeypatch.setattr(sampled_jerk, "PERIODS", most)
+        assert sampled_jerk.sampled_jerk(motion, 100.0)[0] == pytest.approx(largest, rel=1e-9)
+    for rate in sampled_jerk.RATES:
+        assert np.isfinite(sampled_jerk.sampled_jerk(motion, rate)).all()
+        with pytest.raises(InvalidInput, match="rate"):
+            sampled_jerk.sampled_jerk(motion, rate * (1.01 if rate > 1.0 else 0.99))
