@@ -49,7 +49,7 @@ def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajector
     """Candidates from the state, the one that is first at rest first: the law's motion and the rest of the running one."""
     joints = plan.joint_path
     rests = joints.end if plan.span is None else plan.span[1]
-    free = "jerk" not in asked.law.promises(asked.limits)  # then no motion that limits its jerk is faster
+    free = "jerk" not in asked.keeps  # then no motion that limits its jerk is faster
     if free and rests >= joints.end and start.rest is not None:
         yield start.rest
     law = mover(asked)
@@ -72,7 +72,7 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    slower = stretch(plan.robot, rest, asked.limits, asked.law.promises(asked.limits), plan.path)
+    slower = stretch(plan.robot, rest, asked.limits, asked.keeps, plan.path)
     for delay, share in itertools.product((0.0, *DELAYS), SHARES[:2]):
         if not 1.0 < slower < np.inf:
             break
@@ -109,7 +109,7 @@ def _from_slow(
 
 def _slowed(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
     """A motion from a state at rest, slowed as a whole until it respects the limits: the law's, or else a quintic in s."""
-    enforced = asked.law.promises(asked.limits)
+    enforced = asked.keeps
     for found in _from_rest(asked, plan.joint_path, start.at):
         try:
             slower = fitted(asked.robot, found, asked.limits, enforced, asked.path)

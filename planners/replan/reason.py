@@ -16,7 +16,7 @@ def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSoluti
     """Why there is no motion: the state itself passes a limit, or where the running motion does."""
     limits, robot = asked.limits, plan.robot
     try:
-        check_statics(plan.joint_path, asked.limits, asked.law.promises(asked.limits), start.at.s)
+        check_statics(plan.joint_path, asked.limits, asked.keeps, start.at.s)
     except NoSolution as error:
         if not stop:
             return error

@@ -8,6 +8,7 @@ from dataclasses import replace
 from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
+from planners.certificate.failure import word_of_limit
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
 from planners.plan import Asked, Plan, StopKind
@@ -45,16 +46,18 @@ def request(
     """Build the law where it was given by name, and check that it can enforce these limits."""
     tolerance, rate, scene, margin = judged
     scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
-    if scene is not None:
-        check_scene(plan.robot, scene, margin)
+    check_scene(plan.robot, scene, margin)
     law = law_for(timing) if timing is not None else _own_law(plan)
-    limits = plan.limits if limits is None else limits
+    allow: tuple[str, ...] = ()
+    if limits is None:  # what the plan was allowed to exceed
+        limits, kept = plan.limits, plan.certificate.keeps
+        allow = tuple({word_of_limit(name) for name in limits.given_names if name not in kept})
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     if timing is not None:
         law.need(limits, plan.robot)
     limits.check_path(plan.path)
-    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin)
+    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin, allow=allow)
 
 
 def _own_law(plan: Plan) -> TimeLaw:

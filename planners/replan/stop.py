@@ -69,7 +69,7 @@ def _swept_stops(asked: Asked, plan: Plan, start: MovingState, later: Asked | No
 
 def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:
     """Limits of a sweep and by what they are multiplied: 1 where they are enforced, else what the running motion reaches."""
-    scales = dict.fromkeys(asked.law.promises(asked.limits), 1.0)
+    scales = dict.fromkeys(asked.keeps, 1.0)
     if asked.limits == plan.limits:
         for name in asked.limits.names:
             if name not in scales and np.isfinite(reached := plan.certificate.worst(name)[0]):
@@ -80,7 +80,7 @@ def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:
 def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
     """The best of a stop and of optima that end near it, as many as there is time for."""
     law, joints = asked.law if isinstance(asked.law, Optimal) else Optimal(), plan.joint_path
-    if best.span is None or best.within_limits_from or set(law.keeps) - set(asked.law.promises(asked.limits)):
+    if best.span is None or best.within_limits_from or set(law.keeps) - set(asked.keeps):
         return best
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:
