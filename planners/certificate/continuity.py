@@ -59,7 +59,8 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
     """
     first, last = trajectory.ends(1)
     begin, end = _rounding(trajectory)[1, [0, -1]]
-    end = end + AT_REST * trajectory.extrema(1).worst
+    still = AT_REST * trajectory.extrema(1).worst
+    begin, end = np.minimum(begin, still), end + still  # what is left of a motion just before its end is slow but moves
     return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 

@@ -25,7 +25,7 @@ CONTENT = "optik-motion/1"
 """Value of the key ``format`` in every motion file; a change of the keys needs another number."""
 HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
-OPTIONAL = ("span", "speed", "scene", "margin")
+OPTIONAL = ("span", "speed", "scene", "margin", "before")
 """Keys that a file has only where the motion has them, so that files without them stay as they were."""
 HIGHEST_DEGREE = 5
 """Trajectories are piecewise polynomials of at most this degree."""
@@ -192,6 +192,8 @@ def to_parts(motion: Motion) -> Parts:
         header["speed"] = motion.speed
     if motion.scene is not None:
         header |= {"scene": motion.scene.to_dict(), "margin": motion.margin}
+    if motion.before is not None:
+        header["before"] = [motion.before[0].to_plain(), motion.before[1]]
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
 
 
@@ -232,7 +234,17 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),
         None if header.get("scene") is None else Scene.from_dict(header["scene"]),
         float(numbers(header.get("margin", 0.0), (), "margin")),
+        _before(header.get("before"), robot.n),
     )
+
+
+def _before(data: Any, n: int) -> tuple[MotionLimits, float] | None:
+    """The limits that hold until a time [s], and the time."""
+    if data is None:
+        return None
+    if not isinstance(data, list) or len(data) != 2:
+        raise InvalidInput("before", repr(data)[:60], "limits and a time [s]")
+    return MotionLimits.from_plain(data[0], n), float(numbers(data[1], (), "before"))
 
 
 def check_header(header: Mapping[str, Any]) -> None:

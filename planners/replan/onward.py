@@ -18,7 +18,7 @@ from planners.replan.request import by_law, judged, mover
 from planners.replan.state import ENDED, MovingState, path_state, s_at
 from planners.replan.stop import DELAYS, SHARES, scales_of
 from planners.splice import begun, joined, rest_of, start_of
-from planners.timing._brake import brake
+from planners.timing._brake import brake, stop_time
 from planners.timing.base import PathState, refit
 from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory
@@ -73,18 +73,20 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
     slower = stretch(plan.robot, rest, asked.limits, asked.keeps, plan.path)
-    for delay, share in itertools.product((0.0, *DELAYS), SHARES[:2]):
-        if not 1.0 < slower < np.inf:
+    rate = start.clock[0]
+    usual = stop_time(plan.robot, running, plan.limits, start.t, start.clock, scales_of(old, plan))
+    for delay, share in itertools.product((0.0, *(usual * np.array(DELAYS))), SHARES[:2]):
+        t, clock = start.t + delay * rate, start.clock if delay == 0.0 else (rate, 0.0)
+        if not 1.0 < slower < np.inf or t >= running.end:
             break
-        t, clock = start.t + delay * rest.end, start.clock if delay == 0.0 else (1.0, 0.0)
-        goal = 1.0 / (slower * SLOWER)
+        goal = rate / (slower * SLOWER)
         braking = brake(plan.robot, running, plan.limits, t, clock, scales_of(old, plan), share, goal)
         if braking is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)
-        slow = rest_of(running, braking.end, s).slowed(slower * SLOWER)
+        slow = rest_of(running, braking.end, s).slowed(1.0 / goal)
         first = begun(braking.motion, start.joints, plan.limits) if delay == 0.0 else braking.motion
-        first = joined(start_of(rest, delay * rest.end), first) if delay else first
+        first = joined(start_of(rest, delay), first) if delay else first
         found = _from_slow(asked, plan, start, first, s, slow)
         if found is not None:
             return found

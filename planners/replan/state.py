@@ -32,8 +32,8 @@ SEVERAL = 3
 class MovingState(NamedTuple):
     """A state on the path, and its time in the running motion with the rate and acceleration that the motion's clock has there.
 
-    ``rest`` is what is left of the motion, None where the state is not part of it; ``error`` the largest differences of a
-    measured state from the motion's own.
+    ``rest`` is what is left of the motion at the clock's rate, None where that is above 1; ``error`` the largest differences of
+    a measured state from the motion's own, by which it was replaced.
     """
 
     at: PathState
@@ -80,10 +80,7 @@ def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike
 def s_at(plan: Plan, t: float) -> float:
     """Return the path parameter s of the plan's motion at a time [s]; raises InvalidInput where the motion is off its path."""
     running, joints = plan.trajectory, plan.joint_path
-    if running.places is not None:
-        knots, places = running.knots, running.places
-    else:
-        knots, places = plan.certificate.binding.t, plan.certificate.binding.s
+    knots, places = _table(plan)
     k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2))
     if t >= knots[-1]:
         return float(places[-1])
@@ -155,14 +152,24 @@ def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> 
     if s >= joints.end * (1.0 - 1e-9):
         raise InvalidInput("state", f"the path's end (s = {s:.9g})", "a state before it, with some path left")
     at = PathState(s, 0.0 if still else max(speed, 0.0), 0.0 if still else acceleration, given)
-    t, clock = _clock(running, given, t)
-    return MovingState(at, t, clock, None, still, None)
+    t, clock = _clock(plan, given, s)
+    rest = None
+    if 0.0 < clock[0] <= 1.0 and t < running.end - ENDED:  # the motion itself, run at that rate
+        rest = begun(rest_of(running, t, s).slowed(1.0 / clock[0]), given, plan.limits)
+    return MovingState(at, t, clock, rest, still, None)
 
 
-def _clock(running: Trajectory, given: State, t: float) -> tuple[float, tuple[float, float]]:
-    """The time at which the running motion passes a configuration, and the rate and acceleration of a clock that moves so."""
-    k = int(np.searchsorted(running.knots, t))
-    low, high = running.knots[max(k - 2, 0)], running.knots[min(k + 1, running.knots.size - 1)]
+def _table(plan: Plan) -> tuple[Array, Array]:
+    """Times and path parameters of the plan's motion at its knots: those of its law, else of its certificate."""
+    running, binding = plan.trajectory, plan.certificate.binding
+    return (binding.t, binding.s) if running.places is None else (running.knots, running.places)
+
+
+def _clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:
+    """The time at which the plan's motion passes s, and the rate and acceleration of a clock with which it moves as given."""
+    running, (knots, places) = plan.trajectory, _table(plan)
+    k = int(np.searchsorted(places, s))
+    low, high = knots[max(k - 2, 0)], knots[min(k + 1, knots.size - 1)]
     t = place_between(running, given[0], float(low), float(high))
     v = running(t, 1)
     size = float(v @ v)

@@ -13,13 +13,13 @@ from planners.replan.reason import reason
 from planners.replan.request import judged
 from planners.replan.state import MovingState, s_at
 from planners.splice import begun, joined, start_of
-from planners.timing._brake import brake
+from planners.timing._brake import brake, stop_time
 from planners.timing.optimal import Optimal
 
 SHARES = (0.995, 0.96, 0.88)
 """Fractions of the limits that a sweep uses, tried in turn: it exceeds them a little between its knots."""
-DELAYS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.6)
-"""Fractions of what is left of the motion that are followed before the arm brakes, where it cannot brake at once."""
+DELAYS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5, 7.0)
+"""Times for which the motion is followed before the arm brakes, where it cannot brake at once: over that of a usual stop."""
 SHORTEST = 1e-6
 """Distance to rest, over the length of the path, below which the sweep alone is tried: the joint path is straight there."""
 ENDS = (0.97, 0.9, 1.0, 0.8, 1.08)
@@ -27,44 +27,54 @@ ENDS = (0.97, 0.9, 1.0, 0.8, 1.08)
 
 
 def stopped_plan(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
-    """The stop: the optimum's, the sweep's, or the end of the motion, whichever is first and certified."""
+    """The stop: the optimum's, the sweep's, or the end of the motion, whichever is first and certified.
+
+    Where none respects lower limits, the plan's own hold until the arm is at rest.
+    """
+    first = _first_stop(asked, plan, start, time_limit)
+    if first or asked.limits == plan.limits or asked.limits.names != plan.limits.names:
+        return first
+    old = _first_stop(replace(asked, limits=plan.limits), plan, start, time_limit)
+    if not old:
+        return first
+    later = replace(asked, before=(plan.limits, old.trajectory.end))
+    assert old.span is not None
+    return judged(later, plan, start, old.trajectory, old.stop_kind, old.span[1])
+
+
+def _first_stop(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
     best = next((p for p in _swept_stops(asked, plan, start) if p), None)
-    if best is None and asked.limits != plan.limits:
-        best = next((p for p in _swept_stops(replace(asked, limits=plan.limits), plan, start, asked) if p), None)
     if best is not None and time_limit > 0.0:
         best = _refined(asked, plan, start, best, perf_counter() + time_limit)
     rest = start.rest
-    if rest is None or (best is not None and best.trajectory.duration <= rest.duration):
-        return best or asked.infeasible(plan.joint_path, reason(asked, plan, start, True))
-    end = judged(asked, plan, start, rest, StopKind.END)
-    if end or best is not None:
-        return end if end else best  # type: ignore[return-value]
-    touches = end.certificate.clearance is not None and end.certificate.clearance.touches
-    return end if touches else asked.infeasible(plan.joint_path, reason(asked, plan, start, True))
+    if best is not None and (rest is None or best.trajectory.duration <= rest.duration):
+        return best
+    end = None if rest is None else judged(asked, plan, start, rest, StopKind.END)
+    if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):
+        return end
+    return best or asked.infeasible(plan.joint_path, reason(asked, plan, start, True))
 
 
-def _swept_stops(asked: Asked, plan: Plan, start: MovingState, later: Asked | None = None) -> Iterator[Plan]:
-    """Sweeps to rest at once, under ever smaller fractions of the limits; then after a part of what is left of the motion.
-
-    With `later`, the limits of `asked` hold until the end of the stop, where those of `later` are met.
-    """
-    running, scales = plan.trajectory, scales_of(asked, plan)
-    left, rest = running.end - start.t, start.rest
-    tried = [(0.0, share) for share in SHARES]
-    tried += [(delay * left, share) for delay in DELAYS if rest is not None for share in SHARES[1:3]]
-    for delay, share in tried:
-        t, clock = start.t + delay, start.clock if delay == 0.0 else (1.0, 0.0)
-        braking = brake(plan.robot, running, asked.limits, t, clock, scales, share)
-        if braking is None:
-            continue
-        motion = begun(braking.motion, start.joints, asked.limits) if delay == 0.0 else braking.motion
-        if rest is not None and delay:
-            motion = joined(start_of(rest, delay), motion)
-        end = s_at(plan, braking.end)
-        if later is None:
-            yield judged(asked, plan, start, motion, StopKind.SWEEP, end)
-        else:
-            yield judged(replace(later, before=(asked.limits, motion.end)), plan, start, motion, StopKind.SWEEP, end)
+def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]:
+    """Sweeps to rest at once, under ever smaller fractions of the limits; then after a part of what is left of the motion."""
+    running, scales, rest, rate = plan.trajectory, scales_of(asked, plan), start.rest, start.clock[0]
+    for share in SHARES:
+        braking = brake(plan.robot, running, asked.limits, start.t, start.clock, scales, share)
+        if braking is not None:
+            motion = begun(braking.motion, start.joints, asked.limits)
+            yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+    if rest is None or rate <= 0.0:
+        return
+    usual = stop_time(plan.robot, running, asked.limits, start.t, start.clock, scales)
+    for delay in usual * np.array(DELAYS):
+        t = start.t + delay * rate
+        if t >= running.end:
+            return
+        for share in SHARES[:2]:
+            braking = brake(plan.robot, running, asked.limits, t, (rate, 0.0), scales, share)
+            if braking is not None:
+                motion = joined(start_of(rest, delay), braking.motion)
+                yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
 
 
 def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:

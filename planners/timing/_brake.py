@@ -118,6 +118,18 @@ def brake(
     return None
 
 
+def stop_time(
+    robot: Robot,
+    running: Trajectory,
+    limits: MotionLimits,
+    t: float,
+    clock: tuple[float, float],
+    scales: dict[str, float],
+) -> float:
+    """Return about how long [s] a stop takes from time t, were the limits along the motion what they are there."""
+    return min(_rough(Course(robot, running), limits, t, clock, scales)[1], running.end - t)
+
+
 def _tighten(
     cells: Cells,
     robot: Robot,
