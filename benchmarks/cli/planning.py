@@ -8,12 +8,14 @@ from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
+import numpy as np
 import typer
 
 import optik
 from benchmarks.cli.carried import carrying, torque_limit
 from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, configuration, out_console, print_json, words_of
+from optik.arm.units import per
 from optik.errors import InvalidInput
 from optik.registry import load_method, names, short_name
 
@@ -21,6 +23,8 @@ plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=Tru
 
 START = "20,-35,40,25,50,-30"
 """Default start of a plan, for arms with as many joints."""
+SAME_START = 1e-4
+"""Largest distance [rad, m] of a motion's start from the given one that is not worth a line."""
 ROS = (".yaml", ".yml")
 """Endings of files that hold a ROS message."""
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
@@ -78,7 +82,11 @@ class Wish:
         float | None, typer.Option(help="Distance that arm and scene shall keep at every instant [m]; with --scene.")
     ] = None
     branch: Annotated[
-        str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
+        str | None,
+        typer.Option(
+            help="start: keep the start's branch, the default; best: choose for the whole path, the default where it begins "
+            "elsewhere."
+        ),
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
@@ -157,7 +165,7 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     law = planners.make_law(wish.timing)
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
-        branch=wish.branch, duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
+        branch=wish.branch or branch_from(arm, path, q), duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
         margin=wish.margin or 0.0,
     )  # fmt: skip
     if plan and wish.out is not None:
@@ -171,8 +179,18 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
     print_certificate(plan)  # raises NoSolution with the reason where there is no motion
     if not plan:
         raise typer.Exit(1)
+    begin = plan.trajectory(0.0)
+    if np.abs(begin - q).max() > SAME_START:
+        out_console.print(f"begins at {', '.join(f'{x:.6g}' for x in begin * per(arm))} [degrees, mm]", highlight=False)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
+
+
+def branch_from(arm: optik.Robot, path: Any, q: Any) -> str:
+    """Return the default of ``--branch``: that of the start, or the best one of a path that begins elsewhere."""
+    from planners.following.follow import START_TOLERANCE
+
+    return "start" if np.abs(arm.errors(q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 
 def check_out(wish: Wish) -> None:

@@ -127,6 +127,10 @@ def stops(joint_path: Any, limits: planners.MotionLimits, speed: float) -> bool:
     return True
 
 
+WARM: set[str] = set()
+"""Arms with which this process has planned already, so that no kernel is loaded while a plan is timed."""
+
+
 def measure(case: int) -> Row:
     """One seam on one arm, with three speeds."""
     arm, rng = ARMS[case % len(ARMS)], np.random.default_rng([SEED, case // len(ARMS)])
@@ -139,6 +143,9 @@ def measure(case: int) -> Row:
     limits = planners.MotionLimits(*(float(np.exp(rng.uniform(*np.log(r)))) for r in ((1, 3), (5, 20), (50, 500))))
     low, middle = bound(joint_path, limits)
     rows = []
+    for speed in () if arm in WARM else (1e-3, 10.0):
+        attempt(robot, path, q, speed, limits)
+    WARM.add(arm)
     for speed in np.exp(rng.uniform(np.log(2e-3), np.log(0.2), 3)):
         row = attempt(robot, path, q, float(speed), limits)
         if row["status"] == "timing_infeasible":
@@ -181,9 +188,9 @@ def judge(rows: list[Row]) -> Sequence[Value]:
     late = [p["seconds"] / (0.030 + 0.003 * row["points"]) for row, p in plans if "seconds" in p]
     low = sum(x < TRUE for x in corner)
     return (
-        Value(f"exceptions and other failures in {len(plans)} plans", "0", f"{len(errors)} {sorted(set(errors))[:3]}", not errors),
+        Value(f"exceptions and other failures in {len(plans)} plans", "0", f"{len(errors)} {errors[:3]}", not errors),
         Value("not_proved", "0", str(status.count("not_proved")), "not_proved" not in status),
-        Value(f"refusals of {len(refused)} where {TRUE} of the named speed is no certified motion", "0", str(slower), slower == 0),
+        Value(f"refusals of {len(refused)} without a motion at {TRUE} of the named speed", "0", str(slower), not slower),
         Value(
             f"refusals by corners of {len(corner)} that name less than {TRUE} of the bound from q', q'', q'''", "0",
             f"{low} (least {min(corner, default=np.nan):.3f}, median {np.median(corner or [np.nan]):.3f})", low == 0,
