@@ -36,7 +36,7 @@ from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
 DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
-"""Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over one."""
+"""Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over one, by slopes at ends."""
 KNOTS = 32
 """Least number of knots of s(t) on a path whose pieces are all curved; of a piece `DISTANCE_PER_PIECE`."""
 SAME_BREAK = 1e-6
@@ -210,7 +210,8 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
                 s=float(s[c.argmin()]), advice="another law, with tool_speed= or rotation_speed= as limits",
             )  # fmt: skip
         h = np.diff(s)
-        steep = (np.abs(np.diff(np.log(c))) > STEEP) & (h > SAME_BREAK * end)
+        slope = np.abs(c1) / c
+        steep = (np.maximum(slope[:-1], slope[1:]) * h > STEEP) & (h > SAME_BREAK * end)
         if not steep.any():
             break
         s, knots = np.append(s, 0.5 * (s[:-1] + s[1:])[steep]), np.append(knots, np.ones(steep.sum(), np.bool_))

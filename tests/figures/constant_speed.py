@@ -28,8 +28,9 @@ SEED = 21
 SEAMS = 200
 ARMS = ("paper6r", "ur5e", "panda", "irb120")
 TRIES = 60
-PER_PIECE, STEP = 24, 0.01
-"""Places of the finite differences in each piece between two breaks, and their step over its length."""
+PER_PIECE, STEP, LEAST, LOWEST = 12, 0.01, 1e-6, 20
+"""Places of the finite differences in each piece between two breaks, and their step over its length and at least [m]; and
+around how many of the lowest speeds they are closer."""
 TRUE = 0.95
 
 
@@ -70,6 +71,11 @@ def placed(arm: str, points: Array, rng: np.random.Generator) -> tuple[planners.
             path = planners.Polyline(poses)
         except InvalidInput:  # a reversal
             return None
+        ends = planners.Line(
+            poses[0], poses[np.linalg.norm(points, axis=1).argmax()]
+        )  # quick: mostly this is out of reach
+        if not planners.follow(make_solver(robot, "lm"), ends, q):
+            continue
         followed = planners.follow(make_solver(robot, "lm"), path, q)
         if followed:
             return path, q, followed.joint_path
@@ -87,27 +93,37 @@ def differences(f: Any, s: Array, h: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def bound(joint_path: Any, limits: planners.MotionLimits) -> tuple[float, float]:
-    """Least speed over s at which q', q'' or q''' alone reaches a limit, over the whole path and its middle half [m/s]."""
-    path, end = joint_path.path, joint_path.end
-    breaks = path.breaks[np.append(True, np.diff(path.breaks) > 1e-6 * end)]
-    pieces = np.diff(np.append(breaks[:-1], end))
-    s = (breaks[:-1, None] + pieces[:, None] * (np.arange(PER_PIECE) + 0.5) / PER_PIECE).ravel()
-    h = np.minimum(STEP * np.repeat(pieces, PER_PIECE), 1e-4)
+def speeds(joint_path: Any, limits: planners.MotionLimits, s: Array, h: Array) -> Array:
+    """Speeds of the tool (k,) at which q', q'' or q''' over its distance reaches a limit, by steps h [m/s]."""
     q1, q2, q3 = differences(joint_path, s, h)
-    p1, p2, p3 = differences(lambda x: path.pose(x)[:, :3, 3], s, h)
+    p1, p2, p3 = differences(lambda x: joint_path.path.pose(x)[:, :3, 3], s, h)
     c = np.linalg.norm(p1, axis=1)
     c1 = (p1 * p2).sum(axis=1) / c
     c2 = ((p2 * p2).sum(axis=1) + (p1 * p3).sum(axis=1) - c1**2) / c
     s1, s2, s3 = (y[:, None] for y in (1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5))
     orders = q1 * s1, q1 * s2 + q2 * s1**2, q1 * s3 + 3.0 * q2 * s1 * s2 + q3 * s1**3
     own = (np.asarray(limits.velocity), np.asarray(limits.acceleration), np.asarray(limits.jerk))
-    speeds = np.min(
-        [((b / np.abs(y)).min(axis=1)) ** (1.0 / k) for k, (y, b) in enumerate(zip(orders, own, strict=True), 1)],
-        axis=0,
-    )
-    middle = np.abs(s - 0.5 * end) < 0.24 * end
-    return float(speeds.min()), float(speeds[middle].min())
+    each = [((b / np.abs(y)).min(axis=1)) ** (1.0 / k) for k, (y, b) in enumerate(zip(orders, own, strict=True), 1)]
+    return np.asarray(np.min(each, axis=0))
+
+
+def bound(joint_path: Any, limits: planners.MotionLimits) -> tuple[float, float]:
+    """The least of these speeds over the whole path, and over its middle half [m/s]."""
+    path, end = joint_path.path, joint_path.end
+    breaks = path.breaks[np.append(True, np.diff(path.breaks) > 1e-6 * end)]
+    pieces = np.diff(np.append(breaks[:-1], end))
+    s = (breaks[:-1, None] + pieces[:, None] * (np.arange(PER_PIECE) + 0.5) / PER_PIECE).ravel()
+    wide = np.repeat(pieces, PER_PIECE) / PER_PIECE
+    h = np.minimum(np.maximum(STEP * PER_PIECE * wide, LEAST), 1e-4)
+    inner = (s > 2.0 * h) & (s < end - 2.0 * h)
+    s, wide, h = s[inner], wide[inner], h[inner]
+    found = speeds(joint_path, limits, s, h)
+    low = np.argsort(found)[:LOWEST]  # closer around the lowest
+    close, h = (s[low, None] + wide[low, None] * np.linspace(-1.0, 1.0, 41)).ravel(), np.repeat(h[low], 41)
+    close = np.clip(close, 2.0 * h, end - 2.0 * h)
+    found = np.append(found, speeds(joint_path, limits, close, h))
+    middle = np.abs(np.append(s, close) - 0.5 * end) < 0.24 * end
+    return float(found.min()), float(found[middle].min())
 
 
 def stops(joint_path: Any, limits: planners.MotionLimits, speed: float) -> bool:
