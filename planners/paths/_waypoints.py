@@ -16,18 +16,17 @@ from optik.errors import InvalidInput
 from optik.files import content_of, text_of
 from optik.types import Array
 
-POSITIONS = {("x", "y", "z"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
+POSITION_COLUMNS = {("x", "y", "z"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
 """Columns of the position, and metres per unit."""
-QUATERNION, TOOL_AXIS = ("qx", "qy", "qz", "qw"), ("i", "j", "k")
-ANGLES = {("roll", "pitch", "yaw"): 180.0 / np.pi, ("roll_deg", "pitch_deg", "yaw_deg"): 1.0}
+QUATERNION_COLUMNS, AXIS_COLUMNS = ("qx", "qy", "qz", "qw"), ("i", "j", "k")
+ANGLE_COLUMNS = {("roll", "pitch", "yaw"): 180.0 / np.pi, ("roll_deg", "pitch_deg", "yaw_deg"): 1.0}
 """Columns of roll, pitch and yaw, and degrees per unit."""
-ORIENTATIONS = (QUATERNION, *ANGLES, TOOL_AXIS)
-UNIT_LENGTH = 1e-2
-"""Largest difference from 1 of the length of a quaternion or a tool axis, which files give with three digits or more."""
-EXPECTED = (
+ORIENTATION_COLUMNS = (QUATERNION_COLUMNS, *ANGLE_COLUMNS, AXIS_COLUMNS)
+ACCEPTED_HEADER = (
     "a header line that names x,y,z [m] or x_mm,y_mm,z_mm, alone or with one of qx,qy,qz,qw; roll,pitch,yaw [rad]; "
     "roll_deg,pitch_deg,yaw_deg; i,j,k"
 )
+"""What an error says of a header line."""
 
 
 def waypoints_of(file: str | os.PathLike[str], orientation: ArrayLike | None) -> Array:
@@ -36,13 +35,13 @@ def waypoints_of(file: str | os.PathLike[str], orientation: ArrayLike | None) ->
         raise InvalidInput("file", repr(file)[:60], "a path of a CSV file")
     name = os.fspath(file)
     columns, lines, numbers = _table(name, text_of(content_of(Path(name))))
-    position = next(names for names in POSITIONS if set(names) <= set(columns))
-    turned = next((names for names in ORIENTATIONS if set(names) <= set(columns)), ())
-    if turned in ((), TOOL_AXIS) and orientation is None:
+    position = next(names for names in POSITION_COLUMNS if set(names) <= set(columns))
+    turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)), ())
+    if turned in ((), AXIS_COLUMNS) and orientation is None:
         what = "i,j,k, which leave the rotation about the axis free," if turned else "no columns of an orientation"
         raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool for a file with {what}")
     first = _rotation(np.eye(3) if orientation is None else orientation)
-    p = POSITIONS[position] * numbers[:, [columns.index(c) for c in position]]
+    p = POSITION_COLUMNS[position] * numbers[:, [columns.index(c) for c in position]]
     values = numbers[:, [columns.index(c) for c in turned]]
     return np.stack([se3.pose(R, x) for R, x in zip(_rotations(name, lines, turned, values, first), p, strict=True)])
 
@@ -75,7 +74,7 @@ def _table(name: str, text: str) -> tuple[list[str], list[int], Array]:
     except csv.Error as error:
         raise InvalidInput(f"{name}, line {rows.line_num}", str(error), "comma-separated values") from None
     if not columns:
-        raise InvalidInput(name, "no line", EXPECTED)
+        raise InvalidInput(name, "no line", ACCEPTED_HEADER)
     if len(numbers) < 2:
         raise InvalidInput(name, f"{len(numbers)} rows of numbers", "at least two waypoints")
     return columns, lines, np.array(numbers)
@@ -84,13 +83,13 @@ def _table(name: str, text: str) -> tuple[list[str], list[int], Array]:
 def _header(at: str, row: list[str]) -> list[str]:
     """Names of the columns, in lower case: one position and at most one orientation, and nothing else."""
     columns = [name.strip().lower() for name in row]
-    positions = [names for names in POSITIONS if set(names) <= set(columns)]
-    turned = [names for names in ORIENTATIONS if set(names) <= set(columns)]
+    positions = [names for names in POSITION_COLUMNS if set(names) <= set(columns)]
+    turned = [names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)]
     known = {name for names in positions + turned for name in names}
     wrong = [repr(name.strip()) for name, column in zip(row, columns, strict=True) if column not in known]
     if len(positions) != 1 or len(turned) > 1 or wrong or len(columns) != len(set(columns)):
         came = f"{', '.join(wrong)} in " if wrong and positions else ""
-        raise InvalidInput(at, f"{came}{','.join(row)!r}"[:160], EXPECTED)
+        raise InvalidInput(at, f"{came}{','.join(row)!r}"[:160], ACCEPTED_HEADER)
     return columns
 
 
@@ -108,16 +107,16 @@ def _rotations(name: str, lines: list[int], turned: tuple[str, ...], values: Arr
     """Rotations of the tool (3, 3), one of each row."""
     if not turned:
         return [first] * len(lines)
-    if turned in ANGLES:
-        return [se3.from_xyz_rpy(np.zeros(3), ANGLES[turned] * angles)[:3, :3] for angles in values]
+    if turned in ANGLE_COLUMNS:
+        return [se3.from_xyz_rpy(np.zeros(3), ANGLE_COLUMNS[turned] * angles)[:3, :3] for angles in values]
     length = np.linalg.norm(values, axis=1)
-    off = np.flatnonzero(~(np.abs(length - 1.0) <= UNIT_LENGTH))
+    off = np.flatnonzero(~(np.abs(length - 1.0) <= se3.QUATERNION_ERROR))
     if off.size:
         at = f"{name}, line {lines[off[0]]}, columns {','.join(turned)}"
         raise InvalidInput(at, f"a vector of length {length[off[0]]:.6g}", "a vector of length 1")
     values = values / length[:, None]
-    if turned == QUATERNION:
-        return [_of_quaternion(q) for q in values]
+    if turned == QUATERNION_COLUMNS:
+        return [se3.from_quaternion(xyzw[[3, 0, 1, 2]]) for xyzw in values]
     rotations = [first]
     for line, axis in zip(lines, values, strict=True):
         z = rotations[-1][:, 2]
@@ -129,10 +128,3 @@ def _rotations(name: str, lines: list[int], turned: tuple[str, ...], values: Arr
         turn = w * (np.arctan2(sine, cosine) / sine) if sine > 0.0 else np.zeros(3)
         rotations.append(se3.exp_so3(turn) @ rotations[-1])
     return rotations[1:]
-
-
-def _of_quaternion(q: Array) -> Array:
-    """Rotation matrix of a unit quaternion (x, y, z, w)."""
-    v, w = q[:3], q[3]
-    skew = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-    return np.asarray(np.eye(3) + 2.0 * w * skew + 2.0 * skew @ skew)

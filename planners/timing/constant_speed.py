@@ -37,11 +37,11 @@ from planners.trajectory import Trajectory
 
 DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
 """Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over one, by slopes at ends."""
-KNOTS = 32
+LEAST_KNOTS = 32
 """Least number of knots of s(t) on a path whose pieces are all curved; of a piece `DISTANCE_PER_PIECE`."""
 SAME_BREAK = 1e-6
 """Fraction of the length within which two breaks are one: in shorter cells a spline's third derivative is rounding."""
-STRAIGHT = 1e-9
+STRAIGHT_CELL = 1e-9
 """Relative change of the tool's speed over a cell, at a constant ṡ, that is rounding."""
 KNOTS_APART = 2e-4
 """Least time [s] between knots of s(t) in motions of a second and more, and its fraction of a shorter motion: a corner in which
@@ -220,7 +220,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     # the integral over each cell of the quintic through c, c' and c'' at both its ends
     cells = 0.5 * h * (c[:-1] + c[1:]) - 0.1 * h**2 * np.diff(c1) + h**3 / 120.0 * (c2[:-1] + c2[1:])
     wide = np.maximum(np.append(h, 0.0), np.append(0.0, h))
-    bent = np.maximum(np.abs(c1) * wide, np.abs(c2) * wide**2) > STRAIGHT * c
+    bent = np.maximum(np.abs(c1) * wide, np.abs(c2) * wide**2) > STRAIGHT_CELL * c
     bent |= np.append(bent[1:], False) | np.append(False, bent[:-1])
     rates = np.stack([1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5])
     q, *orders = derivatives(joint_path, s)
@@ -238,7 +238,7 @@ def _places(breaks: Array, end: float) -> tuple[Array, Flags]:
     length = np.diff(ends, append=end)
     cells, knots = (
         np.maximum(np.ceil(length * (most / end)), DISTANCE_PER_PIECE).astype(np.int64)
-        for most in (DISTANCE_CELLS, KNOTS)
+        for most in (DISTANCE_CELLS, LEAST_KNOTS)
     )
     within = np.arange(cells.sum()) - np.repeat(np.cumsum(cells) - cells, cells)
     s = np.repeat(ends, cells) + np.repeat(length / cells, cells) * within

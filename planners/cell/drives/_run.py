@@ -111,6 +111,8 @@ class Run:
         Late ticks.
     notes : list of str
         What the reader must know.
+    allow : tuple of str
+        Which violations of the plan and of its stop are permitted.
     """
 
     plan: Plan
@@ -123,6 +125,7 @@ class Run:
     stuck: int | None = None
     late: int = 0
     notes: list[str] = field(default_factory=list)
+    allow: tuple[str, ...] = ()
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
     dq: list[Array] = field(default_factory=list)
@@ -158,7 +161,7 @@ class Run:
                 "the set-points that the drive held already reached the end of the plan: no stop was needed"
             )
             return
-        found = stop_from(self.plan, t)
+        found = stop_from(self.plan, t, allow=self.allow)
         if not found:
             assert found.stop is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.stop.reason}"
