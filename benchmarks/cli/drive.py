@@ -129,8 +129,8 @@ def _through_ros(planned: Plan, reached: Reached, execute: bool, stop: float | N
     written = None
     if reached.joint_names is not None:
         given = [name.strip() for name in reached.joint_names.split(",")]
-        if len(given) != planned.robot.n:
-            raise InvalidInput("--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated")
+        if len(set(given)) != planned.robot.n or len(given) != planned.robot.n:
+            raise InvalidInput("--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated, all different")
         written = dict(zip(planned.robot.joint_names, given, strict=True))
     transport = (
         RclpyTransport(**options) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **options)
