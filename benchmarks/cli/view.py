@@ -158,6 +158,6 @@ def _printed(file: Path) -> dict[str, Any]:
     """What ``optik plan … --json`` printed into a file; empty for any other."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return data if isinstance(data, dict) and data.get("format") == "optik-plan/1" else {}
