@@ -242,9 +242,7 @@ class Task:
             reason = f"{took}, less than the servo's period of {cell.drive.period:g} s"
             raise self._fail("execution", CellStatus.REFUSED, reason, "a lower tool speed, or a law without one")
         if found.trajectory.duration > MOST_PERIODS * cell.drive.period:
-            reason = (
-                f"the motion takes {found.trajectory.duration:.3g} s, more than {MOST_PERIODS} periods of the servo"
-            )
+            reason = f"the motion takes {found.trajectory.duration:.3g} s, more than {MOST_PERIODS:,} periods"
             raise self._fail("execution", CellStatus.REFUSED, reason, "higher limits")
         return found
 

@@ -163,6 +163,6 @@ def periods_of(motion: Trajectory, period: float) -> int:
     if motion.end > MOST_PERIODS * period:
         came = f"{period:.6g} s, for a motion of {motion.end:.6g} s"
         raise InvalidInput(
-            "period", came, f"a motion of at most {MOST_PERIODS} periods: higher limits, or a longer period"
+            "period", came, f"a motion of at most {MOST_PERIODS:,} periods: higher limits, or a longer period"
         )
     return max(ceil((motion.end - SAME_INSTANT) / period), 1)

@@ -29,6 +29,7 @@ from planners.cell import (
     whole_periods,
 )
 from planners.cell.drives._encoders import Unmoved
+from planners.controller import executed
 from planners.following.follow import Stop
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
@@ -121,6 +122,27 @@ def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
         with pytest.raises(InvalidInput) as info:
             call(line(), period)
         assert info.value.argument == "period"
+
+
+@pytest.mark.parametrize("period", [0.02, 0.004])
+@pytest.mark.parametrize("law", ["optimal", "ruckig"])
+def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_and_period_at_most(
+    law: str, period: float
+) -> None:
+    """Their acceleration is the straight line nearest in the mean square; a ramp over two thirds is its worst case."""
+    x = np.linspace(0.0, 1.0, 100_001)
+    ramp = -np.maximum(2.0 / 3.0 - x, 0.0)
+    assert np.polyval(np.polyfit(x, ramp, 1), 1.0) == pytest.approx(4.0 / 27.0, rel=1e-4)
+    slower = whole_periods(line(law), period)
+    cubics = executed(slower.trajectory, 1.0 / period, "cubic")
+    over = cubics.extrema(2).worst - slower.trajectory.extrema(2).worst
+    assert (over <= 4.0 / 27.0 * slower.trajectory.extrema(3).worst * period * (1.0 + 1e-9)).all()
+
+
+def test_a_motion_of_too_many_periods_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"period: .*at most 500,000 periods"):
+        setpoints(line(), line().trajectory.end / 500_001)
+    assert len(setpoints(line(), line().trajectory.end / 499_999).t) == 500_000
 
 
 def test_a_failed_plan_has_no_setpoints() -> None:

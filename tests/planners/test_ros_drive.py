@@ -442,6 +442,7 @@ def test_the_command_line_checks_sends_and_reports(port, plan, tmp_path):
 def stored(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("stored")
     hop(0.6).save(folder / "hop.json")
+    (folder / "deep.json").write_text("[" * 100_000, encoding="utf-8")
     return folder
 
 
@@ -458,9 +459,13 @@ def stored(tmp_path_factory) -> Path:
         (["hop.json", "--on", "idael"], "did you mean ideal"),
         (["hop.json", "--stop", "-1"], "--stop: expected a time"),
         (["hop.json", "--out", "done.csv"], "ends with .json"),
+        (["hop.json", "--out", "../STORED/hop.json"], "another file than that of the motion"),
+        (["deep.json"], "deep.json"),
     ],
 )
 def test_what_is_typed_wrong_is_named(stored, monkeypatch, words, why):
     monkeypatch.chdir(stored)
-    code, said = typed(*words)
+    before = (stored / "hop.json").read_bytes()
+    code, said = typed(*(word.replace("STORED", stored.name) for word in words))
     assert code != 0 and why in said
+    assert (stored / "hop.json").read_bytes() == before
