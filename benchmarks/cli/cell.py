@@ -92,14 +92,9 @@ def cell(
         An option that cannot be meant.
     """
     from planners.cell import Cell, Plane
-    from planners.cell._readings import MOST_READINGS
-    from planners.cell.cell import MOST_ROUNDS
     from planners.timing import make_law
 
-    for name, count, least, most in (
-        ("--seed", seed, 0, None), ("--corrections", corrections, 0, MOST_ROUNDS), ("--readings", readings, 1, MOST_READINGS)
-    ):  # fmt: skip
-        check_count(count, name, least, most)
+    _check_counts(seed, corrections, readings)
     if out.suffix.lower() != ".html":
         raise InvalidInput("--out", str(out), "a name that ends in .html")
     law, arm = make_law(timing), arm_of(robot)
@@ -115,6 +110,16 @@ def cell(
         timing=law, ik=ik,
     )  # fmt: skip
     report(outcome, chosen, why, out, as_json)
+
+
+def _check_counts(seed: int, corrections: int, readings: int) -> None:
+    """Raise InvalidInput for a count out of range."""
+    from planners.cell._readings import MOST_READINGS
+    from planners.cell.cell import MOST_ROUNDS
+
+    check_count(seed, "--seed", 0)
+    check_count(corrections, "--corrections", 0, MOST_ROUNDS)
+    check_count(readings, "--readings", 1, MOST_READINGS)
 
 
 def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:

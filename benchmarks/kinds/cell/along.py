@@ -48,7 +48,7 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
         trajectory = fitted(robot, timed.run(joints, limits), limits, keeps, line)
     except NoSolution as error:
         stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
-        return Plan(robot, line, limits, stop.status, solver, law, joints, stop, None, None)
+        return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, stop, None, None)
     proof = Motion(robot, line, limits, trajectory, law, keeps, WIDE).certify()
     why = Stop(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate does not hold: {'; '.join(proof.broken)}", "")
     status, found = (PlanStatus.SOLVED, None) if proof.holds else (PlanStatus.NOT_PROVED, why)

@@ -22,9 +22,9 @@ GREATEST_STEP = 1.0 + 1e-6
 
 COUNTS = 4.0
 """Counts of its encoder by which a set-point must move beyond a tolerance before an equal reading is a fault [1]."""
-NOISE = 6.0
+NOISE_SPREADS = 6.0
 """Standard deviations of the readings' noise that no reading is off by [1]."""
-STANDS = (0.02, 0.002)
+AT_STANDSTILL = (0.02, 0.002)
 """Fastest joint that stands [rad/s, m/s]: what a servo corrects of the noise of an encoder is slower."""
 MEND = "repair the encoder; then resume"
 """What to do about a false reading."""
@@ -294,7 +294,7 @@ def false_reading(read: Array, actual: Array, options: Options) -> int | None:
     lost = np.flatnonzero(np.isnan(read))
     if lost.size:
         return int(lost[0])
-    off = np.abs(read - actual) / (options.end + COUNTS * options.resolution + NOISE * options.noise)
+    off = np.abs(read - actual) / (options.end + COUNTS * options.resolution + NOISE_SPREADS * options.noise)
     return int(off.argmax()) if off.max() > 1.0 else None
 
 
@@ -321,7 +321,7 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
     bool
         Whether it stands.
     """
-    speed = np.abs(dq) / np.where(robot.prismatic, *reversed(STANDS))
+    speed = np.abs(dq) / np.where(robot.prismatic, *reversed(AT_STANDSTILL))
     i = int(speed.argmax())
     if speed[i] <= 1.0:
         return True
