@@ -71,14 +71,13 @@ class PathError(NamedTuple):
 
 
 class Passage(NamedTuple):
-    """A motion along its path: places s (k,) and the path's poses (k, 4, 4) there at instants t (k,), some of them knots.
+    """A motion along its path: places s (k,) at instants t (k,), some of them knots.
 
     ``falls`` (m, 3) are stretches on which s(t) goes back between two instants: when, from which place, and to which.
     """
 
     t: Array
     s: Array
-    poses: Array
     knot: Flags
     falls: Array
 
@@ -127,8 +126,7 @@ def path_error(
     proved = errors.bound(piece, first, last) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
     t, s = np.append(first.t, last.t[-1]), np.append(first.s, last.s[-1])
-    poses = np.concatenate([first.path_poses, last.path_poses[-1:]])
-    return error, Passage(t, s, poses, knot, np.concatenate(errors.falls))
+    return error, Passage(t, s, knot, np.concatenate(errors.falls))
 
 
 def _compared(nearest: Nearest, side: Instants, guess: Array) -> Compared:

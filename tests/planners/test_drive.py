@@ -28,6 +28,7 @@ from planners.cell import (
     setpoints,
     whole_periods,
 )
+from planners.cell.drives._checks import GREATEST_STEP
 from planners.cell.drives._encoders import Unmoved
 from planners.controller import executed
 from planners.following.follow import Stop
@@ -145,6 +146,16 @@ def test_a_motion_of_too_many_periods_is_refused() -> None:
     assert len(setpoints(line(), line().trajectory.end / 499_999).t) == 500_000
 
 
+@pytest.mark.parametrize("periods", [1, 2, 7])
+def test_a_motion_needs_the_whole_periods_that_it_lasts(periods: int) -> None:
+    motion = line().trajectory
+    for off, count in ((0.0, periods), (0.99e-9, periods), (1.01e-9, periods + 1), (-0.99e-9, periods)):
+        period = (motion.end - off) / periods
+        assert len(setpoints(motion, period).t) == count + 1
+    with pytest.raises(InvalidInput, match="period"):
+        setpoints(motion, motion.end + 1.01e-9)
+
+
 def test_a_failed_plan_has_no_setpoints() -> None:
     far = plan(paper6r(), paper6r().fk(START) @ oracles.trans(5.0, 0.0, 0.0), START)
     assert not far
@@ -244,6 +255,30 @@ def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyP
     assert execution.status is ExecutionStatus.DONE and "could be certified" in execution.notes[0]
 
 
+def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a plan whose law keeps no jerk there are two; here the gentle one, then both, cannot be certified."""
+    running = plan(paper6r(), default_line(), START, timing="toppra", limits=MotionLimits(2.0, 10.0))
+    module: Any = import_module("planners.cell.drives._stop")
+    both, t = module.limits_of(running), 0.3 * running.trajectory.end
+    assert [x.jerk is not None for x in both] == [True, True] and (both[0].jerk < both[1].jerk).all()
+    first = module.stop_from(running, t)
+    assert first and first.limits == both[0]
+
+    def refuses(*hopeless: MotionLimits) -> Any:
+        def other(running: Plan, t: float, **options: Any) -> Plan:
+            if options["limits"] in hopeless:
+                options["limits"] = MotionLimits(1e-3, 1e-3, 1e-3)
+            return replan(running, t, **options)
+
+        return other
+
+    monkeypatch.setattr(module, "replan", refuses(both[0]))
+    second = module.stop_from(running, t)
+    assert second and second.limits == both[1]
+    monkeypatch.setattr(module, "replan", refuses(*both))
+    assert not module.stop_from(running, t)
+
+
 @pytest.mark.parametrize(
     ("law", "limits"),
     [("toppra", MotionLimits(2.0, 10.0)), ("quintic", MotionLimits(2.0, 10.0, 100.0)), ("quintic", MotionLimits()),
@@ -294,6 +329,30 @@ def test_a_wrong_setpoint_within_the_limits_is_followed_and_said() -> None:
     assert execution and "1e-04" in execution.notes[0].replace("0.0001", "1e-04")
     beside = execution.q - execution.motion(execution.t)  # type: ignore[misc]
     assert 0.9e-4 < np.abs(beside).max() < 1.1e-4
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_setpoint_is_refused_just_beyond_a_step_at_the_velocity_limit(sign: float) -> None:
+    stream, row, joint = setpoints(whole_periods(line(), PERIOD), PERIOD), 30, 3
+    most = float(np.broadcast_to(paper6r().limits.velocity, 6)[joint]) * PERIOD * GREATEST_STEP
+    for share, kind in ((0.99, None), (1.01, FaultKind.SETPOINT)):
+        by = stream.q[row - 1, joint] + sign * share * most - stream.q[row, joint]
+        _, execution = run(WrongSetpoint(row * PERIOD, joint, by), following=10.0)
+        assert (execution.fault.kind if execution.fault else None) is kind
+
+
+def test_a_joint_is_found_just_beyond_the_tolerance_where_it_comes_to_rest() -> None:
+    stall, joint = Stall("joint2", 0.6 * line().trajectory.end), 1
+    wide = run(stall, encoder=np.inf, end_tolerance=10.0, following=10.0)[1]
+    assert wide and wide.setpoints is not None
+    off = abs(wide.q[-1, joint] - wide.setpoints.q[-1, joint])
+    assert off > 1e-3
+    for share, status in ((0.99, ExecutionStatus.DONE), (1.01, ExecutionStatus.FAULT)):
+        assert run(stall, encoder=np.inf, end_tolerance=off / share, following=10.0)[1].status is status
+    late = np.abs(wide.measured - wide.setpoints.q)[: len(wide.setpoints.t), joint].max()
+    for share, found in ((0.99, False), (1.01, True)):
+        done = run(stall, encoder=np.inf, end_tolerance=10.0, following=late / share)[1]
+        assert (done.fault is not None and done.fault.kind is FaultKind.STALL) == found
 
 
 def test_a_stalled_joint_stops_the_arm_which_goes_back_and_on() -> None:

@@ -12,6 +12,7 @@ from optik.errors import InvalidInput, MissingDependency
 from planners import plan
 from planners.cell import LostEncoder, MujocoDrive, Stall, make_drive
 from planners.cell.drives._run import Commands
+from planners.cell.drives._servo import NEW_SHARE, POSITION_GAIN, VELOCITY_GAIN, gains, servo, tuning
 from planners.timing import make_law
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
@@ -194,6 +195,31 @@ def test_a_joint_without_encoder_is_braked_at_rest_though_its_weight_is_unknown(
     for disturbances, moved in (((), (1e-4, 1.0)), ((LostEncoder("joint1", 0.0),), (0.0, 1e-5))):
         drive = MujocoDrive(pendulum(), [0.3], plant=plant, disturbances=disturbances, following=1.0)
         assert moved[0] <= np.abs(held(drive, 0.3, 100) - 0.3).max() <= moved[1]
+
+
+def test_a_servo_goes_on_with_the_first_reading_of_an_encoder_that_returns():
+    rng = np.random.default_rng(6)
+    tuned = tuning(gains(optik.load("paper6r"), 10.0, 1.0), 5e-4, np.zeros(6), np.ones(6), np.full(6, 1e9))
+    M, asked, state, torque = np.eye(6), rng.normal(size=(3, 6)), np.zeros((4, 6)), np.empty(6)
+    for lost in (False, True, True, False, False):
+        position = asked[0] + 1e-3 * rng.normal(size=6)
+        before, position[2] = state.copy(), np.nan if lost else position[2]
+        servo(tuned, M, asked, position, state, 5e-4, torque)
+        speed = (position - before[0]) / 5e-4
+        change = np.where(np.isnan(speed), 0.0, asked[1] - speed)
+        filtered = np.where(np.isnan(position), 0.0, before[1] + tuned[NEW_SHARE] * (change - before[1]))
+        correction = tuned[POSITION_GAIN] * (asked[0] - position) + tuned[VELOCITY_GAIN] * filtered
+        np.testing.assert_allclose(torque, asked[2] + np.where(np.isnan(position), 0.0, correction), rtol=1e-12)
+
+
+def test_an_arm_goes_on_after_its_encoder_has_returned(usual):
+    drive = MujocoDrive(usual.robot, disturbances=(LostEncoder("joint2", 0.1, 0.3),))
+    done = drive.execute(usual)
+    assert done.fault is not None and done.fault.joint == "joint2"
+    drive.settling = 0.5
+    again = drive.resume(done)
+    assert again and np.isfinite(again.torque).all()
+    assert np.abs(drive.measure() - usual.trajectory(usual.trajectory.duration)).max() <= 1e-4
 
 
 def test_a_frozen_encoder_is_found_and_its_joint_braked(usual):
