@@ -35,7 +35,7 @@ from benchmarks.cli.shared import (
 from benchmarks.cli.view import view
 from optik.arm.robot import Robot
 from optik.arm.units import per, units
-from optik.errors import NoSolution, OptikError
+from optik.errors import InvalidMotion, NoSolution, OptikError
 from optik.ik import IKResult
 from optik.plugins import files
 from optik.registry import short_name
@@ -60,6 +60,10 @@ def main() -> None:
             app()
         finally:
             sys.stdout.flush()  # here, where a full disk still has a name
+    except InvalidMotion as error:
+        words = str(error).replace(f"allow={error.allow!r}", f"--allow {','.join(error.allow)}")
+        err_console.print(f"not valid: {words}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(1)
     except NoSolution as error:
         err_console.print(f"no solution: {error}", style="yellow", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)

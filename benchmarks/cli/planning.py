@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -13,7 +13,19 @@ import typer
 import optik
 from benchmarks.cli.carried import carrying, torque_limit
 from benchmarks.cli.certificate import print_certificate
-from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, configuration, out_console, print_json, words_of
+from benchmarks.cli.shared import (
+    Allowed,
+    AsJson,
+    Base,
+    RobotName,
+    Tip,
+    allowed_words,
+    arm_of,
+    configuration,
+    out_console,
+    print_json,
+    words_of,
+)
 from optik.errors import InvalidInput
 from optik.registry import load_method, names, short_name
 
@@ -81,6 +93,7 @@ class Wish:
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
+    allow: Allowed = None
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
         False
     )
@@ -131,7 +144,7 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 
 
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
-    """Plan, write and print; exit status 1 where there is no motion, or one whose certificate does not hold.
+    """Plan, write and print; exit status 1 where there is no motion, or an invalid one that ``--allow`` does not permit.
 
     Parameters
     ----------
@@ -152,24 +165,30 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
         There is no motion.
     """
     import planners
+    from planners.certificate.failure import LIMIT_WORDS, forbidden, words_for
 
     check_out(wish)
+    allow = allowed_words(wish.allow)
     law = planners.make_law(wish.timing)
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
         branch=wish.branch, duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
-        margin=wish.margin or 0.0,
+        margin=wish.margin or 0.0, allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip
-    if plan and wish.out is not None:
+    refused = forbidden(plan.certificate, allow) if plan.has_motion else ()
+    valid = plan.has_motion and not refused
+    if valid and wish.out is not None:
         if wish.out.suffix.lower() in ROS and wish.format is None:
-            planners.to_ros(plan, wish.out)
+            planners.to_ros(plan, wish.out, allow=allow)
         else:
-            plan.save(wish.out, format=wish.format)
+            plan.save(wish.out, format=wish.format, allow=allow)
     if wish.as_json:
         print_json(plan.to_dict())
-        raise typer.Exit(0 if plan else 1)
+        raise typer.Exit(0 if valid else 1)
     print_certificate(plan)  # raises NoSolution with the reason where there is no motion
-    if not plan:
+    if not valid:
+        words = ",".join(words_for(refused, allow))
+        out_console.print(f"--allow {words} permits this motion", highlight=False)
         raise typer.Exit(1)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
@@ -287,15 +306,16 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
 
     own = planners.MotionLimits.of(arm)
     joints = ("velocity", "acceleration", "jerk")
-    found = {f: getattr(own, f) if getattr(wish, f) is None else getattr(wish, f) for f in joints}
+    typed: dict[str, Any] = {f: getattr(wish, f) for f in joints if getattr(wish, f) is not None}
     torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
-    by_torque = law.counts_torque and torques["torque"] is not None  # then the acceleration may be free
+    speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
+    limits = replace(own, **typed, **torques, **speeds)
+    by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
-        if field in law.keeps and found[field] is None and not (field == "acceleration" and by_torque):
+        if field in law.keeps and limits.value(field) is None and not (field == "acceleration" and by_torque):
             nothing = f"nothing, and {arm.name} has no limit of its own"
             raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
-    speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
-    return planners.MotionLimits(**found, **speeds, **torques)
+    return limits
 
 
 def _speeds(text: str | None, option: str) -> Any:

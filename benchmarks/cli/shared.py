@@ -25,6 +25,14 @@ RobotName = Annotated[
 Tip = Annotated[str | None, typer.Option(help="Link of a URDF that is the tool, where it has several ends.")]
 Base = Annotated[str | None, typer.Option(help="Link of a URDF that poses are given in; its root if left out.")]
 
+Allowed = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allow",
+        help="Violations to permit, repeated or comma separated: contact, path, limits, jerk, coverage, not_proved.",
+    ),
+]
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -111,6 +119,17 @@ def either(load: Callable[[str], Any], name: str) -> Any:
         return load(name)
     except Exception as error:  # code of a package may raise any
         return error
+
+
+def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
+    """Return the words of ``--allow``; raises InvalidInput for one that does not exist."""
+    from planners.certificate.failure import check_allow
+
+    words = [word.strip() for text in texts or () for word in text.split(",")]
+    try:
+        return check_allow(words)
+    except InvalidInput as error:
+        raise InvalidInput("--allow", ", ".join(words), error.expected) from None
 
 
 def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -> Any:

@@ -19,7 +19,7 @@ from planners.certificate.continuity import continuity_failures, continuous_orde
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
 from planners.certificate.examined import Examined, examined
-from planners.certificate.failure import Failure
+from planners.certificate.failure import Failure, word_of_limit
 from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
@@ -164,7 +164,7 @@ class Certificate:
     @property
     def failures(self) -> tuple[Failure, ...]:
         """The promises that do not hold; empty where the certificate holds."""
-        moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration)]
+        moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration, "limits")]
         return (
             *self._violations(),
             *continuity_failures(self.continuous),
@@ -181,9 +181,11 @@ class Certificate:
         for field in self.keeps:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
-                words = f"{field} of {subject} is {ratio:.9g} of its limit at t = {t:.6g} s"
+                much = f"{ratio:.9g} of its limit" if ratio < float("inf") else "unbounded"
+                words = f"{field} of {subject} is {much} at t = {t:.6g} s"
                 words += ", for this model of the masses" if field in LOADED else ""
-                found.append(Failure(words, t, subject if subject in self.joint_names else None))
+                joint = subject if subject in self.joint_names else None
+                found.append(Failure(words, t, word_of_limit(field), joint))
         return found
 
     @property

@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 from optik.errors import InvalidInput, OptikError
 from optik.files import content_of, suffix_of, write_whole
 from optik.registry import build_method, names
+from planners.certificate.failure import Allow
 from planners.files.base import Format
 from planners.motion import HasMotion, Motion, motion_of
 
@@ -20,11 +21,16 @@ def formats() -> tuple[str, ...]:
 
 
 def save(
-    motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None
+    motion: Motion | HasMotion,
+    file: str | os.PathLike[str],
+    *,
+    format: str | os.PathLike[str] | None = None,
+    allow: Allow = (),
 ) -> None:
-    """Write a motion, whole or not at all, in the format of the file's suffix or in one that is named.
+    """Write a valid motion, whole or not at all, in the format of the file's suffix or in one that is named.
 
-    Every format holds the arm, the path, the limits, the law's name and promises, and the exact polynomials.
+    Every format holds the arm, the path, the limits, the law's name, the limits that the motion must keep, and the exact
+    polynomials. The motion is certified before it is written.
 
     Parameters
     ----------
@@ -35,9 +41,14 @@ def save(
         ``.csv``: the same lines as comments, then a table of t, q, q̇, q̈ at the knots.
     format : str or path, optional
         Name of the format, or a Python file such as ``"./tsv.py"``, which is run; by default the suffix is the name.
+    allow : str or several
+        Violations to permit: ``"contact"``, ``"path"``, ``"limits"``, ``"jerk"``, ``"coverage"``, ``"not_proved"``. With all of
+        them the motion is not certified.
 
     Raises
     ------
+    InvalidMotion
+        The motion violates something that ``allow`` does not permit: it says what, by how much, where, and the word.
     InvalidInput
         A suffix of no format.
     UnknownName
@@ -49,8 +60,9 @@ def save(
     OutputError
         The file cannot be written.
     """
-    chosen = _format(file, format)
-    content = chosen.to_bytes(motion_of(motion))
+    chosen, motion = _format(file, format), motion_of(motion)
+    motion.check_valid(allow)
+    content = chosen.to_bytes(motion)
     write_whole(file, lambda part: part.write_bytes(content))
 
 

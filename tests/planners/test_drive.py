@@ -285,7 +285,7 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
      ("toppra", MotionLimits((-1.5, 2.0), (-8.0, 10.0)))],
 )  # fmt: skip
 def test_a_plan_whose_law_keeps_no_jerk_is_stopped_and_resumed_too(law: str, limits: MotionLimits) -> None:
-    running = plan(paper6r(), default_line(), START, timing=law, limits=limits)
+    running = plan(paper6r(), default_line(), START, timing=law, limits=limits, allow=("limits", "jerk"))
     drive = IdealDrive(paper6r())
     stopped = drive.execute(running, stop=0.15 * running.trajectory.end)
     assert stopped.status is ExecutionStatus.STOPPED and stopped.stop is not None and stopped.stop.certificate.holds

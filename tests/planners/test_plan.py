@@ -61,7 +61,7 @@ class Refusing(TimeLaw):
 
 @pytest.mark.parametrize("law", laws())
 def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> None:
-    result = planned(timing=law, samples=151, limits=LIMITS)
+    result = planned(timing=law, samples=151, limits=LIMITS, allow=("limits", "jerk"))
     assert result
     assert result.status is PlanStatus.SOLVED
     assert (result.ik, result.law, result.stop) == ("dls", law, None)
@@ -277,7 +277,7 @@ def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -
 
 @pytest.mark.parametrize("law", laws())
 def test_plain_data_of_a_plan_are_strict_json_from_which_the_motion_can_be_rebuilt(law: str) -> None:
-    result = planned(timing=law, limits=LIMITS)
+    result = planned(timing=law, limits=LIMITS, allow=("limits", "jerk"))
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert (data["format"], data["status"], data["ik"], data["law"]) == ("optik-plan/1", "solved", "dls", law)
     assert (data["robot"], data["robot_fingerprint"]) == (ROBOT.name, ROBOT.fingerprint)

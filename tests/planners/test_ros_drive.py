@@ -28,6 +28,7 @@ from planners.cell.drives.ros import RosDrive
 from planners.cell.stored import plan_of
 from planners.cell.transports import RclpyTransport, RosbridgeTransport
 from planners.cell.transports.rosbridge import Fragments
+from tests.planners.invalid import invalid
 from tests.planners.rclpy_stand_in import Rclpy
 from tests.planners.rosbridge_server import commanded
 
@@ -267,10 +268,21 @@ def test_nothing_is_sent_whose_certificate_does_not_hold_now(port, plan):
         refused = drive.execute(stale)
         assert stale.certificate.holds and refused.status == "refused" and "velocity" in refused.reason, refused.reason
         assert "begins in motion" in drive.execute(moving).reason
-        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, timing="quintic")  # promises no limits
+        free = {"timing": "quintic", "allow": ("limits", "jerk")}  # a law that enforces nothing
+        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, **free)
         assert quintic and "acceleration" in drive.execute(quintic).reason
         with pytest.raises(InvalidInput, match="this drive's arm"):
             drive.execute(replace(plan, robot=optik.load("ur5e")))
+
+
+def test_what_the_caller_permits_is_sent(port):
+    touching = invalid("contact", 1).plan
+    drive = drive_on(address(port, "ok", touching), touching, patience=20.0)
+    with drive.transport:
+        for allow in ((), "path"):
+            refused = drive.execute(touching, allow=allow)
+            assert refused.status == "refused" and "margin" in refused.reason and "'contact'" in refused.advice
+        assert drive.execute(touching, allow="contact").status == "dry_run"
 
 
 def test_the_controllers_names_and_order_of_the_joints(port, plan):

@@ -9,12 +9,14 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.check import check_number
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.disturbances import LateHost, LostEncoder, WrongSetpoint
 from planners.cell.drives._options import Options
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
+from planners.certificate.certificate import Certificate
+from planners.certificate.failure import Allow, check_valid
 from planners.plan import Plan
 
 GREATEST_STEP = 1.0 + 1e-6
@@ -56,23 +58,20 @@ def check_plan(plan: Plan, robot: Robot) -> None:
         raise InvalidInput("plan", f"one of {plan.robot.name}", f"one of this drive's arm, {robot.name}")
 
 
-def no_motion(plan: Plan) -> Refusal | None:
-    """Say why a plan must not be sent: it has no motion, its certificate does not hold, or it begins in motion.
+def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
+    """Return why a plan must not be executed: no motion, violations that `allow` does not permit, or a start in motion.
 
-    Parameters
-    ----------
-    plan : Plan
-        What should be executed.
-
-    Returns
-    -------
-    tuple of str, or None
-        Reason and advice.
+    The certificate is that of the plan by default.
     """
-    if not plan:
-        assert plan.stop is not None
+    if plan.stop is not None and (not plan.has_motion or (not plan and plan.certificate.holds)):
         return f"the plan did not succeed ({plan.status}): {plan.stop.reason}", plan.stop.advice
-    if not plan.certificate.rest[0]:
+    proof = plan.certificate if proof is None else proof
+    try:
+        check_valid(proof, allow)
+    except InvalidMotion as error:
+        status = "" if plan else f" ({plan.status})"
+        return f"the certificate of the plan{status} does not hold: {error.reason}", error.advice
+    if not proof.rest[0]:
         return "the plan begins in motion, and the arm is at rest", "a plan that begins at rest where the arm stands"
     return None
 

@@ -114,6 +114,8 @@ class Run:
         What the reader must know.
     unmoved : Unmoved
         Encoders that read the same.
+    allow : tuple of str
+        Which violations of the plan and of its stop are permitted.
     """
 
     plan: Plan
@@ -127,6 +129,7 @@ class Run:
     late: int = 0
     notes: list[str] = field(default_factory=list)
     unmoved: Unmoved = field(default_factory=Unmoved)
+    allow: tuple[str, ...] = ()
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
     dq: list[Array] = field(default_factory=list)
@@ -162,7 +165,7 @@ class Run:
                 "the set-points that the drive held already reached the end of the plan: no stop was needed"
             )
             return
-        found = stop_from(self.plan, t)
+        found = stop_from(self.plan, t, allow=self.allow)
         if not found:
             assert found.stop is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.stop.reason}"
