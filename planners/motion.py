@@ -80,8 +80,7 @@ class Motion:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
-        if self.scene is not None:
-            object.__setattr__(self, "margin", check_scene(self.robot, self.scene, self.margin))
+        object.__setattr__(self, "margin", check_scene(self.robot, self.scene, self.margin))
 
     def certify(self, **options: Any) -> Certificate:
         """Certify the motion anew.

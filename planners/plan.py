@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.plain import robot_difference
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
@@ -20,6 +21,7 @@ from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.failure import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.certificate.statics import check_statics
+from planners.certificate.summary import plan_summary
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
@@ -124,6 +126,9 @@ class Plan:
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
 
+    def __str__(self) -> str:
+        return plan_summary(self, self._certificate)
+
     @property
     def has_motion(self) -> bool:
         """Whether there is a motion; it may be invalid."""
@@ -193,8 +198,9 @@ class Plan:
         )  # fmt: skip
 
     def save(
-        self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None, allow: Allow = ()
-    ) -> None:
+        self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
+        rate: float | None = None, allow: Allow = (),
+    ) -> None:  # fmt: skip
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
         Parameters
@@ -203,6 +209,8 @@ class Plan:
             ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
         format : str, optional
             Name of the format, for a file with another suffix.
+        rate : float, optional
+            Points per second [1/s] in the table of a CSV; by default points at the knots.
         allow : str or several
             Which violations to permit, as for `planners.save`.
 
@@ -219,7 +227,7 @@ class Plan:
         OutputError
             The file cannot be written.
         """
-        save(self.motion, file, format=format, allow=allow)
+        save(self.motion, file, format=format, rate=rate, allow=allow)
 
 
 def plan(
@@ -304,12 +312,12 @@ def _asked(
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
     if solver.robot != robot:
-        raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
+        other = f"a solver built for {solver.robot.name}, which differs in {robot_difference(solver.robot, robot)}"
+        raise InvalidInput("ik", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
     tolerance, rate, scene, margin, allow = judged
-    if scene is not None:
-        check_scene(robot, scene, margin)
+    check_scene(robot, scene, margin)
     return solver, Asked(
         robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin,
         allow=check_allow(allow, LIMIT_WORDS),

@@ -13,9 +13,20 @@ from rich.markup import escape
 from rich.table import Table
 
 import optik
-from benchmarks.cli.plan import numbers
-from benchmarks.cli.planning import START, Wish, limits_of, start_of
-from benchmarks.cli.shared import AsJson, RobotName, arm_of, err_console, out_console, print_json
+from benchmarks.cli.planning import Wish, limits_of
+from benchmarks.cli.shared import (
+    NUMBERS,
+    AsJson,
+    RobotName,
+    StartDeg,
+    arm_of,
+    err_console,
+    numbers,
+    out_console,
+    print_json,
+    print_start,
+    start_of,
+)
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.registry import names
@@ -35,15 +46,21 @@ POSE_STREAM = 1
 
 
 Spot = Annotated[
-    str, typer.Option(help="Where the spot truly is: x,y,z in the base frame [m]; by default the paper's line's end.")
-]
-Start = Annotated[
-    str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")
+    str,
+    typer.Option(
+        metavar=NUMBERS, help="Where the spot truly is: x,y,z in the base frame [m]; by default the paper's line's end."
+    ),
 ]
 Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco where it is installed, else ideal.")]
-Noise = Annotated[str, typer.Option(help="Standard deviations of pan and tilt [mrad] and of the range [mm].")]
+Noise = Annotated[
+    str, typer.Option(metavar=NUMBERS, help="Standard deviations of pan and tilt [mrad] and of the range [mm].")
+]
 Miscalibration = Annotated[
-    str, typer.Option(help="How far the laser's true pose is from the calibrated one [mm, mrad]; direction by --seed.")
+    str,
+    typer.Option(
+        metavar=NUMBERS,
+        help="How far the laser's true pose is from the calibrated one [mm, mrad]; its direction is random, by --seed.",
+    ),
 ]
 Timing = Annotated[
     str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
@@ -55,7 +72,7 @@ Out = Annotated[Path, typer.Option(help="The page to write, FILE.html; FILE.json
 def cell(
     robot: RobotName = "paper6r",
     spot: Spot = "",
-    start_deg: Start = START,
+    start_deg: StartDeg = "",
     drive: Drive = "",
     corrections: Annotated[int, typer.Option(help="How often the rest is measured and corrected.")] = 0,
     readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
@@ -99,7 +116,7 @@ def cell(
     if out.suffix.lower() != ".html":
         raise InvalidInput("--out", str(out), "a name that ends in .html")
     law, arm = make_law(timing), arm_of(robot)
-    q, (chosen, why) = start_of(arm, start_deg), drive_of(drive)
+    (q, words), (chosen, why) = start_of(arm, robot, start_deg), drive_of(drive)
     point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(numbers(spot, "--spot", 3))
     if not np.isfinite(point).all():
         raise InvalidInput("--spot", spot, "three finite numbers [m]")
@@ -110,6 +127,7 @@ def cell(
         there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
         timing=law, ik=ik,
     )  # fmt: skip
+    print_start(words)
     report(outcome, chosen, why, out, as_json)
 
 

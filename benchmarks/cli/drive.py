@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 DRIVE_NAMES = names("planners.cell.drives")
 """Names of the drives, for the help."""
-EXECUTION = "optik-execution/1"
-"""Value of the key ``format`` in every file of an execution; a change of the keys needs another number."""
 
 
 Url = Annotated[str | None, typer.Option(help="Of rosbridge, ws://127.0.0.1:9090 if left out; with --on ros.")]
@@ -104,7 +102,10 @@ def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
     """Write and print what the arm did."""
     data = execution_data(executed)
     if out is not None:
-        write_whole(out, lambda part: part.write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8"))
+        from planners.files.base import to_plain
+
+        text = json.dumps(data | {"plan": to_plain(executed.plan.motion)}, allow_nan=False) + "\n"  # for `optik view`
+        write_whole(out, lambda part: part.write_text(text, encoding="utf-8"))
     if as_json:
         print_json(data)
         return
@@ -252,6 +253,8 @@ def execution_data(done: Execution) -> dict[str, Any]:
     dict
         Times and states as lists, None for numbers that are unknown.
     """
+    from planners.cell.view.recorded import EXECUTION
+
     data: dict[str, Any] = {
         "format": EXECUTION,
         "drive": done.drive,

@@ -24,6 +24,7 @@ from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins, position_times
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
+from planners.certificate.summary import certificate_lines
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
 from planners.paths.base import Path
@@ -119,6 +120,9 @@ class Certificate:
     clearance: Clearance | None = None
     jump: Jump | None = None
     t_position_margin: Array | None = None
+
+    def __str__(self) -> str:
+        return "\n".join(certificate_lines(self))
 
     def judged(self, field: str) -> Extreme | ToolExtreme:
         """Return the worst value of a limit, its ratio and its time.
@@ -281,7 +285,7 @@ def certify(
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
-    margin = margin if scene is None else check_scene(robot, scene, margin)
+    margin = check_scene(robot, scene, margin)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
     promise = _Promise(law, keeps, rate, tolerance, scene, margin)
     return _proved(examined(robot, trajectory, path, enough), limits, promise, span)

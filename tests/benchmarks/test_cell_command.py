@@ -38,7 +38,7 @@ def test_the_same_seed_gives_the_same_task(tmp_path: Path) -> None:
 
 
 def test_a_task_that_fails_names_its_step_and_writes_no_page(tmp_path: Path) -> None:
-    done = typed(tmp_path, "--drive", "ideal", "--spot", "3,0,0")
+    done = typed(tmp_path, "--drive", "ideal", "--spot", "3,0,0", "--start-deg", "20,-35,40,25,50,-30")
     assert done.exit_code == 1
     assert "not arrived: no_plan at step target: out of reach" in done.stderr and done.stderr.count("\n") == 1
     assert not (tmp_path / "task.html").exists()
