@@ -28,6 +28,7 @@ from planners import (
     to_ros,
 )
 from planners.cell.drives.ideal import IdealDrive
+from planners.cell.setpoints import whole_periods
 from planners.cell.stored import plan_of
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.failure import ALLOWANCES
@@ -281,3 +282,12 @@ def test_a_range_that_is_left_is_named_with_its_time() -> None:
     failure = next(f for f in proof.failures if "passes its range" in f.words)
     assert failure.words.startswith("joint5 passes its range by 0.03 (rad or m) at t = 0.7")
     assert (failure.allow, failure.joint) == ("limits", "joint5") and failure.t == pytest.approx(0.7)
+
+
+def test_a_plan_whose_certificate_is_of_other_limits_is_not_executed() -> None:
+    made = line(duration=1.0)
+    drive = IdealDrive(paper6r())
+    stale = replace(made, limits=MotionLimits(velocity=1e-3))
+    assert stale and whole_periods(stale, drive.period) is stale, "nothing else would certify it again"
+    refused = drive.execute(stale)
+    assert refused.status == "refused" and "velocity" in refused.reason and "'limits'" in refused.advice
