@@ -28,7 +28,6 @@ from planners.timing._sectional.ramps import (
     parts,
     phases_of,
     ratio_of,
-    states,
     worst,
 )
 from planners.timing.base import TimeLaw, refit, speed_bound
@@ -372,8 +371,10 @@ def _worst(
     found = _judged(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
     in_ramp = False
     for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
-        x, *rates = states(law_of([ramp], [phases_of(ramp)]), 200)
-        near = np.searchsorted(0.5 * (what.s[1:] + what.s[:-1]), x)
+        law = law_of([ramp], [phases_of(ramp)])
+        near = np.arange(np.searchsorted(what.s, ramp.s0), np.searchsorted(what.s, ramp.s1))
+        t = passed_at(law, what.s[near], float(law.x[-1]))
+        rates = [law(t, order) for order in (1, 2, 3)]
         other = _judged(joint_path, limits, distance, near, rates)
         if other.factor > found.factor:
             found, in_ramp = other, True
