@@ -125,12 +125,13 @@ class ConstantSpeed(TimeLaw):
         if self.speed > greatest:
             found, in_ramp = _worst(joint_path, limits, distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
+            longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
             raise NoSolution(
                 f"a tool speed of {self.speed:.6g} is {self.speed / greatest:.6g} times too fast: the limit on {found.limit} "
                 f"is exceeded at s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}",
                 s=found.s, joint=found.joint,
-                advice=f"a speed of at most {_down(greatest):.6g}; or timing='optimal' with {turns}_speed={self.speed:.6g}, "
-                "which slows at corners only",
+                advice=f"a speed of at most {_down(greatest):.6g}; {longer}or timing='optimal' with "
+                f"{turns}_speed={self.speed:.6g}, which slows at corners only",
             )  # fmt: skip
         return fastest.slowed(greatest / self.speed)
 
