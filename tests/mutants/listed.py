@@ -303,6 +303,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
     (
+        "planners/timing/_optimal/start.py",
+        "kept = np.append(True, farthest[1:] > farthest[:-1])",
+        "kept = np.append(False, farthest[1:] > farthest[:-1])",
+    ): "the first place is a fixed one, which is kept anyway",
+    (
         "planners/certificate/torque_slowing.py",
         "if not low < x < high:",
         "if (low < x < high):",
