@@ -56,13 +56,13 @@ class Coverage(NamedTuple):
         found = []
         if late:
             words = f"the motion begins at s = {self.begin:.6g} of its path, not at {self.wanted[0]:.6g}"
-            found.append(Failure(words, 0.0))
+            found.append(Failure(words, 0.0, "coverage"))
         if early:
             words = f"the motion ends at s = {self.end:.6g} of its path, not at {self.wanted[1]:.6g}"
-            found.append(Failure(words, duration))
+            found.append(Failure(words, duration, "coverage"))
         if back:
             words = f"the motion goes back along its path, to s = {self.back:.6g} at t = {self.t_back:.6g} s"
-            found.append(Failure(words, self.t_back))
+            found.append(Failure(words, self.t_back, "coverage"))
         return found
 
 

@@ -60,14 +60,24 @@ class PathError(NamedTuple):
         list of Failure
             Empty where it does not.
         """
-        found: list[Failure] = []
-        if tolerance is not None and self.distance > tolerance[0]:
+        if tolerance is None:
+            return []
+        failures: list[Failure] = []
+        if not self.distance <= tolerance[0]:
             words = f"the tool is up to {self.distance:.3g} m off its path at t = {self.t_distance:.6g} s"
-            found.append(Failure(words, self.t_distance))
-        if tolerance is not None and self.angle > tolerance[1]:
+            failures.append(_beyond(words, self.t_distance, self.found_distance, tolerance[0], "m"))
+        if not self.angle <= tolerance[1]:
             words = f"the tool is turned by up to {self.angle:.3g} rad at t = {self.t_angle:.6g} s"
-            found.append(Failure(words, self.t_angle))
-        return found
+            failures.append(_beyond(words, self.t_angle, self.found_angle, tolerance[1], "rad"))
+        return failures
+
+
+def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> Failure:
+    """A deviation of which the bound exceeds the tolerance: violated if the largest value found does so too."""
+    words = f"{words}, and the tolerance is {tolerance:.3g} {unit}"
+    if found > tolerance:
+        return Failure(words, t, "path")
+    return Failure(f"{words}: the largest value found is {found:.3g} {unit}", t, "not_proved")
 
 
 class Passage(NamedTuple):
