@@ -313,6 +313,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "if (low < x < high):",
     ): "bisection alone ends at the same factor, within the steps that it has",
     (
+        "planners/certificate/torque_slowing.py",
+        "x = (low * f_high - high * f_low) / (f_high - f_low)",
+        "x = (low * f_high - high * f_low) * (f_high - f_low)",
+    ): "bisection alone ends at the same factor, within the steps that it has",
+    (
         "optik/distance.py",
         "elif _dot(d, right) <= 0.0:",
         "elif _dot(d, right) < 0.0:",
