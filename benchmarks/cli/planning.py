@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -346,7 +346,7 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
     typed: dict[str, Any] = {f: getattr(wish, f) for f in joints if getattr(wish, f) is not None}
     torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
     speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
-    limits = replace(own, **typed, **torques, **speeds)
+    limits = planners.MotionLimits.of(arm, **typed, **torques, **speeds)
     by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
         if field in law.keeps and limits.value(field) is None and not (field == "acceleration" and by_torque):
