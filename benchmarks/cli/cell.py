@@ -74,7 +74,7 @@ def cell(
     spot: Spot = "",
     start_deg: StartDeg = "",
     drive: Drive = "",
-    corrections: Annotated[int, typer.Option(help="How often the rest is measured and corrected.")] = 0,
+    corrections: Annotated[int, typer.Option(help="Number of correction passes, each by new readings.")] = 0,
     readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
     noise: Noise = TYPED_NOISE,
     miscalibration: Miscalibration = "0,0",
@@ -111,8 +111,7 @@ def cell(
     from planners.cell import Cell, Plane
     from planners.timing import make_law
 
-    for name, count, least in (("--seed", seed, 0), ("--corrections", corrections, 0), ("--readings", readings, 1)):
-        check_count(count, name, least)
+    _check_counts(seed, corrections, readings)
     if out.suffix.lower() != ".html":
         raise InvalidInput("--out", str(out), "a name that ends in .html")
     law, arm = make_law(timing), arm_of(robot)
@@ -120,7 +119,7 @@ def cell(
     point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(numbers(spot, "--spot", 3))
     if not np.isfinite(point).all():
         raise InvalidInput("--spot", spot, "three finite numbers [m]")
-    laser = unit_of(arm, point, noise)
+    laser = known_to(unit_of(arm, point, noise), miscalibration)
     limits = limits_of(arm, Wish(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
     there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
     outcome = there.move_to_spot(
@@ -129,6 +128,16 @@ def cell(
     )  # fmt: skip
     print_start(words)
     report(outcome, chosen, why, out, as_json)
+
+
+def _check_counts(seed: int, corrections: int, readings: int) -> None:
+    """Raise InvalidInput for a count out of range."""
+    from planners.cell._readings import MOST_READINGS
+    from planners.cell.cell import MOST_ROUNDS
+
+    check_count(seed, "--seed", 0)
+    check_count(corrections, "--corrections", 0, MOST_ROUNDS)
+    check_count(readings, "--readings", 1, MOST_READINGS)
 
 
 def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
@@ -214,6 +223,38 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
     return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
 
 
+def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
+    """The unit as it was calibrated, with the covariance of its pose: as far as the true one is away, in any direction.
+
+    Parameters
+    ----------
+    laser : PanTiltLaser
+        The unit.
+    typed : str
+        What ``--miscalibration`` was given [mm, mrad].
+
+    Returns
+    -------
+    PanTiltLaser
+        The unit; its pose is exact where that is 0.
+
+    Raises
+    ------
+    InvalidInput
+        No two numbers of 0 or more.
+    """
+    away = np.repeat(1e-3 * np.array(_away(typed)), 3)
+    return laser.with_pose(laser.pose, np.diag(away**2 / 3.0)) if away.any() else laser
+
+
+def _away(typed: str) -> tuple[float, float]:
+    """How far the true unit is away [mm, mrad]."""
+    far, turned = numbers(typed, "--miscalibration", 2)
+    if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
+        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: millimetres, milliradians")
+    return far, turned
+
+
 def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
     """The true unit, which stands a little away from where it was calibrated, in a random direction.
 
@@ -238,9 +279,7 @@ def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
     """
     from optik import se3
 
-    far, turned = numbers(typed, "--miscalibration", 2)
-    if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
-        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: millimetres, milliradians")
+    far, turned = _away(typed)
     v, w = (x / np.linalg.norm(x) for x in np.random.default_rng([seed, POSE_STREAM]).normal(size=(2, 3)))
     pose = np.array(laser.pose)
     pose[:3, 3] += 1e-3 * far * v
@@ -342,5 +381,9 @@ def print_outcome(outcome: Outcome, why: str) -> None:
         off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in outcome.rounds)
         floor = 1e3 * (outcome.floor or 0.0)
         out_console.print(f"error round by round: {off} mm; the readings' noise leaves {floor:.3g} mm (RMS)")
+        if 1e3 * np.linalg.norm(outcome.rounds[0].error) < floor:
+            out_console.print(
+                "the first error is below that noise, so corrections cannot reduce it; more --readings lower it"
+            )
     for note in outcome.notes:
         out_console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)

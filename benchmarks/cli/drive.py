@@ -83,6 +83,8 @@ def drive(
     reached = Reached(url, via, action, states, joint_names)
     if out is not None and out.suffix.lower() != ".json":
         raise InvalidInput("--out", str(out), "a file that ends with .json")
+    if out is not None and out.resolve() == plan.resolve():
+        raise InvalidInput("--out", str(out), "another file than that of the motion")
     if on != "ros" and reached != Reached():
         raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
     from benchmarks.cli.view import stored
@@ -138,8 +140,10 @@ def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dic
     written = None
     if reached.joint_names is not None:
         given = [name.strip() for name in reached.joint_names.split(",")]
-        if len(given) != planned.robot.n:
-            raise InvalidInput("--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated")
+        if len(set(given)) != planned.robot.n or len(given) != planned.robot.n:
+            raise InvalidInput(
+                "--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated, all different"
+            )
         written = dict(zip(planned.robot.joint_names, given, strict=True))
     transport = RclpyTransport(**topics) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **topics)
     with transport:

@@ -357,6 +357,16 @@ def test_points_on_a_line_are_a_status(off: float) -> None:
     assert bool(np.isnan(found.covariance).all()) == (off == 0.0)
 
 
+@pytest.mark.parametrize("size", [0.002, 0.0])
+def test_points_that_are_too_near_to_each_other_are_not_called_a_line(size: float) -> None:
+    truth = drawn_truth(np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    points = truth.pose[:3, 3] + truth.pose[:3, 0] + rng.uniform(-0.5 * size, 0.5 * size, (12, 3))
+    found = calibrate(paired(np.stack(truth.read(points, rng), axis=1), points), UNIT)
+    assert found.status is CalibrationStatus.COLLINEAR and "farther apart" in found.advice
+    assert "line" not in found.reason and f"span {1e3 * np.ptp(points, axis=0).max():.3g} mm" in found.reason
+
+
 @pytest.mark.parametrize("through", [0.0, 1.0])
 def test_points_on_the_graph_paper_are_enough_even_with_the_unit_in_their_plane(through: float) -> None:
     rng = np.random.default_rng(3)

@@ -29,6 +29,8 @@ from planners.cell import (
     whole_periods,
 )
 from planners.cell.drives._checks import GREATEST_STEP
+from planners.cell.drives._encoders import Unmoved
+from planners.controller import executed
 from planners.following.follow import Stop
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
@@ -121,6 +123,27 @@ def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
         with pytest.raises(InvalidInput) as info:
             call(line(), period)
         assert info.value.argument == "period"
+
+
+@pytest.mark.parametrize("period", [0.02, 0.004])
+@pytest.mark.parametrize("law", ["optimal", "ruckig"])
+def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_and_period_at_most(
+    law: str, period: float
+) -> None:
+    """Their acceleration is the straight line nearest in the mean square; a ramp over two thirds is its worst case."""
+    x = np.linspace(0.0, 1.0, 100_001)
+    ramp = -np.maximum(2.0 / 3.0 - x, 0.0)
+    assert np.polyval(np.polyfit(x, ramp, 1), 1.0) == pytest.approx(4.0 / 27.0, rel=1e-4)
+    slower = whole_periods(line(law), period)
+    cubics = executed(slower.trajectory, 1.0 / period, "cubic")
+    over = cubics.extrema(2).worst - slower.trajectory.extrema(2).worst
+    assert (over <= 4.0 / 27.0 * slower.trajectory.extrema(3).worst * period * (1.0 + 1e-9)).all()
+
+
+def test_a_motion_of_too_many_periods_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"period: .*at most 500,000 periods"):
+        setpoints(line(), line().trajectory.end / 500_001)
+    assert len(setpoints(line(), line().trajectory.end / 499_999).t) == 500_000
 
 
 @pytest.mark.parametrize("periods", [1, 2, 7])
@@ -381,6 +404,41 @@ def test_a_frozen_encoder_is_found_as_a_joint_that_does_not_follow() -> None:
     assert execution.fault is not None and execution.fault.kind is FaultKind.STALL
     assert "frozen" in execution.reason
     at_rest_within_limits(execution)
+
+
+@pytest.mark.parametrize(("over", "found"), [(1.01, True), (0.99, False)])
+def test_a_reading_that_stays_while_its_set_point_moves_by_the_tolerance_and_four_counts_is_a_fault(
+    over: float, found: bool
+) -> None:
+    q = setpoints(whole_periods(line(), PERIOD), PERIOD).q[:, 2]
+    assert np.ptp(q) > 1.005 * np.abs(q - q[0]).max()  # the joint moves to both sides of its start, where it freezes
+    tolerance = np.ptp(q) / over - 4.0 * 2.0 * np.pi / 2.0**20
+    _, execution = run(LostEncoder("joint3", 0.0, frozen=True), following=tolerance)
+    assert execution.fault is not None and execution.fault.kind is FaultKind.ENCODER
+    assert execution.fault.joint == "joint3" and ("its set-point moved by more than" in execution.reason) == found
+    at_rest_within_limits(execution)
+
+
+def test_unmoved_readings_are_those_of_a_plain_search() -> None:
+    rng = np.random.default_rng(3)
+    read, asked = rng.integers(0, 2, (60, 3)).astype(float), rng.normal(size=(60, 3))
+    read[rng.random((60, 3)) < 0.1] = np.nan
+    unmoved = Unmoved()
+    for k in range(60):
+        moved, seconds = unmoved.moved(read[k], asked[k], 0.1 * k), unmoved.seconds(0.1 * k)
+        for i in range(3):
+            first = k
+            while first > 0 and read[first - 1, i] == read[k, i]:
+                first -= 1
+            assert moved[i] == np.ptp(asked[first : k + 1, i]) and seconds[i] == pytest.approx(0.1 * (k - first))
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_an_encoder_that_is_lost_at_the_last_tick_is_a_fault(frozen: bool) -> None:
+    end = whole_periods(line(), PERIOD).trajectory.end
+    _, execution = run(LostEncoder("joint3", end - (0.1 if frozen else 1e-6), frozen=frozen))
+    assert execution.fault is not None and execution.fault.kind is FaultKind.ENCODER
+    assert execution.fault.joint == "joint3" and execution.fault.t == pytest.approx(end)
 
 
 @pytest.mark.parametrize("ticks", [1, 9])

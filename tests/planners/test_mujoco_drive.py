@@ -231,6 +231,27 @@ def test_a_frozen_encoder_is_found_and_its_joint_braked(usual):
     assert drive.resume(done)
 
 
+@pytest.mark.parametrize("joint", range(6))
+def test_with_a_frozen_encoder_the_fault_is_named_and_the_arm_really_comes_to_rest(usual, joint):
+    rng = np.random.default_rng(joint)
+    drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(joint, rng.uniform(0.0, 0.5), frozen=True),))
+    done = drive.execute(usual)
+    name = usual.robot.joint_names[joint]
+    assert done.status == "fault" and done.fault.kind in ("encoder", "stall") and "encoder" in done.reason
+    assert done.fault.joint == name or name in done.reason
+    assert np.abs(done.dq[-1]).max() <= 0.02
+    assert np.abs(done.q[-1] - done.q[-2]).max() <= 0.02 * 0.0005 * 1.5  # by its positions, too
+    assert len(done.setpoints.q) == len(done.measured) and done.setpoints.t[-1] == pytest.approx(done.t[-1])
+
+
+def test_an_arm_that_its_brakes_cannot_hold_is_said(usual, monkeypatch):
+    monkeypatch.setattr(sys.modules["planners.cell.drives._simulated"], "BRAKING", 0.2)
+    drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(1, 0.0, frozen=True),))
+    monkeypatch.setattr(drive, "_put_brakes_on", lambda: None)
+    done = drive.execute(usual)
+    assert done.status == "fault" and "moves at" in done.reason and "with all brakes on" in done.notes[-1]
+
+
 def test_motors_that_are_too_weak_are_said(usual):
     weak = usual.robot.with_limits(torque=0.3 * usual.robot.limits.torque)
     done = MujocoDrive(usual.robot, plant=weak).execute(usual)

@@ -24,8 +24,8 @@ MOTORS = ("velocity", "acceleration", "torque")
 DESIRED = 1e-3
 """Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
 something else, and nothing is known of where it is."""
-WINDOW = 0.5
-"""How far from the expected instant the controller's desired state is looked for [s]: it starts late, or is slowed."""
+WINDOW = 1.0
+"""How far from the expected instant the controller's desired state is looked for [s]: feedback is late, or it is slowed."""
 ROOM = 1e-4
 """By how much a motion is slowed before it is sent [1], so that a stop from any of its states has room within the limits: the
 times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
@@ -196,7 +196,7 @@ def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | 
     if low >= high:
         return None
     for _ in range(6):  # a grid that is narrowed to a picosecond: the motion is smooth, but may stand for a while
-        grid = np.linspace(low, high, 101)
+        grid = np.linspace(low, high, 201)
         off = np.abs(motion(grid) - q).max(axis=1) + 0.01 * np.abs(motion(grid, 1) - dq).max(axis=1)
         best = int(off.argmin())
         step = float(grid[1] - grid[0])

@@ -26,6 +26,9 @@ from planners.cell.setpoints import setpoints, whole_periods
 from planners.certificate.failure import Allow, check_allow
 from planners.plan import Plan
 
+BRAKING = 10.0
+"""How long an arm may take to come to rest by its brakes [s]."""
+
 
 class SimulatedDrive(Drive):
     """A drive whose arm is computed. A plant is a subclass with `_place`, `_advance` and `_actual`.
@@ -94,6 +97,9 @@ class SimulatedDrive(Drive):
     def _torque(self) -> Array | None:
         """Torques of the motors now (n,) [N·m, N], where the plant has torques."""
         return None
+
+    def _put_brakes_on(self) -> None:
+        """Have brakes hold all joints from now on, where the plant has some."""
 
     def _remarks(self) -> tuple[str, ...]:
         """What every execution on this plant must say: defaults that stand in for unknown values."""
@@ -203,7 +209,7 @@ class SimulatedDrive(Drive):
             run.measured.append(reading)
             if watch is not None:
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
-            if k >= run.last + self._held_ticks():
+            if k >= run.last + self._held_ticks() and self._stands(run, k, reading):
                 break
             _checks.arrived(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
@@ -215,7 +221,22 @@ class SimulatedDrive(Drive):
             run.record(t, now.t[1:], self._advance(now, self._stalled()))
             k += 1
         run.extend(k)
-        _checks.judge_rest(run, k, reading, self.options, self.robot)
+        _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
+
+    def _stands(self, run: Run, k: int, reading: Array) -> bool:
+        """Whether the arm stands where the set-points end; where it does not, the brakes are put on."""
+        dq = run.dq[-1][-1]
+        if _checks.judge_standing(
+            run, k, dq, _checks.false_reading(reading, self._actual(), self.options), self.options, self.robot
+        ):
+            return True
+        self._put_brakes_on()
+        if k < run.last + self._held_ticks() + BRAKING / self.period:
+            return False
+        run.notes.append(
+            f"the arm moved on for {BRAKING:g} s with all brakes on: they are too weak for what it carries"
+        )
+        return True
 
     def _held_ticks(self) -> int:
         """How many periods the last set-point is held after its tick."""

@@ -175,13 +175,17 @@ class RosDrive(Drive):
         until = time.monotonic() + self.timing.patience
         while time.monotonic() < until and not self.transport.lost:
             q, dq = self.measured()[:2]
-            if np.isfinite(q).all() and not (np.abs(dq) > STANDS).any():
+            if np.isfinite(q).all() and (np.abs(dq) <= STANDS).all():
                 return "", ""
             time.sleep(0.01)
         if self.transport.lost:
             return self.transport.lost, "see that the other side runs, and connect again"
         q, dq = self.measured()[:2]
         if np.isfinite(q).all():
+            mute = [name for name, unknown in zip(self.robot.joint_names, ~np.isfinite(dq), strict=True) if unknown]
+            if mute:
+                what = f"the joint states have no velocity of {', '.join(mute)}: whether the arm stands is not known"
+                return what, "a broadcaster of the joint states that sends velocities"
             i = int(np.nanargmax(np.abs(dq)))
             what = f"{self.robot.joint_names[i]} moves at {dq[i]:.3g}, and a plan begins at rest"
             return what, "wait until the arm stands"
@@ -334,7 +338,7 @@ class RosDrive(Drive):
     def _stopping(self, stops: Stops) -> str:
         """A note on how long after a request a stop begins."""
         latency = self.timing.latency
-        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request"
+        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request, or later by what feedback is"
         if stops.reason:
             note += f"; {len(stops.found)} were found, and from other instants the goal is cancelled ({stops.reason})"
         return note
