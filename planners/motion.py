@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Protocol
 
 from optik.arm.robot import Robot
@@ -13,9 +14,31 @@ from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.coverage import check_span
 from planners.certificate.failure import ALLOWANCES, Allow, check_allow, check_valid
+from planners.following.stop import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
+
+
+class PlanStatus(StrEnum):
+    """How planning ended: the statuses of following the path, and those of timing.
+
+    CONTACT: the arm touches the scene or itself, or comes within the margin. TIMING_INFEASIBLE: the law found no motion.
+    LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
+    the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
+    certificate does not hold for another reason.
+    """
+
+    SOLVED = FollowStatus.SOLVED
+    NO_IK = FollowStatus.NO_IK
+    OUTSIDE_LIMITS = FollowStatus.OUTSIDE_LIMITS
+    BRANCH_JUMP = FollowStatus.BRANCH_JUMP
+    SINGULAR = FollowStatus.SINGULAR
+    UNREACHABLE = FollowStatus.UNREACHABLE
+    CONTACT = FollowStatus.CONTACT
+    TIMING_INFEASIBLE = "timing_infeasible"
+    LIMITS_EXCEEDED = "limits_exceeded"
+    NOT_PROVED = "not_proved"
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -24,13 +23,13 @@ from planners.certificate.statics import check_statics
 from planners.certificate.summary import plan_summary
 from planners.files import save
 from planners.fit import fitted, stretch
-from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
+from planners.following.follow import Followed, JointPath, Stop, follow
 from planners.limits import SAME_SPEED, MotionLimits
-from planners.motion import Motion
+from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
 from planners.paths.base import Path
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing.base import check_motion
+from planners.timing.base import StopKind, check_motion
 from planners.trajectory import Trajectory
 
 __all__ = ["Asked", "Plan", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
@@ -43,35 +42,6 @@ FOLLOWED = 0.95
 
 MOST_SECONDS = 1e9
 """Longest duration that can be asked [s], 30 years: powers of much longer ones overflow."""
-
-
-class PlanStatus(StrEnum):
-    """How planning ended: the statuses of following the path, and those of timing.
-
-    CONTACT: the arm touches the scene or itself, or comes within the margin. TIMING_INFEASIBLE: the law found no motion.
-    LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
-    the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
-    certificate does not hold for another reason.
-    """
-
-    SOLVED = FollowStatus.SOLVED
-    NO_IK = FollowStatus.NO_IK
-    OUTSIDE_LIMITS = FollowStatus.OUTSIDE_LIMITS
-    BRANCH_JUMP = FollowStatus.BRANCH_JUMP
-    SINGULAR = FollowStatus.SINGULAR
-    UNREACHABLE = FollowStatus.UNREACHABLE
-    CONTACT = FollowStatus.CONTACT
-    TIMING_INFEASIBLE = "timing_infeasible"
-    LIMITS_EXCEEDED = "limits_exceeded"
-    NOT_PROVED = "not_proved"
-
-
-class StopKind(StrEnum):
-    """What a stop is: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion itself."""
-
-    OPTIMUM = "optimum"
-    SWEEP = "sweep"
-    END = "end"
 
 
 class PlanSeconds(NamedTuple):
@@ -92,10 +62,8 @@ class Plan:
         What was planned, and within what.
     status : PlanStatus
         How planning ended.
-    ik : str
-        The IK method.
-    law : str
-        The time law.
+    ik, law : str
+        The IK method and the time law.
     prefix : JointPath or None
         The joint path, or on failure the good part of it.
     stop : Stop or None
@@ -106,10 +74,8 @@ class Plan:
         The part of the path [m, or rad] that the motion covers, where that is not the whole: after `replan`.
     speed : float or None
         The constant tool speed [m/s; rad/s for a pure rotation] that was asked of the law.
-    scene : Scene or None
-        What must not be touched.
-    margin : float
-        What all distances to it must exceed [m].
+    scene, margin : Scene or None, and float
+        What must not be touched, and what all distances to it must exceed [m].
     before : (2,) tuple, or None
         Limits that hold until a time [s], where the motion meets `limits` only from then on: after `replan` with lower limits.
     start_error : (3,) tuple of float, or None
@@ -197,13 +163,15 @@ class Plan:
             out |= {"s": self.stop.s, "joint": self.stop.joint, "reason": self.stop.reason, "advice": self.stop.advice}
         if self._trajectory is None:
             return out
-        motion = self.trajectory
-        t = motion.knots
+        motion, t = self._trajectory, self._trajectory.knots
         return out | {
             "duration": motion.duration,
             "slowed": self.slowed,
             "span": None if self.span is None else list(self.span),
             "speed": self.speed,
+            "within_limits_from": self.within_limits_from,
+            "start_error": None if self.start_error is None else list(self.start_error),
+            "stop_kind": self.stop_kind,
             "joint_names": list(self.robot.joint_names),
             "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
             "coefficients": motion.coefficients.tolist(),

@@ -263,8 +263,7 @@ def certify(
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
     scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]. An
-        empty scene for the links alone; by default nothing is examined.
+        What the arm must not touch, nor its links each other, and what distances to the scene must exceed [m]; by default none.
     before : (2,) tuple, optional
         Limits in the place of ``limits`` until a time [s], a knot of the motion.
 

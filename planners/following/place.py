@@ -11,11 +11,11 @@ from planners.following.joint_path import JointPath
 
 BETWEEN_NODES = 4
 """Intervals between two nodes in which the nearest place is searched: in each the distance has one least value."""
-SEVERAL = 8
+NEAR_INTERVALS = 8
 """Most intervals that are searched where a path comes near a configuration more than once."""
-SAME_PLACE = 1e-6
+EQUALLY_NEAR = 1e-6
 """Difference of distances [rad or m] below which two places are equally near."""
-STEPS = 60
+PLACE_STEPS = 60
 """Steps of the search in an interval: bisection alone would do."""
 
 
@@ -25,17 +25,17 @@ def place_on(joints: JointPath, q: ArrayLike, near: float) -> float:
     grid = np.append((joints.nodes[:-1, None] + np.diff(joints.nodes)[:, None] * part).ravel(), joints.end)
     off = np.linalg.norm(joints(grid) - q, axis=1)
     lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))
-    chosen = lowest[np.argsort(off[lowest], kind="stable")][:SEVERAL]
+    chosen = lowest[np.argsort(off[lowest], kind="stable")][:NEAR_INTERVALS]
     places = [place_between(joints, q, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]) for i in chosen]
     rests = np.array([float(np.linalg.norm(joints(s) - q)) for s in places])
-    nearest = [s for s, rest in zip(places, rests, strict=True) if rest <= rests.min() + SAME_PLACE]
+    nearest = [s for s, rest in zip(places, rests, strict=True) if rest <= rests.min() + EQUALLY_NEAR]
     return min(nearest, key=lambda s: abs(s - near))
 
 
 def place_between(joints: Curve, q: Array, low: float, high: float) -> float:
     """Return the place in [low, high] of a curve nearest to q: Newton's steps for q' · (q(s) − q) = 0, else bisection."""
     s = 0.5 * (low + high)
-    for _ in range(STEPS):
+    for _ in range(PLACE_STEPS):
         q1, off = joints(s, 1), joints(s) - q
         slope = float(q1 @ off)
         if slope > 0.0:

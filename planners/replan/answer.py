@@ -33,13 +33,11 @@ def replan(
 ) -> Plan:  # fmt: skip
     """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
 
-    The rest of the plan's own motion is a candidate too: where it respects the limits, the result is that or the law's motion,
-    whichever is sooner at rest. So with the plan's limits there is always one. With lower limits, the motion may exceed them,
-    never the old ones, until `Plan.within_limits_from`.
+    The result is the law's motion or the rest of the plan's own, whichever is sooner at rest: with the plan's limits there always
+    is one. The motion may exceed lower limits, never the old ones, until `Plan.within_limits_from`.
 
-    A stop brakes along the path under all limits that the plan's law enforces, from a state given as a time always with an
-    answer: a sweep of some milliseconds, what the optimum with a free end improves on it within `time_limit`, or the end of the
-    motion where that comes first. `Plan.stop_kind` says which.
+    A stop brakes along the path under all limits that the plan's law enforces. From a state given as a time there always is one:
+    a sweep, the optimum found near it within `time_limit`, or the end of the motion where that comes first.
 
     Parameters
     ----------
@@ -75,10 +73,7 @@ def replan(
         A plan without a motion, a measured state off its path, a time outside its motion, a state that has ended or
         stopped already, or a law that starts only at rest.
     """
-    running = _running(plan)
-    if not isinstance(stop, bool):
-        raise InvalidInput("stop", repr(stop)[:60], "True or False")
-    check_number(time_limit, "time_limit", "seconds, at least 0", least=0.0)
+    running = _running(plan, stop, time_limit)
     asked = request(plan, timing, limits, (check_tolerance(tolerance), rate, scene, margin))
     start = moving_state(plan, running, state)
     if stop and start.still:
@@ -90,8 +85,11 @@ def replan(
     return stopped_plan(asked, plan, start, time_limit) if stop else onward_plan(asked, plan, start)
 
 
-def _running(plan: Plan) -> Trajectory:
-    """The plan's motion; raises InvalidInput for a plan without one."""
+def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
+    """The plan's motion; raises InvalidInput for a plan without one, and for other options that are invalid."""
+    if not isinstance(stop, bool):
+        raise InvalidInput("stop", repr(stop)[:60], "True or False")
+    check_number(time_limit, "time_limit", "seconds, at least 0", least=0.0)
     if not isinstance(plan, Plan):
         raise InvalidInput("plan", repr(plan)[:60], "a plan with a motion")
     try:

@@ -25,7 +25,7 @@ from planners.trajectory import Trajectory
 
 WIDENED = (1.001, 1.003, 1.01)
 """Factors on the limits within which a law is tried from rest, where a motion can be slowed as a whole afterwards."""
-SLOWER = 1.0 + 1e-9
+CLOCK_SLOWER = 1.0 + 1e-9
 """By how much slower than needed the clock of a motion runs that is to meet lower limits: rounding."""
 
 
@@ -73,13 +73,15 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
     slower = stretch(plan.robot, rest, asked.limits, asked.keeps, plan.path)
+    if not np.isfinite(slower):
+        return None
     rate = start.clock[0]
     usual = stop_time(plan.robot, running, plan.limits, start.t, start.clock, scales_of(old, plan))
     for delay, share in itertools.product((0.0, *(usual * np.array(DELAYS))), SHARES[:2]):
         t, clock = start.t + delay * rate, start.clock if delay == 0.0 else (rate, 0.0)
-        if not 1.0 < slower < np.inf or t >= running.end:
+        if slower <= 1.0 or t >= running.end:
             break
-        goal = rate / (slower * SLOWER)
+        goal = rate / (slower * CLOCK_SLOWER)
         braking = brake(plan.robot, running, plan.limits, t, clock, scales_of(old, plan), share, goal)
         if braking is None or braking.end >= running.end - ENDED:
             continue

@@ -7,9 +7,10 @@ import numpy as np
 from optik.errors import NoSolution
 from planners.certificate.statics import check_statics
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, over
-from planners.plan import Asked, Plan, StopKind
+from planners.plan import Asked, Plan
 from planners.replan.request import judged
 from planners.replan.state import MovingState
+from planners.timing.base import StopKind
 
 
 def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSolution:

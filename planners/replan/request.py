@@ -11,11 +11,11 @@ from optik.scene import Scene
 from planners.certificate.failure import word_of_limit
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
-from planners.plan import Asked, Plan, StopKind
+from planners.plan import Asked, Plan
 from planners.replan.state import MovingState
 from planners.splice import begun
 from planners.timing import TimeLaw, law_for, laws
-from planners.timing.base import PathState, check_motion
+from planners.timing.base import PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory
 

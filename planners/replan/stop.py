@@ -8,12 +8,13 @@ from time import perf_counter
 
 import numpy as np
 
-from planners.plan import Asked, Plan, StopKind
+from planners.plan import Asked, Plan
 from planners.replan.reason import reason
 from planners.replan.request import judged
 from planners.replan.state import MovingState, s_at
 from planners.splice import begun, joined, start_of
 from planners.timing._brake import brake, stop_time
+from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
 
 SHARES = (0.995, 0.96, 0.88)

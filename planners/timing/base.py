@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from enum import StrEnum
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -31,6 +32,14 @@ POSITION_AGREES = 1e-9
 """Difference of positions [rad or m] that counts as agreement: a hundredth of what a path may be off."""
 JERK_AGREES = 2e-3
 """Difference of jerks, over the jerk's scale, that counts as agreement; the certificate judges the refit itself."""
+
+
+class StopKind(StrEnum):
+    """What a stop is: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion itself."""
+
+    OPTIMUM = "optimum"
+    SWEEP = "sweep"
+    END = "end"
 
 
 class PathState(NamedTuple):

@@ -182,7 +182,24 @@ class Optimal(TimeLaw):
         )
 
     def run_to(self, joint_path: JointPath, limits: MotionLimits, state: PathState, end: float) -> Trajectory | None:
-        """Return the fastest motion from a moving state to rest at s = `end`, or None where none is found."""
+        """Time the part of the joint path from a moving state to a place where the motion comes to rest.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+        state : PathState
+            Where the motion is, and how fast.
+        end : float
+            Where it ends [m, rad].
+
+        Returns
+        -------
+        Trajectory or None
+            None where no motion is found.
+        """
         try:
             problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
             found = None if problem is None else _solved(joint_path, problem, limits, 0.0)

@@ -201,14 +201,14 @@ def test_files_hold_pairs_to_the_last_bit(tmp_path: Path, suffix: str, plans: di
     assert again.certify().worst("acceleration") == motion.certify().worst("acceleration")
 
 
-def test_replan_says_by_which_side_a_state_is_too_fast(plans: dict[str, Plan]) -> None:
+def test_replan_slows_down_to_the_side_by_which_a_state_is_too_fast(plans: dict[str, Plan]) -> None:
     running = plans["smooth"]
     t = 0.5 * running.trajectory.duration
     dq = running.trajectory(t, 1)
     i = int(np.argmax(np.abs(dq)))
     low, high = (0.5 * abs(dq[i]), 4.0 * np.abs(dq).max()) if dq[i] < 0.0 else (4.0 * np.abs(dq).max(), 0.5 * dq[i])
     tight = MotionLimits((-low, high), 1e3, 1e5)
-    found = replan(running, t, limits=tight, strict=True)
-    assert (
-        found.status == "timing_infeasible" and found.stop is not None and "2 times the velocity" in found.stop.reason
-    )
+    found = replan(running, t, limits=tight)
+    assert found and found.within_limits_from > 0.0
+    after = found.trajectory(np.linspace(found.within_limits_from, found.trajectory.end, 500), 1)
+    assert -low * (1.0 + 1e-9) <= after.min() and after.max() <= high * (1.0 + 1e-9)

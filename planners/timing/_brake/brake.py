@@ -1,0 +1,153 @@
+"""Brake a running motion as hard as its limits allow: a sweep of its clock to rest.
+
+The motion q(τ) is run by a clock τ(t) whose rate w = τ̇ falls from 1 to 0, or to a goal. In w, b = τ̈ and j = τ⃛ every limit
+is a row: of the second order on b, w² and w, of the third on j. A clock at any constant rate w ≤ 1 respects the limits, since
+the motion does. The least b from which b = 0 can still be reached in time is found backwards (viability). The sweep goes
+forwards with the least j that keeps b above it, until the greatest j brings b to 0 and w to its goal together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.types import Array
+from planners.certificate.examined import examined
+from planners.curve import composed
+from planners.hermite import quintic
+from planners.limits import MotionLimits
+from planners.limits._loaded import LoadedLimit
+from planners.limits.base import Limit
+from planners.timing._brake.rows import Cells, Course, cells_of, derivatives_at, piece_at
+from planners.timing._brake.sweep import AT_GOAL, MOST_SWEEP_STEPS, RAMP_STEPS, TOO_SHORT, swept
+from planners.timing._brake.viability import CLOCK_RATES
+from planners.trajectory import Trajectory
+
+ROUNDS, TIGHTER = 5, 2e-3
+"""Sweeps at most, each with rows tightened where the last one exceeds a limit between its knots, and by how much more."""
+QUICK_RAMP = 0.02
+"""Fraction of a stop's duration in which b reaches its bound where no limit on a jerk holds."""
+STOP_AHEAD = 1.0
+"""Part of the motion that is looked at, over what a stop from its start would need under constant limits."""
+GAUSS = np.polynomial.legendre.leggauss(4)
+"""Nodes in [−1, 1] and weights of the integral of q̇ over a piece."""
+
+
+class Braking(NamedTuple):
+    """The joints' motion while they brake, and the time of the running motion at which it ends."""
+
+    motion: Trajectory
+    end: float
+
+
+def brake(
+    robot: Robot, running: Trajectory, limits: MotionLimits, t: float, clock: tuple[float, float],
+    scales: dict[str, float], share: float, goal: float = 0.0,
+) -> Braking | None:  # fmt: skip
+    """Return the motion from time t of a running one until its clock has slowed from w and b to the rate `goal`, or None.
+
+    It uses a fraction `share` of the limits named in `scales`, each multiplied by its scale, or what the running motion uses.
+    """
+    left, (w, b) = running.end - t, clock
+    jerk, length = _rough(Course(robot, running), limits, t, clock, scales)
+    kinds = [
+        k
+        for k in limits.kinds
+        if k.order > 1 and k.name in scales and np.isfinite(limits.bounds(robot.n)[k.name]).any()
+    ]
+    cells, rounds = None, 0
+    out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
+    while w > goal and left > 0.0:
+        cells = cells or cells_of(Course(robot, running), limits, t, min(length, left), scales)
+        least = np.zeros((cells.x.size, CLOCK_RATES + 1))
+        end, count = swept(cells, (w, b, goal), share, jerk, least, out)
+        if end == TOO_SHORT and length < left:
+            length, cells = 2.0 * length, None
+            continue
+        if end != AT_GOAL:
+            return None
+        braking = _braking(running, t, out[:, : count + 1])
+        if not _tighten(cells, robot, braking.motion, limits, kinds, scales, out[0, : count + 1]):
+            return braking
+        rounds += 1
+        if rounds == ROUNDS:
+            return None
+    return None
+
+
+def stop_time(
+    robot: Robot,
+    running: Trajectory,
+    limits: MotionLimits,
+    t: float,
+    clock: tuple[float, float],
+    scales: dict[str, float],
+) -> float:
+    """Return about how long [s] a stop takes from time t, were the limits along the motion what they are there."""
+    return min(_rough(Course(robot, running), limits, t, clock, scales)[1], running.end - t)
+
+
+def _tighten(
+    cells: Cells,
+    robot: Robot,
+    motion: Trajectory,
+    limits: MotionLimits,
+    kinds: list[Limit],
+    scales: dict[str, float],
+    x: Array,
+) -> bool:
+    """Tighten the rows where the motion exceeds a limit inside its pieces; whether it does."""
+    bounds, done = limits.bounds(robot.n), False
+    first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
+    last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
+    for loaded in (False, True):
+        if done:
+            break
+        for kind in kinds:
+            if isinstance(kind, LoadedLimit) is not loaded:
+                continue
+            ratios = kind.piece_ratios(examined(robot, motion), bounds[kind.name]).max(axis=1) / scales[kind.name]
+            rows = cells.node if kind.order == 2 else cells.edge
+            for piece in np.flatnonzero(ratios > 1.0):
+                rows[first[piece] : last[piece] + 1] *= 1.0 + 1.3 * (ratios[piece] - 1.0) + TIGHTER
+                done = True
+    return done
+
+
+def _rough(
+    course: Course, limits: MotionLimits, t: float, clock: tuple[float, float], scales: dict[str, float]
+) -> tuple[float, float]:
+    """The greatest |j|, and the part of the motion [s] that a stop needs, were the limits what they are at its start."""
+    left, (w, b) = course.end - t, clock
+    cells = cells_of(course, limits, t, 1e-3 * left, scales, 1)
+    with np.errstate(divide="ignore"):
+        most = float((1.0 / np.abs(cells.node[0, 0, :, 0])).min(initial=np.inf))
+        jerk = float((1.0 / np.abs(cells.edge[0, 0, :, 0])).min(initial=np.inf))
+    most = max(min(most, 1e15 * w * w / left), abs(b), 1e-100)
+    quickest = most * most / (QUICK_RAMP * w)
+    jerk = min(jerk, quickest)
+    ramp = min((most + abs(b)) / jerk, 2.0 * np.sqrt(w / jerk) + 2.0 * abs(b) / jerk)
+    return 4.0 * jerk, STOP_AHEAD * w * (ramp + 0.5 * w / most)
+
+
+def _braking(running: Trajectory, start: float, swept: Array) -> Braking:
+    """The joints' motion for a motion (4, k + 1) of the clock.
+
+    Each piece is made from how far the joints move on it, the integral of q̇: the difference of two positions would leave
+    rounding only of a motion of nanometres.
+    """
+    x, (w, b), t = np.minimum(swept[0], running.end - start), swept[1:3, :, None], swept[3]
+    nodes, weights = GAUSS
+    inner, k = x[:-1, None] + np.diff(x)[:, None] * (0.5 + 0.5 * nodes), x.size - 1
+    every = np.concatenate([x[:-1], x[1:], inner.ravel()])
+    piece = piece_at(running.knots, start + every)
+    piece[k : 2 * k] = piece_at(running.knots, start + x[1:] - 1e-9 * np.diff(x))  # one-sided values where q̈ jumps
+    q, q1, q2, _ = derivatives_at(running.padded, piece, start - running.knots[piece] + every)
+    first = composed((q1[:k], q2[:k]), (w[:-1], b[:-1]))
+    last = composed((q1[k : 2 * k], q2[k : 2 * k]), (w[1:], b[1:]))
+    moved = np.einsum("k,kin,i->kn", np.diff(x), q1[2 * k :].reshape(*inner.shape, -1), 0.5 * weights)
+    motion = quintic(t, (np.zeros_like(moved), *first), (moved, *last))
+    motion.c[5] = q[0] + np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)[:-1]])
+    return Braking(Trajectory(motion), min(start + float(x[-1]), running.end))

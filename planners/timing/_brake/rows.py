@@ -1,0 +1,166 @@
+"""The limits on the clock of a running motion: rows in its rate, at both ends of cells of time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.compiled import compiled
+from optik.types import Array, Indices
+from planners.limits import MotionLimits, PathPoints
+from planners.trajectory import Trajectory
+
+CELLS_PER_PIECE = 2
+"""Cells of each piece of the motion: between their ends the rows are interpolated."""
+LEAST_CELLS = 20
+"""Least number of cells of the part of the motion that is looked at."""
+NO_BOUND = 1e300
+"""A bound that is none."""
+
+
+class Course(NamedTuple):
+    """A running motion as its limits see it: the points of a curve of the robot's joints."""
+
+    robot: Robot
+    trajectory: Trajectory
+
+    @property
+    def end(self) -> float:
+        """The duration [s]."""
+        return self.trajectory.end
+
+
+class Cells(NamedTuple):
+    """A part of the motion in cells, and the limits at both ends of each.
+
+    ``x`` (k + 1,) are times from its start; ``last`` (k,) the end of the piece that each cell is part of; ``node`` (k, 2, m, 4)
+    coefficients of b, w², w and 1; ``edge`` (k, 2, e, 6) of j, w b, w³, w, b and w²: each value is limited to [−1, 1].
+    """
+
+    x: Array
+    last: Indices
+    node: Array
+    edge: Array
+
+
+def cells_of(
+    course: Course, limits: MotionLimits, t: float, length: float, scales: dict[str, float], least: int = LEAST_CELLS
+) -> Cells:
+    """The part of a motion from t on, divided at its knots, and the limits there."""
+    knots = course.trajectory.knots
+    inner = knots[(knots > t) & (knots < t + length)] - t
+    inner = inner[np.diff(inner, prepend=0.0) > 1e-6 * length]
+    x = np.concatenate([[0.0], inner[inner < (1.0 - 1e-6) * length], [length]])
+    parts = np.ceil(np.maximum(np.diff(x) * least / length, CELLS_PER_PIECE if 1 < x.size < least else 1)).astype(int)
+    which, last = np.repeat(np.arange(parts.size), parts), np.cumsum(parts)
+    within = np.arange(which.size) - (last - parts)[which]
+    x = np.append(x[which] + (np.diff(x) / parts)[which] * within, length)
+    ends, middle = np.repeat(x, 2)[1:-1], t + 0.5 * (x[1:] + x[:-1])
+    piece = np.repeat(piece_at(knots, middle), 2)
+    at = PathPoints(
+        course,  # type: ignore[arg-type]  # what rows read of a joint path: robot and end
+        t + ends,
+        derivatives_at(course.trajectory.padded, piece, t - knots[piece] + ends),
+    )
+    bounds, rows = limits.bounds(course.robot.n), {2: np.empty((ends.size, 0, 4)), 3: np.empty((ends.size, 0, 6))}
+    for kind in limits.kinds:
+        if kind.order > 1 and kind.name in scales and np.isfinite(bounds[kind.name]).any():
+            found, wide = kind.rows(at, bounds[kind.name]) / scales[kind.name], rows[kind.order]
+            padded = np.zeros((ends.size, found.shape[1], wide.shape[2]))
+            padded[..., : found.shape[2]] = found
+            rows[kind.order] = np.concatenate([wide, padded], axis=1)
+    node, edge = (each.reshape(x.size - 1, 2, *each.shape[1:]) for each in rows.values())
+    return Cells(x, last[which], node, edge)
+
+
+def piece_at(knots: Array, t: Array) -> Indices:
+    """The pieces that hold times."""
+    return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
+
+
+def derivatives_at(c: Array, piece: Indices, u: Array) -> Array:
+    """Q and its derivatives (4, k, n) at times u (k,) behind the first knots of pieces of quintics (6, m, n)."""
+    out = np.empty((4, u.size, c.shape[2]))
+    _evaluate(c, piece, u, out)
+    return out
+
+
+@compiled
+def _evaluate(c: Array, piece: Indices, u: Array, out: Array) -> None:
+    for i in range(u.shape[0]):
+        k, x = piece[i], u[i]
+        for n in range(c.shape[2]):
+            c0, c1, c2, c3, c4 = c[0, k, n], c[1, k, n], c[2, k, n], c[3, k, n], c[4, k, n]
+            out[0, i, n] = c[5, k, n] + x * (c4 + x * (c3 + x * (c2 + x * (c1 + x * c0))))
+            out[1, i, n] = c4 + x * (2.0 * c3 + x * (3.0 * c2 + x * (4.0 * c1 + x * 5.0 * c0)))
+            out[2, i, n] = 2.0 * c3 + x * (6.0 * c2 + x * (12.0 * c1 + x * 20.0 * c0))
+            out[3, i, n] = 6.0 * c2 + x * (24.0 * c1 + x * 60.0 * c0)
+
+
+@compiled
+def _sides(known: float, share: float) -> tuple[float, float]:
+    """The sides of a row: the fraction `share`, or what the motion itself uses there and half of what it leaves."""
+    used = max(share, abs(known), 0.5 + 0.5 * min(abs(known), 1.0))
+    return (-used if known < 0.0 else -share), (used if known > 0.0 else share)
+
+
+@compiled
+def lines_at(
+    cells: Cells, i: int, part: float, w: float, share: float, jerk: float, line: Array
+) -> tuple[float, float, int]:
+    """Bounds on b by the rows of second order; and j as lines over b: base, half and slope (3, n), and how many."""
+    low, high, R, E = -NO_BOUND, NO_BOUND, cells.node, cells.edge
+    for m in range(R.shape[2]):
+        p = (1.0 - part) * R[i, 0, m, 0] + part * R[i, 1, m, 0]
+        if p == 0.0:
+            continue
+        c1 = (1.0 - part) * R[i, 0, m, 1] + part * R[i, 1, m, 1]
+        c2 = (1.0 - part) * R[i, 0, m, 2] + part * R[i, 1, m, 2]
+        c3 = (1.0 - part) * R[i, 0, m, 3] + part * R[i, 1, m, 3]
+        known = w * (c1 * w + c2) + c3
+        down, up = _sides(known, share)
+        one, other = (down - known) / p, (up - known) / p
+        low, high = max(low, min(one, other)), min(high, max(one, other))
+    line[0, 0], line[1, 0], line[2, 0] = 0.0, jerk, 0.0
+    n = 1
+    for e in range(E.shape[2]):
+        p = (1.0 - part) * E[i, 0, e, 0] + part * E[i, 1, e, 0]
+        if p == 0.0:
+            continue
+        c1 = (1.0 - part) * E[i, 0, e, 1] + part * E[i, 1, e, 1]
+        c2 = (1.0 - part) * E[i, 0, e, 2] + part * E[i, 1, e, 2]
+        c3 = (1.0 - part) * E[i, 0, e, 3] + part * E[i, 1, e, 3]
+        c4 = (1.0 - part) * E[i, 0, e, 4] + part * E[i, 1, e, 4]
+        c5 = (1.0 - part) * E[i, 0, e, 5] + part * E[i, 1, e, 5]
+        known = w * (c2 * w * w + c3 + c5 * w)
+        down, up = _sides(known, share)
+        line[0, n], line[1, n], line[2, n] = (
+            (0.5 * (down + up) - known) / p,
+            0.5 * (up - down) / abs(p),
+            -(c1 * w + c4) / p,
+        )
+        n += 1
+    return low, high, n
+
+
+@compiled
+def jerks_at(line: Array, n: int, b: float) -> tuple[float, float]:
+    """Least and greatest j at b."""
+    low, high = -NO_BOUND, NO_BOUND
+    for e in range(n):
+        middle = line[0, e] + line[2, e] * b
+        low, high = max(low, middle - line[1, e]), min(high, middle + line[1, e])
+    return low, high
+
+
+@compiled
+def least_acceleration(line: Array, n: int, low: float) -> float:
+    """The least b, at least `low`, at which some j is allowed: each two lines bound b (Fourier–Motzkin elimination)."""
+    for e in range(n):
+        for f in range(e):
+            d, off, room = line[2, e] - line[2, f], line[0, e] - line[0, f], line[1, e] + line[1, f]
+            if d != 0.0:
+                low = max(low, min((-room - off) / d, (room - off) / d))
+    return low
