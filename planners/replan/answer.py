@@ -33,10 +33,10 @@ def replan(
 ) -> Plan:  # fmt: skip
     """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
 
-    The result is the law's motion or the rest of the plan's own, whichever is sooner at rest: with the plan's limits there always
-    is one. The motion may exceed lower limits, never the old ones, until `Plan.within_limits_from`.
+    The result is the law's motion or the rest of the plan's own, whichever is sooner at rest: with the plan's limits there is
+    always one. The motion may exceed lower limits, never the old ones, until `Plan.within_limits_from`.
 
-    A stop brakes along the path under all limits that the plan's law enforces. From a state given as a time there always is one:
+    A stop brakes along the path under all limits that the plan's law enforces. For a state given as a time there is always one:
     a sweep, the optimum found near it within `time_limit`, or the end of the motion where that comes first.
 
     Parameters
@@ -57,9 +57,9 @@ def replan(
     tolerance : (2,) tuple of float
         Distance [m] and angle [rad], as in `plan`.
     rate : float
-        The controller's rate [1/s], as in `plan`.
+        The controller's rate [1/s].
     scene, margin : Scene and float, optional
-        What must not be touched now, and what all distances must exceed [m]; by default the plan's.
+        What the arm must not touch, and what all distances must exceed [m]; by default the plan's.
 
     Returns
     -------
@@ -77,9 +77,10 @@ def replan(
     asked = request(plan, timing, limits, (check_tolerance(tolerance), rate, scene, margin))
     start = moving_state(plan, running, state)
     if stop and start.still:
-        came = f"a state at rest, at s = {start.at.s:.6g}"
-        raise InvalidInput("state", came, "a moving one: this one has stopped already")
-    asked = replace(asked, start_error=start.error, span=(start.at.s, plan.joint_path.end))
+        raise InvalidInput(
+            "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving one: this one has stopped already"
+        )
+    asked = replace(asked, start_error=start.error)
     if scene is not None and (touch := _contact(asked, start)) is not None:
         return asked.infeasible(plan.joint_path, touch, PlanStatus.CONTACT)
     return stopped_plan(asked, plan, start, time_limit) if stop else onward_plan(asked, plan, start)
