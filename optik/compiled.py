@@ -19,12 +19,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, _Cache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 from numba.extending import is_jitted
 
 from optik.fingerprint import Opaque, fingerprint, variant
+
+config._config_fname = os.devnull  # a .numba_config.yaml in the working folder could name a folder of code to run
+config.reload_config()
 
 F = TypeVar("F", bound=Callable[..., Any])
 """Type of the function: the type checker sees the signature of what is compiled."""

@@ -138,6 +138,25 @@ class NoSolution(OptikError, RuntimeError):
         self.advice = advice
 
 
+class InvalidMotion(NoSolution):
+    """Writing or executing a motion that violates a limit, its path or its clearance.
+
+    It has the attributes of `NoSolution`, and:
+
+    Attributes
+    ----------
+    allow : tuple of str
+        The words that permit it: ``allow=`` in Python, ``--allow`` on the command line.
+    """
+
+    def __init__(
+        self, reason: str, allow: Iterable[str], *, s: float | None = None, joint: str | None = None, advice: str = ""
+    ) -> None:
+        self.allow = tuple(allow)
+        permission = f"allow={self.allow!r} permits it"
+        super().__init__(reason, s=s, joint=joint, advice=f"{advice}; or {permission}" if advice else permission)
+
+
 class OutputError(OptikError, OSError):
     """A file or folder that cannot be written, or that has other content than expected.
 

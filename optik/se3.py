@@ -21,6 +21,9 @@ ROTATION_TOLERANCE = 1e-6
 FARTHEST = 1e6
 """Largest coordinate of a position that is accepted [m]: an arm is not larger, and squares of more lose the millimetres."""
 
+QUATERNION_ERROR = 1e-2
+"""Largest difference from 1 of a quaternion's length [1]: people type three digits."""
+
 LAST_ROW_TOLERANCE = 1e-9
 """Largest difference of a pose's last row from (0, 0, 0, 1) [1]: it is written exactly, so only rounding is accepted."""
 
@@ -370,3 +373,65 @@ def from_xyz_rpy(xyz: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     Ry = exp_so3([0.0, pitch, 0.0])
     Rz = exp_so3([0.0, 0.0, yaw])
     return pose(Rz @ Ry @ Rx, xyz)
+
+
+def quaternion(R: Array) -> Array:
+    """Unit quaternion of a rotation, exact to rounding for every one.
+
+    Parameters
+    ----------
+    R : (3, 3) array
+        The rotation [1].
+
+    Returns
+    -------
+    (4,) array
+        w, x, y, z [1].
+    """
+    # The rows are four multiples of it; the longest loses no digits.
+    x, y, z = R.T
+    trace = x[0] + y[1] + z[2]
+    multiples = np.array(
+        [
+            [1.0 + trace, y[2] - z[1], z[0] - x[2], x[1] - y[0]],
+            [y[2] - z[1], 1.0 - trace + 2.0 * x[0], x[1] + y[0], z[0] + x[2]],
+            [z[0] - x[2], x[1] + y[0], 1.0 - trace + 2.0 * y[1], y[2] + z[1]],
+            [x[1] - y[0], z[0] + x[2], y[2] + z[1], 1.0 - trace + 2.0 * z[2]],
+        ]
+    )
+    longest = multiples[int(np.argmax(np.diag(multiples)))]
+    return np.asarray(longest / np.linalg.norm(longest))
+
+
+def from_quaternion(wxyz: ArrayLike, argument: str = "quaternion") -> Array:
+    """Rotation of a quaternion, which is normalised.
+
+    Parameters
+    ----------
+    wxyz : (4,) array
+        w, x, y, z [1].
+    argument : str
+        What an error calls it.
+
+    Returns
+    -------
+    (3, 3) array
+        The rotation [1].
+
+    Raises
+    ------
+    InvalidInput
+        Not four numbers, or a length that is not 1 within `QUATERNION_ERROR`.
+    """
+    q = np.asarray(wxyz, dtype=np.float64)
+    size = float(np.linalg.norm(q))
+    if q.shape != (4,) or not abs(size - 1.0) <= QUATERNION_ERROR:
+        raise InvalidInput(argument, f"{q.tolist()} of length {size:.6g}", "a unit quaternion w,x,y,z")
+    w, x, y, z = q / size
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )

@@ -12,6 +12,7 @@ from optik.errors import InvalidInput
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.coverage import check_span
+from planners.certificate.failure import ALLOWANCES, Allow, check_allow, check_valid
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -30,7 +31,7 @@ class Motion:
     law : str
         Name of the law that made it.
     keeps : tuple of str
-        Which limits that law promises; by default all.
+        The limits that the motion must keep: those that its law enforces, and those that the caller gave; by default all.
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which its certificate holds.
     span : (2,) tuple of float, optional
@@ -79,8 +80,7 @@ class Motion:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
-        if self.scene is not None:
-            object.__setattr__(self, "margin", check_scene(self.robot, self.scene, self.margin))
+        object.__setattr__(self, "margin", check_scene(self.robot, self.scene, self.margin))
 
     def certify(self, **options: Any) -> Certificate:
         """Certify the motion anew.
@@ -103,6 +103,24 @@ class Motion:
         known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance, "span": self.span}
         known |= {"scene": self.scene, "margin": self.margin}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
+
+    def check_valid(self, allow: Allow = ()) -> None:
+        """Certify the motion anew, and refuse it if it is invalid.
+
+        Parameters
+        ----------
+        allow : str or several
+            Violations to permit, as for `planners.save`.
+
+        Raises
+        ------
+        InvalidMotion
+            The motion violates something that ``allow`` does not permit.
+        InvalidInput
+            A word that does not exist.
+        """
+        if set(check_allow(allow)) != set(ALLOWANCES):
+            check_valid(self.certify(), allow)
 
 
 class HasMotion(Protocol):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.plain import robot_difference
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
@@ -18,7 +19,9 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.failure import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.certificate.statics import check_statics
+from planners.certificate.summary import plan_summary
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
@@ -46,8 +49,9 @@ class PlanStatus(StrEnum):
     """How planning ended: the statuses of following the path, and those of timing.
 
     CONTACT: the arm touches the scene or itself, or comes within the margin. TIMING_INFEASIBLE: the law found no motion.
-    LIMITS_EXCEEDED: with ``strict=True``, the law's motion passes a limit that the law promises to keep. NOT_PROVED: there is a
-    motion, but its certificate does not hold.
+    LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
+    the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
+    certificate does not hold for another reason.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -87,7 +91,7 @@ class Plan:
     prefix : JointPath or None
         The joint path, or on failure the good part of it.
     stop : Stop or None
-        Where and why it failed: s, joint, reason, advice. With NOT_PROVED there is a motion, too.
+        Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
     slowed : float
         Factor by which the law's motion was slowed to keep the limits that the law promises; 1 where it kept them itself.
     span : (2,) tuple of float, or None
@@ -122,8 +126,16 @@ class Plan:
     def __bool__(self) -> bool:
         return self.status is PlanStatus.SOLVED
 
+    def __str__(self) -> str:
+        return plan_summary(self, self._certificate)
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether there is a motion; it may be invalid."""
+        return self._trajectory is not None
+
     def _there(self) -> None:
-        if self.stop is not None and self._trajectory is None:
+        if self.stop is not None and not self.has_motion:
             raise NoSolution(self.stop.reason, s=self.stop.s, joint=self.stop.joint, advice=self.stop.advice)
 
     @property
@@ -185,7 +197,10 @@ class Plan:
             self.speed, self.scene, self.margin,
         )  # fmt: skip
 
-    def save(self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> None:
+    def save(
+        self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
+        rate: float | None = None, allow: Allow = (),
+    ) -> None:  # fmt: skip
         """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
 
         Parameters
@@ -194,9 +209,15 @@ class Plan:
             ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
         format : str, optional
             Name of the format, for a file with another suffix.
+        rate : float, optional
+            Points per second [1/s] in the table of a CSV; by default points at the knots.
+        allow : str or several
+            Which violations to permit, as for `planners.save`.
 
         Raises
         ------
+        InvalidMotion
+            The motion is invalid, and ``allow`` does not permit it.
         NoSolution
             The plan failed: there is no motion. `to_dict` says why.
         InvalidInput
@@ -206,7 +227,7 @@ class Plan:
         OutputError
             The file cannot be written.
         """
-        save(self.motion, file, format=format)
+        save(self.motion, file, format=format, rate=rate, allow=allow)
 
 
 def plan(
@@ -218,7 +239,7 @@ def plan(
     limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
     duration: float | None = None, strict: bool = False,
     tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
-    scene: Scene | None = None, margin: float = 0.0,
+    scene: Scene | None = None, margin: float = 0.0, allow: Allow = (),
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and prove what it keeps.
 
@@ -233,7 +254,7 @@ def plan(
     ik, timing : str, or IKSolver and TimeLaw
         Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
     limits : MotionLimits, optional
-        The robot's own by default.
+        The robot's own by default. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
     samples : int
         Samples of the path, equally spaced.
     branch : {"start", "best"}, optional
@@ -249,6 +270,8 @@ def plan(
     scene, margin : Scene and float, optional
         What an arm with shapes must not touch, nor its links each other, proved for every instant (`Certificate.clearance`),
         and what distances to the scene must exceed [m]. An empty scene for the links alone; by default nothing is examined.
+    allow : {"limits", "jerk"}, or both
+        Permit to exceed given limits that the law does not enforce: ``"jerk"``, and ``"limits"`` for all others.
 
     Returns
     -------
@@ -261,13 +284,11 @@ def plan(
         An invalid argument, a limit that the law needs and that was not given; a name of no method or law; a law that
         promises a limit which does not exist, or whose result is no trajectory; a scene with an arm without shapes.
     """
-    solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin))
+    solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin, allow))
     _check_wishes(duration, strict)
-    allowed = Tolerance(*(FOLLOWED * x for x in asked.tolerance))
+    followable: dict[str, Any] = {"tolerance": Tolerance(*(FOLLOWED * x for x in asked.tolerance)), "samples": samples}
     started = perf_counter()
-    followed = follow(
-        solver, asked.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene, margin=margin
-    )
+    followed = follow(solver, asked.path, q_start, branch=branch, scene=scene, margin=margin, **followable)
     return _clocked(started, perf_counter(), _timed(asked, followed, duration, strict))
 
 
@@ -280,7 +301,7 @@ def _clocked(started: float, followed: float, found: Plan) -> Plan:
 def _asked(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    judged: tuple[tuple[float, float], float, Scene | None, float],
+    judged: tuple[tuple[float, float], float, Scene | None, float, Allow],
 ) -> tuple[IKSolver, Asked]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
     solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
@@ -291,15 +312,16 @@ def _asked(
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
     if solver.robot != robot:
-        raise InvalidInput("ik", f"a solver built for {solver.robot.name}", f"one built for this {robot.name}")
+        other = f"a solver built for {solver.robot.name}, which differs in {robot_difference(solver.robot, robot)}"
+        raise InvalidInput("ik", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
-    tolerance, rate, scene, margin = judged
-    if scene is not None:
-        check_scene(robot, scene, margin)
+    tolerance, rate, scene, margin, allow = judged
+    check_scene(robot, scene, margin)
     return solver, Asked(
-        robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin
-    )
+        robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin,
+        allow=check_allow(allow, LIMIT_WORDS),
+    )  # fmt: skip
 
 
 def _check_wishes(duration: float | None, strict: bool) -> None:
@@ -307,6 +329,22 @@ def _check_wishes(duration: float | None, strict: bool) -> None:
         check_number(duration, "duration", "seconds above 0", above=0.0)
     if not isinstance(strict, bool):
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
+
+
+def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tuple[PlanStatus, Stop | None]:
+    """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
+    if proof.holds:
+        return PlanStatus.SOLVED, None
+    status, advice = PlanStatus.NOT_PROVED, UNPROVED
+    if proof.clearance is not None and proof.clearance.touches:
+        status = PlanStatus.CONTACT
+    elif enforced is not None and replace(proof, keeps=enforced).holds:
+        status = PlanStatus.LIMITS_EXCEEDED
+        advice = f"{proof.law} does not enforce this limit: another law, or allow={words_for(proof.failures)!r}"
+    first = proof.failures[0]
+    place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
+    reason = f"the certificate does not hold: {'; '.join(proof.broken)}"
+    return status, Stop(status, place, first.joint, reason, advice)
 
 
 @dataclass(frozen=True)
@@ -323,60 +361,31 @@ class Asked:
     span: tuple[float, float] | None = None
     scene: Scene | None = None
     margin: float = 0.0
+    allow: tuple[str, ...] = ()
+
+    @property
+    def keeps(self) -> tuple[str, ...]:
+        """The limits that the motion must keep: those that its law enforces, and those that were given and not allowed."""
+        enforced = self.law.promises(self.limits)
+        given = tuple(name for name in self.limits.given_names if name not in enforced)
+        return (*enforced, *required_limits(given, self.allow))
 
     def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
-        """Certify a motion and return its plan, solved where the certificate holds.
-
-        Parameters
-        ----------
-        joints : JointPath
-            The joint path.
-        trajectory : Trajectory
-            The motion along it.
-        slowed : float
-            Factor by which the law's motion was slowed [1].
-
-        Returns
-        -------
-        Plan
-            SOLVED, CONTACT or NOT_PROVED.
-        """
+        """Certify a motion that the law's was slowed to by a factor, and return its plan, solved if the certificate holds."""
         started = perf_counter()
         proof = certify(
-            self.robot, self.path, trajectory, self.limits,
-            law=self.law.name, keeps=self.law.promises(self.limits), rate=self.rate, tolerance=self.tolerance,
-            span=self.span, scene=self.scene, margin=self.margin,
+            self.robot, self.path, trajectory, self.limits, law=self.law.name, keeps=self.keeps, rate=self.rate,
+            tolerance=self.tolerance, span=self.span, scene=self.scene, margin=self.margin,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
-        status, stop = PlanStatus.SOLVED, None
-        if proof.failures:
-            first = proof.failures[0]
-            place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
-            touches = proof.clearance is not None and proof.clearance.touches
-            status = PlanStatus.CONTACT if touches else PlanStatus.NOT_PROVED
-            stop = Stop(
-                status, place, first.joint, f"the certificate does not hold: {'; '.join(proof.broken)}", UNPROVED
-            )
+        status, stop = verdict(proof, self.law.promises(self.limits))
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
             self.span, self.law.speed, self.scene, self.margin, seconds,
         )  # fmt: skip
 
     def infeasible(self, joints: JointPath, error: NoSolution) -> Plan:
-        """Return the plan of a law that found no motion.
-
-        Parameters
-        ----------
-        joints : JointPath
-            The joint path.
-        error : NoSolution
-            What the law raised.
-
-        Returns
-        -------
-        Plan
-            TIMING_INFEASIBLE, with the law's reason.
-        """
+        """Return the plan of a law that found no motion along a joint path: TIMING_INFEASIBLE, with the law's reason."""
         stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
         return self._failed(PlanStatus.TIMING_INFEASIBLE, joints, stop)
 

@@ -113,8 +113,7 @@ def _asked(
     """Build the law where it was given by name, and check that it can keep these limits."""
     tolerance, rate, scene, margin = judged
     scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
-    if scene is not None:
-        check_scene(plan.robot, scene, margin)
+    check_scene(plan.robot, scene, margin)
     law = law_for(timing)
     limits = plan.limits if limits is None else limits
     if not isinstance(limits, MotionLimits):

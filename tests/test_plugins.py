@@ -524,19 +524,17 @@ def test_the_command_line_takes_files_wherever_it_takes_names(tmp_path: Path) ->
     assert done.exit_code == 0, done.output
     assert "jt + law" in done.stdout
     assert (tmp_path / "x.tsv").read_text().startswith("format\t")
-    done = invoked(
-        "ik", "-r", "./arm.urdf", "--tip", "link6", "--xyz", "0.3", "0.2", "0.4", "--solver", "./jt.py", "--json"
-    )
+    done = invoked("ik", "-r", "./arm.urdf", "--tip", "link6", "--xyz", "0.3,0.2,0.4", "--solver", "./jt.py", "--json")
     assert json.loads(done.stdout)["solver"] == "jt"
     q = json.loads(done.stdout)["q_deg"]
-    done = invoked("fk", *map(str, q), "-r", "./arm.toml", "--json")
+    done = invoked("fk", ",".join(map(str, q)), "-r", "./arm.toml", "--json")
     assert json.loads(done.stdout)["robot"] == "arm"
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["ik", "--xyz", "0", "0", "1", "--solver", "./none.py"], "'./none.py', which is no file"),
+        (["ik", "--xyz", "0,0,1", "--solver", "./none.py"], "'./none.py', which is no file"),
         (["plan", "path", "./spiral.py", "--set", "radius"], "KEY=VALUE"),
         (["plan", "path", "./spiral.py", "--set", "radius=0.1"], "turns"),
         (["plan", "line", "--format", "./tsv.py"], "--out FILE"),

@@ -12,6 +12,7 @@ import optik
 from optik import registry
 from optik.errors import (
     InvalidInput,
+    InvalidMotion,
     MissingDependency,
     NoSolution,
     OptikError,
@@ -274,10 +275,11 @@ ERRORS = [
     RobotModelError("arm", "no joints"),
     UnknownName("robot", "pume", ("puma560", "ur5e")),
     MissingDependency("ssik", "IK method 'closed'", "dev"),
+    InvalidMotion("contact of link3 and box", ("contact",), s=0.1, advice="another path"),
     NoSolution("joint 2 at its limit", s=0.1, joint="joint2", advice="a shorter line"),
     OutputError("run", "holds something else"),
 ]
-BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, OSError]
+BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, RuntimeError, OSError]
 
 
 @pytest.mark.parametrize(("error", "kind"), zip(ERRORS, BUILT_IN, strict=True), ids=lambda e: type(e).__name__)

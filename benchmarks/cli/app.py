@@ -20,22 +20,27 @@ from benchmarks.cli.output import guard_output
 from benchmarks.cli.peer import bench_peer
 from benchmarks.cli.plan import plan_app
 from benchmarks.cli.shared import (
+    NUMBERS,
+    Q_DEG,
     AsJson,
     Base,
     RobotName,
+    StartDeg,
     Tip,
     arm_of,
     command,
-    configuration,
     either,
     err_console,
+    numbers,
     out_console,
     print_json,
+    print_start,
+    start_of,
 )
 from benchmarks.cli.view import view
 from optik.arm.robot import Robot
 from optik.arm.units import per, units
-from optik.errors import NoSolution, OptikError
+from optik.errors import InvalidInput, InvalidMotion, NoSolution, OptikError
 from optik.ik import IKResult
 from optik.plugins import files
 from optik.registry import short_name
@@ -52,6 +57,21 @@ app.add_typer(plan_app, name="plan")
 app.add_typer(bench_app, name="bench")
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"optik {optik.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and end.")
+    ] = False,
+) -> None:
+    pass
+
+
 def main() -> None:
     """Run the command line; every error of ours is one line and exit status 2, or 1 where there is no solution."""
     guard_output()
@@ -60,6 +80,10 @@ def main() -> None:
             app()
         finally:
             sys.stdout.flush()  # here, where a full disk still has a name
+    except InvalidMotion as error:
+        words = str(error).replace(f"allow={error.allow!r}", f"--allow {','.join(error.allow)}")
+        err_console.print(f"not valid: {words}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(1)
     except NoSolution as error:
         err_console.print(f"no solution: {error}", style="yellow", markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
@@ -126,7 +150,9 @@ def _ranges(robot: Robot) -> str:
 
 @command(app, context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options
 def fk(
-    q_deg: Annotated[list[float], typer.Argument(help="Joint values in degrees; sliding joints in millimetres.")],
+    q_deg: Annotated[
+        str, typer.Argument(metavar=Q_DEG, help='Joint values [degrees, sliding mm]: 20,-35,40 or "20 -35 40".')
+    ],
     robot: RobotName = "paper6r",
     tip: Tip = None,
     base: Base = None,
@@ -144,33 +170,46 @@ def fk(
     UnknownName, InvalidInput, RobotModelError
         As `optik.load`; another number of joint values.
     """
+    from optik import se3
+    from optik.arm.urdf_writer import roll_pitch_yaw
+
     arm = arm_of(robot, tip, base)
-    q = arm.configuration(q_deg, "Q_DEG") / per(arm)
+    values = numbers(q_deg, Q_DEG, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
+    q = arm.configuration(values, Q_DEG) / per(arm)
     T = arm.fk(q)
     smallest = float(arm.singular_values(q)[-1])
     inside = bool(arm.limits.contains(q))
+    rpy_deg, quat = np.degrees(roll_pitch_yaw(T[:3, :3])), se3.quaternion(T[:3, :3])
     if as_json:
         print_json(
-            {"robot": arm.name, "pose": T.tolist(), "smallest_singular_value": smallest, "inside_limits": inside}
-        )
+            {
+                "robot": arm.name, "pose": T.tolist(), "xyz": T[:3, 3].tolist(), "rpy_deg": rpy_deg.tolist(),
+                "quat": quat.tolist(), "smallest_singular_value": smallest, "inside_limits": inside,
+            }
+        )  # fmt: skip
         return
     table = Table("", "x", "y", "z", "position, m", title=f"tool of {arm.name} in its base frame")
     for axis, row in zip("xyz", T[:3], strict=True):
         table.add_row(axis, *(f"{v:+.6f}" for v in row))
     out_console.print(table)
+    for option, part, unit in (("xyz", T[:3, 3], "m"), ("rpy-deg", rpy_deg, "degrees"), ("quat", quat, "w,x,y,z")):
+        out_console.print(
+            f"--{option} {','.join(f'{x + 0.0:.6f}' for x in part)}  [{unit}]", markup=False, soft_wrap=True
+        )
     note = "inside the joint limits" if inside else "OUTSIDE the joint limits"
     out_console.print(f"smallest singular value of the Jacobian {smallest:.4g}; {note}")
 
 
 @command(app)
 def ik(
-    xyz: Annotated[tuple[float, float, float], typer.Option(help="Target position in the base frame [m].")],
-    rpy_deg: Annotated[
-        tuple[float, float, float] | None, typer.Option(help="Target roll, pitch, yaw [degrees].")
-    ] = None,
-    start_deg: Annotated[
-        str, typer.Option(help="Start [degrees, mm], comma separated; middle of the ranges if left out.")
+    xyz: Annotated[
+        str, typer.Option(metavar=NUMBERS, help='Target position in the base frame [m]: 0.1,0.3,0.2 or "0.1 0.3 0.2".')
+    ],
+    rpy_deg: Annotated[str, typer.Option(metavar=NUMBERS, help="Target roll, pitch, yaw [degrees].")] = "",
+    quat: Annotated[
+        str, typer.Option(metavar=NUMBERS, help="Target orientation as a quaternion w,x,y,z, in place of --rpy-deg.")
     ] = "",
+    start_deg: StartDeg = "",
     robot: RobotName = "paper6r",
     tip: Tip = None,
     base: Base = None,
@@ -180,24 +219,32 @@ def ik(
     restarts: Annotated[int, typer.Option(help="Attempts after the first.")] = 200,
     as_json: AsJson = False,
 ) -> None:
-    """Inverse kinematics: joint values for a tool pose. Without --rpy-deg the orientation of the start is kept.
+    """Inverse kinematics: joint values for a tool pose. Without --rpy-deg or --quat the orientation of the start is kept.
 
     Parameters
     ----------
-    xyz, rpy_deg, start_deg, robot, tip, base, solver, task, closest, restarts, as_json
+    xyz, rpy_deg, quat, start_deg, robot, tip, base, solver, task, closest, restarts, as_json
         As ``--help`` says.
 
     Raises
     ------
     UnknownName, InvalidInput, RobotModelError
-        As `optik.load` and `optik.solve_ik`.
+        As `optik.load` and `optik.solve_ik`; two orientations.
     """
     from optik import se3
 
     arm = arm_of(robot, tip, base)
-    q0 = configuration(arm, start_deg)
-    R = se3.from_xyz_rpy((0, 0, 0), rpy_deg)[:3, :3] if rpy_deg is not None else arm.fk(q0)[:3, :3]
-    result = optik.solve_ik(arm, se3.pose(R, xyz), q0, solver, max_restarts=restarts, task=task, closest=closest)
+    position = numbers(xyz, "--xyz", 3)
+    if rpy_deg.strip() and quat.strip():
+        raise InvalidInput("--quat", f"{quat} beside --rpy-deg {rpy_deg}", "one orientation")
+    q0, words = start_of(arm, robot, start_deg)
+    R = arm.fk(q0)[:3, :3]
+    if rpy_deg.strip():
+        R = se3.from_xyz_rpy((0, 0, 0), numbers(rpy_deg, "--rpy-deg", 3))[:3, :3]
+    if quat.strip():
+        R = se3.from_quaternion(numbers(quat, "--quat", 4), "--quat")
+    result = optik.solve_ik(arm, se3.pose(R, position), q0, solver, max_restarts=restarts, task=task, closest=closest)
+    print_start(words)
     (_print_ik_json if as_json else _print_ik)(arm, result, short_name(solver))
     if not result:
         if not as_json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import optik
+from benchmarks.cli.shared import numbers
 from optik.errors import InvalidInput
 
 TORQUE_UNITS = {"torque": "[N·m, sliding N]", "torque_rate": "[N·m/s, sliding N/s]"}
@@ -85,11 +86,11 @@ def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any
             raise InvalidInput(option, f"robot, but {arm.name} has no such limit", wanted)
         return own
     try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
+        values = numbers(text, option)
+    except InvalidInput:
         values = []
     if len(values) not in (1, arm.n):
-        wanted = f"robot, none, one number or {arm.n} numbers {TORQUE_UNITS[name]}, comma separated"
+        wanted = f"robot, none, one number or {arm.n} numbers {TORQUE_UNITS[name]}"
         raise InvalidInput(option, repr(text), wanted)
     if arm.inertia is None:
         raise InvalidInput(option, f"{text} for {arm.name}, whose masses are unknown", "an arm with masses, or none")

@@ -13,9 +13,20 @@ from rich.markup import escape
 from rich.table import Table
 
 import optik
-from benchmarks.cli.plan import numbers
-from benchmarks.cli.planning import START, Wish, limits_of, start_of
-from benchmarks.cli.shared import AsJson, RobotName, arm_of, err_console, out_console, print_json
+from benchmarks.cli.planning import Wish, limits_of
+from benchmarks.cli.shared import (
+    NUMBERS,
+    AsJson,
+    RobotName,
+    StartDeg,
+    arm_of,
+    err_console,
+    numbers,
+    out_console,
+    print_json,
+    print_start,
+    start_of,
+)
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
 from optik.registry import names
@@ -35,15 +46,21 @@ POSE_STREAM = 1
 
 
 Spot = Annotated[
-    str, typer.Option(help="Where the spot truly is: x,y,z in the base frame [m]; by default the paper's line's end.")
-]
-Start = Annotated[
-    str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")
+    str,
+    typer.Option(
+        metavar=NUMBERS, help="Where the spot truly is: x,y,z in the base frame [m]; by default the paper's line's end."
+    ),
 ]
 Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco where it is installed, else ideal.")]
-Noise = Annotated[str, typer.Option(help="Standard deviations of pan and tilt [mrad] and of the range [mm].")]
+Noise = Annotated[
+    str, typer.Option(metavar=NUMBERS, help="Standard deviations of pan and tilt [mrad] and of the range [mm].")
+]
 Miscalibration = Annotated[
-    str, typer.Option(help="How far the laser's true pose is from the calibrated one [mm, mrad]; direction by --seed.")
+    str,
+    typer.Option(
+        metavar=NUMBERS,
+        help="How far the laser's true pose is from the calibrated one [mm, mrad]; its direction is random, by --seed.",
+    ),
 ]
 Timing = Annotated[
     str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
@@ -55,7 +72,7 @@ Out = Annotated[Path, typer.Option(help="The page to write, FILE.html; FILE.json
 def cell(
     robot: RobotName = "paper6r",
     spot: Spot = "",
-    start_deg: Start = START,
+    start_deg: StartDeg = "",
     drive: Drive = "",
     corrections: Annotated[int, typer.Option(help="How often the rest is measured and corrected.")] = 0,
     readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
@@ -94,23 +111,33 @@ def cell(
     from planners.cell import Cell, Plane
     from planners.timing import make_law
 
-    for name, count, least in (("--seed", seed, 0), ("--corrections", corrections, 0), ("--readings", readings, 1)):
-        check_count(count, name, least)
+    _check_counts(seed, corrections, readings)
     if out.suffix.lower() != ".html":
         raise InvalidInput("--out", str(out), "a name that ends in .html")
     law, arm = make_law(timing), arm_of(robot)
-    q, (chosen, why) = start_of(arm, start_deg), drive_of(drive)
+    (q, words), (chosen, why) = start_of(arm, robot, start_deg), drive_of(drive)
     point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(numbers(spot, "--spot", 3))
     if not np.isfinite(point).all():
         raise InvalidInput("--spot", spot, "three finite numbers [m]")
-    laser = unit_of(arm, point, noise)
+    laser = known_to(unit_of(arm, point, noise), miscalibration)
     limits = limits_of(arm, Wish(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
     there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
     outcome = there.move_to_spot(
         there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
         timing=law, ik=ik,
     )  # fmt: skip
+    print_start(words)
     report(outcome, chosen, why, out, as_json)
+
+
+def _check_counts(seed: int, corrections: int, readings: int) -> None:
+    """Raise InvalidInput for a count out of range."""
+    from planners.cell._readings import MOST_READINGS
+    from planners.cell.cell import MOST_ROUNDS
+
+    check_count(seed, "--seed", 0)
+    check_count(corrections, "--corrections", 0, MOST_ROUNDS)
+    check_count(readings, "--readings", 1, MOST_READINGS)
 
 
 def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
@@ -196,6 +223,38 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
     return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
 
 
+def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
+    """The unit as it was calibrated, with the covariance of its pose: as far as the true one is away, in any direction.
+
+    Parameters
+    ----------
+    laser : PanTiltLaser
+        The unit.
+    typed : str
+        What ``--miscalibration`` was given [mm, mrad].
+
+    Returns
+    -------
+    PanTiltLaser
+        The unit; its pose is exact where that is 0.
+
+    Raises
+    ------
+    InvalidInput
+        No two numbers of 0 or more.
+    """
+    away = np.repeat(1e-3 * np.array(_away(typed)), 3)
+    return laser.with_pose(laser.pose, np.diag(away**2 / 3.0)) if away.any() else laser
+
+
+def _away(typed: str) -> tuple[float, float]:
+    """How far the true unit is away [mm, mrad]."""
+    far, turned = numbers(typed, "--miscalibration", 2)
+    if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
+        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: millimetres, milliradians")
+    return far, turned
+
+
 def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
     """The true unit, which stands a little away from where it was calibrated, in a random direction.
 
@@ -220,9 +279,7 @@ def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
     """
     from optik import se3
 
-    far, turned = numbers(typed, "--miscalibration", 2)
-    if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
-        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: millimetres, milliradians")
+    far, turned = _away(typed)
     v, w = (x / np.linalg.norm(x) for x in np.random.default_rng([seed, POSE_STREAM]).normal(size=(2, 3)))
     pose = np.array(laser.pose)
     pose[:3, 3] += 1e-3 * far * v

@@ -103,16 +103,16 @@ def print_certificate(planned: Any) -> None:
     proof, off = planned.certificate, planned.certificate.path_error
     way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"
     table = Table(
-        "", "worst / limit", "joint", "at, s", "promised",
+        "", "worst / limit", "joint", "at, s", "required",
         title=f"{planned.ik} + {planned.law}: {way} in {proof.duration:.4f} s",
     )  # fmt: skip
     for field in ALL_LIMITS:
         ratio, joint, t = proof.worst(field)
-        name, promised = field.replace("_", " "), "yes" if field in proof.keeps else "no"
+        name, required = field.replace("_", " "), "yes" if field in proof.keeps else "no"
         if not np.isnan(ratio):
-            table.add_row(name, f"{ratio:.8g}", joint, f"{t:.4f}", promised)
+            table.add_row(name, f"{ratio:.8g}", joint, f"{t:.4f}", required)
         elif field in DERIVATIVES:
-            table.add_row(name, "no limit", "", "", promised)
+            table.add_row(name, "no limit", "", "", required)
     out_console.print(table)
     out_console.print(
         f"tool off the path at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
@@ -133,9 +133,9 @@ def print_certificate(planned: Any) -> None:
         out_console.print(f"not promised by {planned.law}, and exceeded: {words}", style="yellow", highlight=False)
     if proof.holds:
         kept = (
-            "all that the law promises is kept exactly"
+            "all limits that are required are respected at every instant"
             if proof.keeps
-            else f"joint ranges and path; {planned.law} promises no more"
+            else f"joint ranges and path; no limit is required of {planned.law}"
         )
         out_console.print(f"the certificate holds: {kept}", style="green", highlight=False)
     else:

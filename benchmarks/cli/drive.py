@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -10,20 +11,18 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.cli.shared import AsJson, err_console, out_console, print_json
+from benchmarks.cli.shared import Allowed, AsJson, allowed_words, err_console, out_console, print_json
 from optik.arm.units import per, units
 from optik.errors import InvalidInput
 from optik.files import write_whole
 from optik.registry import names
 
 if TYPE_CHECKING:
-    from planners.cell.drives.base import Drive, Execution
+    from planners.cell.drives.base import Execution
     from planners.plan import Plan
 
 DRIVE_NAMES = names("planners.cell.drives")
 """Names of the drives, for the help."""
-EXECUTION = "optik-execution/1"
-"""Value of the key ``format`` in every file of an execution; a change of the keys needs another number."""
 
 
 Url = Annotated[str | None, typer.Option(help="Of rosbridge, ws://127.0.0.1:9090 if left out; with --on ros.")]
@@ -55,6 +54,7 @@ def drive(
     joint_names: JointNames = None,
     execute: Annotated[bool, typer.Option("--execute", help="Send the motion; with --on ros, THE ARM MOVES.")] = False,
     stop: Annotated[float | None, typer.Option(help="Stop on the path, from this time on [s].")] = None,
+    allow: Allowed = None,
     ik: Annotated[str, typer.Option(help="The IK method that the motion was planned with.")] = "lm",
     out: Annotated[Path | None, typer.Option(help="Write what the arm did: a .json file.")] = None,
     as_json: AsJson = False,
@@ -66,28 +66,36 @@ def drive(
 
     Parameters
     ----------
-    plan, on, url, via, action, states, joint_names, execute, stop, ik, out, as_json
+    plan, on, url, via, action, states, joint_names, execute, stop, allow, ik, out, as_json
         As ``--help`` says.
 
     Raises
     ------
     InvalidInput
         No motion, options of another drive, a file that cannot be written.
+    InvalidMotion
+        A motion with violations that ``--allow`` does not permit.
     NoSolution
-        A motion whose certificate does not hold, or whose path cannot be followed again.
+        A motion whose path cannot be followed again.
     MissingDependency
         A drive whose package is not installed.
     """
     reached = Reached(url, via, action, states, joint_names)
     if out is not None and out.suffix.lower() != ".json":
         raise InvalidInput("--out", str(out), "a file that ends with .json")
+    if out is not None and out.resolve() == plan.resolve():
+        raise InvalidInput("--out", str(out), "another file than that of the motion")
     if on != "ros" and reached != Reached():
         raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
     from benchmarks.cli.view import stored
     from planners.cell.stored import plan_of
 
-    planned = plan_of(stored(plan), ik=ik)
-    executed = _through_ros(planned, reached, execute, stop) if on == "ros" else _simulated(planned, on, execute, stop)
+    if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
+        raise InvalidInput("--stop", stop, "a time [s], from 0")
+    options: dict[str, Any] = {"stop": stop, "allow": allowed_words(allow)}
+    planned = plan_of(stored(plan), ik=ik, allow=options["allow"])
+    run = partial(_through_ros, reached=reached) if on == "ros" else partial(_simulated, on=on)
+    executed = run(planned, execute=execute, options=options)
     _say(executed, out, as_json)
     raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
 
@@ -96,7 +104,10 @@ def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
     """Write and print what the arm did."""
     data = execution_data(executed)
     if out is not None:
-        write_whole(out, lambda part: part.write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8"))
+        from planners.files.base import to_plain
+
+        text = json.dumps(data | {"plan": to_plain(executed.plan.motion)}, allow_nan=False) + "\n"  # for `optik view`
+        write_whole(out, lambda part: part.write_text(text, encoding="utf-8"))
     if as_json:
         print_json(data)
         return
@@ -105,23 +116,23 @@ def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
         out_console.print(f"written to {out}", highlight=False)
 
 
-def _simulated(planned: Plan, on: str, execute: bool, stop: float | None) -> Execution:
+def _simulated(planned: Plan, *, on: str, execute: bool, options: dict[str, Any]) -> Execution:
     """Execute the motion on a simulated arm."""
     from planners.cell.drives import make_drive
 
     if execute:
         err_console.print(f"{on} is simulated: it needs no --execute", style="yellow", highlight=False)
-    return _executed(make_drive(on, planned.robot), planned, stop)
+    return make_drive(on, planned.robot).execute(planned, **options)
 
 
-def _through_ros(planned: Plan, reached: Reached, execute: bool, stop: float | None) -> Execution:
+def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dict[str, Any]) -> Execution:
     """Check the motion with the arm as it stands; send it where that was asked."""
     from planners.cell.drives.ros import RosDrive
     from planners.cell.transports import RclpyTransport, RosbridgeTransport
     from planners.cell.transports.rosbridge import URL
 
-    options: dict[str, Any] = {"action": reached.action, "states": reached.states}
-    options = {key: value for key, value in options.items() if value is not None}
+    topics: dict[str, Any] = {"action": reached.action, "states": reached.states}
+    topics = {key: value for key, value in topics.items() if value is not None}
     if reached.via not in ("rosbridge", "rclpy"):
         raise InvalidInput("--via", reached.via, "rosbridge or rclpy")
     if reached.via == "rclpy" and reached.url is not None:
@@ -129,20 +140,15 @@ def _through_ros(planned: Plan, reached: Reached, execute: bool, stop: float | N
     written = None
     if reached.joint_names is not None:
         given = [name.strip() for name in reached.joint_names.split(",")]
-        if len(given) != planned.robot.n:
-            raise InvalidInput("--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated")
+        if len(set(given)) != planned.robot.n or len(given) != planned.robot.n:
+            raise InvalidInput(
+                "--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated, all different"
+            )
         written = dict(zip(planned.robot.joint_names, given, strict=True))
-    transport = (
-        RclpyTransport(**options) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **options)
-    )
+    transport = RclpyTransport(**topics) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **topics)
     with transport:
-        return _executed(RosDrive(planned.robot, transport, execute=execute, joint_names=written), planned, stop)
-
-
-def _executed(drive: Drive, planned: Plan, stop: float | None) -> Execution:
-    if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
-        raise InvalidInput("--stop", stop, "a time [s], from 0")
-    return drive.execute(planned, stop=stop)
+        drive = RosDrive(planned.robot, transport, execute=execute, joint_names=written)
+        return drive.execute(planned, **options)
 
 
 # ---------------------------------------------------------------- what is printed
@@ -251,6 +257,8 @@ def execution_data(done: Execution) -> dict[str, Any]:
     dict
         Times and states as lists, None for numbers that are unknown.
     """
+    from planners.cell.view.recorded import EXECUTION
+
     data: dict[str, Any] = {
         "format": EXECUTION,
         "drive": done.drive,

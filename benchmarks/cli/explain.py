@@ -40,6 +40,7 @@ ENTRY_KEYS = {
     "options": "Its options.",
     "max_problems": "Number of problems that a slow one is given; all by default.",
     "whole": "Whether each problem is one call with all that the method does by itself, where others make one attempt.",
+    "along": "Whether a method makes its iterations at each of 151 poses of the line, each from the pose before.",
     "without": "Limits that a law is not told of; its motions are judged by them.",
     "max_lines": "Number of motions of each set that a slow one is given; all by default.",
 }

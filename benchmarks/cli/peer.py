@@ -66,7 +66,7 @@ def _install(kind: Any) -> None:
         with err_console.status(f"installing {', '.join(kind.requirements)}"):
             venv.create(folder, with_pip=True, clear=True)
             pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *kind.requirements]
-            subprocess.run(pip, check=True, capture_output=True, text=True, env=outside)
+            subprocess.run(pip, check=True, capture_output=True, text=True, env=outside | {"PYTHONSAFEPATH": "1"})
     except subprocess.CalledProcessError as error:
         shutil.rmtree(folder, ignore_errors=True)
         said = (str(error.stderr).strip().splitlines() or ["pip failed"])[-1]

@@ -10,7 +10,7 @@ import typer
 
 import optik
 from benchmarks.cli.planning import plan_app, planning
-from benchmarks.cli.shared import configuration
+from benchmarks.cli.shared import NUMBERS, configuration, numbers
 from optik.errors import InvalidInput
 from optik.registry import names
 
@@ -24,14 +24,12 @@ PLACE = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles t
 def plan_line(
     arm: optik.Robot,
     q: Any,
-    move: Annotated[tuple[float, float, float], typer.Option(help="Goal minus start, in the base frame [m].")] = (
-        -0.12,
-        0.0,
-        0.20,
-    ),
+    move: Annotated[
+        str, typer.Option(metavar=NUMBERS, help="Goal minus start, in the base frame [m].")
+    ] = "-0.12,0,0.2",
     turn_deg: Annotated[
-        tuple[float, float, float], typer.Option(help="Rotation vector of the turn on the way, base frame [degrees].")
-    ] = (0.0, 0.0, 0.0),
+        str, typer.Option(metavar=NUMBERS, help="Rotation vector of the turn on the way, base frame [degrees].")
+    ] = "0,0,0",
 ) -> Any:
     """Move the tool along a straight line, time it, and say what the motion keeps.
 
@@ -60,9 +58,10 @@ def plan_line(
     from optik import se3
 
     start = arm.fk(q)
-    if np.linalg.norm(turn_deg) > 180.0:
+    turn = numbers(turn_deg, "--turn-deg", 3)
+    if np.linalg.norm(turn) > 180.0:
         raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
-    goal = se3.pose(se3.exp_so3(np.deg2rad(turn_deg)) @ start[:3, :3], start[:3, 3] + move)
+    goal = se3.pose(se3.exp_so3(np.deg2rad(turn)) @ start[:3, :3], start[:3, 3] + numbers(move, "--move", 3))
     return planners.Line(start, goal)
 
 
@@ -70,10 +69,12 @@ def plan_line(
 def plan_arc(
     arm: optik.Robot,
     q: Any,
-    via: Annotated[str, typer.Option(help="A point on the way, x,y,z [m]; with --to.")] = "",
-    to: Annotated[str, typer.Option(help=f"The end: {PLACE}")] = "",
-    centre: Annotated[str, typer.Option(help="A point on the axis, x,y,z [m]; with --axis and --angle-deg.")] = "",
-    axis: Annotated[str, typer.Option(help="Direction of the axis, x,y,z.")] = "0,0,1",
+    via: Annotated[str, typer.Option(metavar=NUMBERS, help="A point on the way, x,y,z [m]; with --to.")] = "",
+    to: Annotated[str, typer.Option(metavar=NUMBERS, help=f"The end: {PLACE}")] = "",
+    centre: Annotated[
+        str, typer.Option(metavar=NUMBERS, help="A point on the axis, x,y,z [m]; with --axis and --angle-deg.")
+    ] = "",
+    axis: Annotated[str, typer.Option(metavar=NUMBERS, help="Direction of the axis, x,y,z.")] = "0,0,1",
     angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis [degrees].")] = 90.0,
 ) -> Any:
     """Move the tool along part of a circle: through a point to an end, or about an axis by an angle.
@@ -113,7 +114,9 @@ def plan_arc(
 def plan_polyline(
     arm: optik.Robot,
     q: Any,
-    via: Annotated[list[str], typer.Option(help=f"A waypoint, once or more; the last is the end: {PLACE}")],
+    via: Annotated[
+        list[str], typer.Option(metavar=NUMBERS, help=f"A waypoint, once or more; the last is the end: {PLACE}")
+    ],
     blend: Annotated[float, typer.Option(help="Largest distance from a corner [m].")] = 1e-3,
 ) -> Any:
     """Move the tool along straight lines from waypoint to waypoint, the corners blended.
@@ -149,7 +152,7 @@ def plan_polyline(
 def plan_joints(
     arm: optik.Robot,
     q: Any,
-    to_deg: Annotated[str, typer.Option(help="Goal configuration [degrees, mm], comma separated.")],
+    to_deg: Annotated[str, typer.Option(metavar=NUMBERS, help="Goal configuration [degrees, sliding mm].")],
 ) -> Any:
     """Move from one configuration to another, straight in joint space.
 
@@ -174,8 +177,6 @@ def plan_joints(
     """
     import planners
 
-    if not to_deg.strip():
-        raise InvalidInput("--to-deg", "nothing", f"{arm.n} joint values [degrees, mm], comma separated")
     return planners.JointLine(arm, q, configuration(arm, to_deg, "--to-deg"))
 
 
@@ -246,38 +247,6 @@ def settings_of(texts: list[str]) -> dict[str, Any]:
         except tomllib.TOMLDecodeError:
             found[key.strip()] = value
     return found
-
-
-def numbers(text: str, option: str, *counts: int) -> list[float]:
-    """Numbers separated by commas, as many as one of the counts.
-
-    Parameters
-    ----------
-    text : str
-        As typed.
-    option : str
-        Which option it was, for messages.
-    *counts : int
-        How many there may be.
-
-    Returns
-    -------
-    list of float
-        The numbers.
-
-    Raises
-    ------
-    InvalidInput
-        Something else.
-    """
-    expected = f"{' or '.join(map(str, counts))} numbers, comma separated"
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InvalidInput(option, repr(text), expected) from None
-    if len(values) not in counts:
-        raise InvalidInput(option, repr(text), expected)
-    return values
 
 
 def place(text: str, option: str, before: Any) -> Any:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -13,14 +14,34 @@ import typer
 import optik
 from benchmarks.cli.carried import carrying, torque_limit
 from benchmarks.cli.certificate import print_certificate
-from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, configuration, out_console, print_json, words_of
+from benchmarks.cli.shared import (
+    NUMBERS,
+    Allowed,
+    AsJson,
+    Base,
+    NumbersCommand,
+    PackageDir,
+    RobotName,
+    StartDeg,
+    Tip,
+    allowed_words,
+    arm_of,
+    err_console,
+    numbers,
+    out_console,
+    print_json,
+    print_start,
+    start_of,
+    words_of,
+)
+from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.files import write_whole
+from optik.plugins.files import split_links
 from optik.registry import load_method, names, short_name
 
 plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 
-START = "20,-35,40,25,50,-30"
-"""Default start of a plan, for arms with as many joints."""
 ROS = (".yaml", ".yml")
 """Endings of files that hold a ROS message."""
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
@@ -31,12 +52,11 @@ FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
 class Wish:
     """What every plan can be asked for: each field is an option of all commands of `optik plan`."""
 
-    start_deg: Annotated[
-        str, typer.Option(help="Start configuration [degrees, mm], comma separated; empty: middle of the ranges.")
-    ] = START
+    start_deg: StartDeg = ""
     robot: RobotName = "paper6r"
     tip: Tip = None
     base: Base = None
+    package_dir: PackageDir = None
     ik: Annotated[
         str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")
     ] = "lm"
@@ -47,24 +67,33 @@ class Wish:
     velocity: Annotated[
         float | None, typer.Option(help="Limit on every joint [rad/s, sliding m/s]; the robot's own if left out.")
     ] = None
-    acceleration: Annotated[float | None, typer.Option(help="Likewise [rad/s², sliding m/s²].")] = None
-    jerk: Annotated[float | None, typer.Option(help="Likewise [rad/s³, sliding m/s³].")] = None
+    acceleration: Annotated[float | None, typer.Option(help="Limit on every joint [rad/s², sliding m/s²].")] = None
+    jerk: Annotated[float | None, typer.Option(help="Limit on every joint [rad/s³, sliding m/s³].")] = None
     tool_speed: Annotated[
         str | None,
         typer.Option(
-            help="Greatest speed of the tool's point [m/s]; of a polyline also one for each segment: 0.1,0.3."
+            metavar=NUMBERS,
+            help="Greatest speed of the tool's point [m/s]; of a polyline also one for each segment: 0.1,0.3.",
         ),
     ] = None
     rotation_speed: Annotated[
-        str | None, typer.Option(help="Greatest speed of the tool's rotation [rad/s]; likewise.")
+        str | None,
+        typer.Option(
+            metavar=NUMBERS,
+            help="Greatest speed of the tool's rotation [rad/s]; of a polyline also one for each segment.",
+        ),
     ] = None
     torque: Annotated[
         str | None,
         typer.Option(
-            help="Limit on torques [N·m, sliding N]: robot (its own, where it has any), none, or numbers: 87,87,12."
+            metavar=NUMBERS,
+            help="Limit on torques [N·m, sliding N]: robot (its own, where it has any), none, or numbers: 87,87,12.",
         ),
     ] = None
-    torque_rate: Annotated[str | None, typer.Option(help="Likewise [N·m/s, sliding N/s].")] = None
+    torque_rate: Annotated[
+        str | None,
+        typer.Option(metavar=NUMBERS, help="Limit on torque rates [N·m/s, sliding N/s]: robot, none, or numbers."),
+    ] = None
     payload: Annotated[
         str | None, typer.Option(help="Mass in the tool [kg], or from the lightest to the heaviest: 0:3.")
     ] = None
@@ -81,10 +110,17 @@ class Wish:
         str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
+    allow: Allowed = None
     strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
         False
     )
     out: Annotated[Path | None, typer.Option(help="Write the motion: .json, .npz, .csv, or .yaml for ROS.")] = None
+    out_failed: Annotated[
+        Path | None, typer.Option(help="Write a plan that fails, for `optik view`; no drive takes it: FILE.json.")
+    ] = None
+    rate: Annotated[
+        float | None, typer.Option(help="Points per second in --out FILE.yaml or .csv; by default points at the knots.")
+    ] = None
     format: Annotated[
         str | None,
         typer.Option(help=f"File format of --out, one of: {', '.join(names('planners.files'))}; or a file: ./tsv.py."),
@@ -113,9 +149,9 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 
         def run(**given: Any) -> None:
             wish = Wish(**{key: given.pop(key) for key in wished})
-            arm = carrying(arm_of(wish.robot, wish.tip, wish.base), wish.payload)
-            q = start_of(arm, wish.start_deg)
-            planned(arm, build(arm, q, **given), q, wish)
+            arm = carrying(arm_of(wish.robot, wish.tip, wish.base, wish.package_dir), wish.payload)
+            q, words = start_of(arm, wish.robot, wish.start_deg)
+            planned(arm, build(arm, q, **given), q, wish, words)
 
         shared = [
             Parameter(key, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[key])
@@ -124,14 +160,14 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
         parameters = [*(p.replace(kind=Parameter.KEYWORD_ONLY) for p in own), *shared]
         run.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # typer makes the options from it
         run.__annotations__ = {p.name: p.annotation for p in parameters}
-        plan_app.command(name, help=words_of(build))(run)
+        plan_app.command(name, cls=NumbersCommand, help=words_of(build))(run)
         return run
 
     return register
 
 
-def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
-    """Plan, write and print; exit status 1 where there is no motion, or one whose certificate does not hold.
+def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
+    """Plan, write and print; exit status 1 where there is no motion, or an invalid one that ``--allow`` does not permit.
 
     Parameters
     ----------
@@ -143,6 +179,8 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
         Start [rad, m].
     wish : Wish
         The options.
+    words : str
+        What is said of the start.
 
     Raises
     ------
@@ -152,24 +190,33 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish) -> None:
         There is no motion.
     """
     import planners
+    from planners.certificate.failure import LIMIT_WORDS, forbidden, words_for
 
     check_out(wish)
+    allow = allowed_words(wish.allow)
     law = planners.make_law(wish.timing)
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
         branch=wish.branch, duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
-        margin=wish.margin or 0.0,
+        margin=wish.margin or 0.0, allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip
-    if plan and wish.out is not None:
+    refused = forbidden(plan.certificate, allow) if plan.has_motion else ()
+    valid = plan.has_motion and not refused
+    if valid and wish.out is not None:
         if wish.out.suffix.lower() in ROS and wish.format is None:
-            planners.to_ros(plan, wish.out)
+            planners.to_ros(plan, wish.out, rate=wish.rate, allow=allow)
         else:
-            plan.save(wish.out, format=wish.format)
+            plan.save(wish.out, format=wish.format, rate=wish.rate, allow=allow)
+    if not valid and wish.out_failed is not None:
+        write_failed(plan, wish.out_failed)
+    print_start(words)
     if wish.as_json:
         print_json(plan.to_dict())
-        raise typer.Exit(0 if plan else 1)
+        raise typer.Exit(0 if valid else 1)
     print_certificate(plan)  # raises NoSolution with the reason where there is no motion
-    if not plan:
+    if not valid:
+        words = ",".join(words_for(refused, allow))
+        out_console.print(f"--allow {words} permits this motion", highlight=False)
         raise typer.Exit(1)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
@@ -186,10 +233,16 @@ def check_out(wish: Wish) -> None:
     Raises
     ------
     InvalidInput
-        A suffix of no format, or a format without a file.
+        A suffix of no format, or a format without a file; a rate that is none, or for a format without a table.
     UnknownName
         No such format.
     """
+    if wish.out_failed is not None and wish.out_failed.suffix.lower() != ".json":
+        raise InvalidInput("--out-failed", str(wish.out_failed), "a name that ends in .json")
+    if wish.rate is not None:
+        check_number(wish.rate, "--rate", "points per second, above 0", above=0.0)
+        if wish.out is None or wish.out.suffix.lower() not in (*ROS, ".csv"):
+            raise InvalidInput("--rate", f"{wish.rate:g} with --out {wish.out}", "--out FILE.yaml or FILE.csv with it")
     if wish.format is not None:
         if wish.out is None:
             raise InvalidInput("--format", wish.format, "--out FILE with it")
@@ -199,6 +252,16 @@ def check_out(wish: Wish) -> None:
         if wish.out.suffix.lower() not in (*known, *ROS):
             expected = f"a name that ends in {', '.join((*known, *ROS))}, or --format with it"
             raise InvalidInput("--out", str(wish.out), expected)
+
+
+def write_failed(plan: Any, file: Path) -> None:
+    """Write a failed plan for `optik view`, marked as failed, and say so on the error stream."""
+    from planners.cell.view.recorded import failed_plan_data
+
+    text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
+    write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
+    words = f"the failed plan is written to {file}; optik view {file} shows it"
+    err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 
 
 def scene_of(arm: optik.Robot, wish: Wish) -> Any:
@@ -228,37 +291,12 @@ def scene_of(arm: optik.Robot, wish: Wish) -> Any:
             raise InvalidInput("--margin", f"{wish.margin:g} without a scene", "--scene FILE with it, or --scene self")
         return None
     if arm.shapes is None:
-        raise InvalidInput(
-            "--scene", f"{wish.scene} for {arm.name}, which has no shapes", "an arm whose file has shapes"
-        )
+        expected = "an arm whose file has shapes"
+        if split_links(wish.robot)[0].lower().endswith((".urdf", ".xml")):
+            typed = f"--robot '{wish.robot}{'&' if '#' in wish.robot else '#'}shapes=yes'"
+            expected = f"its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
+        raise InvalidInput("--scene", f"{wish.scene} for {arm.name}, which has no shapes", expected)
     return optik.Scene() if wish.scene == "self" else optik.Scene.load(wish.scene)
-
-
-def start_of(arm: optik.Robot, degrees: str) -> Any:
-    """The start that was typed; the default is for arms of six joints only.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    degrees : str
-        As typed.
-
-    Returns
-    -------
-    (n,) array
-        Configuration [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        None was typed, and the arm has another number of joints; or as `configuration`.
-    """
-    if degrees == START and arm.n != len(START.split(",")):
-        raise InvalidInput(
-            "--start-deg", "nothing", f"{arm.n} joint values of {arm.name} [degrees, mm], comma separated"
-        )
-    return configuration(arm, degrees)
 
 
 def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
@@ -287,23 +325,21 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
 
     own = planners.MotionLimits.of(arm)
     joints = ("velocity", "acceleration", "jerk")
-    found = {f: getattr(own, f) if getattr(wish, f) is None else getattr(wish, f) for f in joints}
+    typed: dict[str, Any] = {f: getattr(wish, f) for f in joints if getattr(wish, f) is not None}
     torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
-    by_torque = law.counts_torque and torques["torque"] is not None  # then the acceleration may be free
+    speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
+    limits = replace(own, **typed, **torques, **speeds)
+    by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
-        if field in law.keeps and found[field] is None and not (field == "acceleration" and by_torque):
+        if field in law.keeps and limits.value(field) is None and not (field == "acceleration" and by_torque):
             nothing = f"nothing, and {arm.name} has no limit of its own"
             raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
-    speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
-    return planners.MotionLimits(**found, **speeds, **torques)
+    return limits
 
 
 def _speeds(text: str | None, option: str) -> Any:
-    """One number or several, comma separated; None where nothing was typed."""
+    """One number or several; None where nothing was typed."""
     if text is None:
         return None
-    try:
-        found = [float(word) for word in text.split(",")]
-    except ValueError:
-        raise InvalidInput(option, repr(text), "a number, or several separated by commas") from None
+    found = numbers(text, option)
     return found if len(found) > 1 else found[0]

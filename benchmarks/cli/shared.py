@@ -6,26 +6,80 @@ import inspect
 import json
 import re
 from collections.abc import Callable
+from itertools import takewhile
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
 from rich.console import Console
+from typer.core import TyperCommand
 
 import optik
 from optik.arm.units import per, units
 from optik.errors import InvalidInput
+from optik.plugins.files import is_path, split_links
 
 out_console, err_console = Console(), Console(stderr=True)
+
+NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
+"""Metavars of an option and of an argument whose value is a vector: one argument, with commas or quoted spaces."""
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
 RobotName = Annotated[
     str, typer.Option("--robot", "-r", help="A name from `optik robots`, or a file: .urdf, .toml, .json or .py.")
 ]
+PackageDir = Annotated[
+    str | None,
+    typer.Option(help="Folder of ROS packages, for package:// meshes of a URDF; its <collision> shapes are then read."),
+]
 Tip = Annotated[str | None, typer.Option(help="Link of a URDF that is the tool, where it has several ends.")]
 Base = Annotated[str | None, typer.Option(help="Link of a URDF that poses are given in; its root if left out.")]
 
+Allowed = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allow",
+        help="Violations to permit, repeated or comma separated: contact, path, limits, jerk, coverage, not_proved.",
+    ),
+]
+
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class NumbersCommand(TyperCommand):
+    """A command that refuses a vector typed as several arguments, and says what to type instead."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Check the arguments before they are parsed."""
+        vectors = {name for p in self.params if getattr(p, "metavar", None) == NUMBERS for name in p.opts}
+        for i, arg in enumerate(args):
+            name, equals, value = arg.partition("=")
+            run = list(takewhile(_is_number, [*([value] if equals else []), *args[i + 1 :]]))
+            if name in vectors and len(run) > 1:
+                raise InvalidInput(
+                    name, f"{len(run)} arguments: {' '.join(run)}", f"one argument: {name} {','.join(run)}"
+                )
+        found = [arg for arg in args if _is_number(arg)]
+        if len(found) > 1 and any(getattr(p, "metavar", None) == Q_DEG for p in self.params):
+            raise InvalidInput(Q_DEG, f"{len(found)} arguments: {' '.join(found)}", f"one argument: {','.join(found)}")
+        return list(super().parse_args(ctx, args))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+StartDeg = Annotated[
+    str,
+    typer.Option(
+        metavar=NUMBERS,
+        help="Start configuration [degrees, sliding mm]: 20,-35,40; default: the arm's home, or the best-conditioned sample.",
+    ),
+]
 
 
 def command(group: typer.Typer, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
@@ -47,7 +101,7 @@ def command(group: typer.Typer, name: str | None = None, **settings: Any) -> Cal
     """
 
     def register(function: Command) -> Command:
-        group.command(name, help=words_of(function), **settings)(function)
+        group.command(name, cls=NumbersCommand, help=words_of(function), **settings)(function)
         return function
 
     return register
@@ -69,7 +123,7 @@ def words_of(function: Callable[..., Any]) -> str:
     return re.split(r"\n\n?\w+\n-{3,}\n", inspect.getdoc(function) or "")[0]
 
 
-def arm_of(robot: str, tip: str | None = None, base: str | None = None) -> optik.Robot:
+def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_dir: str | None = None) -> optik.Robot:
     """Load a robot by its name or from a file.
 
     Parameters
@@ -78,6 +132,8 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None) -> optik
         What ``--robot`` was given.
     tip, base : str, optional
         Links of a URDF.
+    package_dir : str, optional
+        Folder of ROS packages, for the meshes of a URDF.
 
     Returns
     -------
@@ -87,8 +143,13 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None) -> optik
     Raises
     ------
     UnknownName, RobotModelError, InvalidInput
-        As `optik.load`.
+        As `optik.load`; a folder of packages for what is no URDF.
     """
+    if package_dir is not None:
+        path, options = split_links(robot)
+        if not is_path(robot) or not path.lower().endswith((".urdf", ".xml")):
+            raise InvalidInput("--package-dir", package_dir, f"no folder: {robot} is no URDF")
+        robot = f"{path}#{options}{'&' if options else ''}packages={package_dir}"
     return optik.load(robot, tip=tip, base=base)
 
 
@@ -113,14 +174,25 @@ def either(load: Callable[[str], Any], name: str) -> Any:
         return error
 
 
-def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -> Any:
-    """Read a configuration given in degrees, sliding joints in millimetres; the middle of the ranges if empty.
+def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
+    """Return the words of ``--allow``; raises InvalidInput for one that does not exist."""
+    from planners.certificate.failure import check_allow
+
+    words = [word.strip() for text in texts or () for word in text.split(",")]
+    try:
+        return check_allow(words)
+    except InvalidInput as error:
+        raise InvalidInput("--allow", ", ".join(words), error.expected) from None
+
+
+def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> Any:
+    """Read a configuration given in degrees, sliding joints in millimetres.
 
     Parameters
     ----------
     arm : Robot
         The arm.
-    degrees : str
+    text : str
         Joint values, separated by commas or spaces.
     option : str
         Which option they were given with, for messages.
@@ -135,15 +207,7 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
     InvalidInput
         Not numbers, the wrong count, or outside the limits.
     """
-    if not degrees.strip():
-        return arm.limits.middle
-    try:
-        values = [float(v) for v in degrees.replace(",", " ").split()]
-    except ValueError:
-        raise InvalidInput(option, repr(degrees), f"{arm.n} numbers in degrees, comma separated") from None
-    if len(values) != arm.n:
-        expected = f"{arm.n} joint values of {arm.name} [degrees, mm], comma separated"
-        raise InvalidInput(option, f"{len(values)}: {degrees}", expected)
+    values = numbers(text, option, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
     q = arm.configuration(values, option) / per(arm)
     lower, upper = arm.limits.lower, arm.limits.upper
     if not arm.limits.contains(q):
@@ -152,6 +216,81 @@ def configuration(arm: optik.Robot, degrees: str, option: str = "--start-deg") -
         room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
         raise InvalidInput(option, f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
     return q
+
+
+def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list[float]:
+    """Read numbers in one argument, separated by commas or spaces; as many as one of the counts, any number without counts."""
+    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as 1,-2.5,3"
+    try:
+        values = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise InvalidInput(option, repr(text), expected) from None
+    if not values or (counts and len(values) not in counts):
+        raise InvalidInput(option, f"{text!r}, which is {len(values)} numbers", expected)
+    return values
+
+
+def listed(values: Any) -> str:
+    """Return numbers as one argument of a command, to 0.001 of their unit."""
+    return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)
+
+
+# ---------------------------------------------------------------- the default start
+
+START_SAMPLES = 64
+"""Random configurations of which the best-conditioned is the start of an arm without a home."""
+
+
+def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
+    """Return the start that was typed, or the arm's default with words that state it.
+
+    Parameters
+    ----------
+    arm : Robot
+        The arm.
+    name : str
+        What ``--robot`` was given.
+    text : str
+        The start as typed; empty for the default: ``home_deg`` of the robot's TOML file, or else `sampled_start`.
+
+    Returns
+    -------
+    q : (n,) array
+        Configuration [rad, m].
+    words : str
+        For `print_start`; empty for a start that was typed.
+
+    Raises
+    ------
+    InvalidInput
+        As `configuration`.
+    """
+    if text.strip():
+        return configuration(arm, text), ""
+    from optik.arm.library import home_of
+
+    home = home_of(name)
+    q, why = (sampled_start(arm), "sampled: it has no home_deg") if home is None else (home / per(arm), "its home_deg")
+    return q, f"start of {arm.name}, {why}: --start-deg {listed(q * per(arm))}"
+
+
+def print_start(words: str) -> None:
+    """Print the default start on the error stream, so that the output stays what programs read."""
+    if words:
+        err_console.print(words, highlight=False, markup=False, soft_wrap=True)
+
+
+def sampled_start(arm: optik.Robot) -> Any:
+    """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
+    q = np.round(arm.limits.draw(np.random.default_rng(0), START_SAMPLES) * per(arm), 1) / per(arm)
+    q = arm.limits.clip(q)
+    if arm.shapes is not None:
+        from optik.arm.shapes.contact import nearest_pairs
+
+        free = nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
+        q = q[free] if free.any() else q
+    sigma = arm.singular_values(q)
+    return q[np.argmax(sigma[:, -1] / sigma[:, 0])]
 
 
 def print_json(data: Any) -> None:

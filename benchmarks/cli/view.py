@@ -17,16 +17,22 @@ from optik.registry import load_method
 
 if TYPE_CHECKING:
     from planners import Motion, Plan
+    from planners.cell.view.show import Show
 
 LOCAL = "127.0.0.1"
 """Address that only this machine reaches."""
 
 STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
-"""What the command takes."""
+"""What `optik drive` takes; `optik view` also takes an execution and a failed plan."""
 
 
 def view(
-    plan: Annotated[Path, typer.Argument(metavar="PLAN", help="What `optik plan … --out PLAN` wrote.")],
+    plan: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PLAN", help="What `optik plan … --out` or `--out-failed`, or `optik drive … --out`, wrote."
+        ),
+    ],
     html: Annotated[
         Path | None, typer.Option(help="Write one page that plays it, whole in itself, and end: FILE.html.")
     ] = None,
@@ -36,7 +42,7 @@ def view(
     host: Annotated[str, typer.Option(help="Address to serve on; by default only this machine sees it.")] = LOCAL,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 for any that is free.")] = 8080,
 ) -> None:
-    """Show a motion in the browser: the arm with its shapes, the scene, the path and the numbers at every time.
+    """Show a motion, an execution or a failed plan in the browser: arm, shapes, scene, path, and the numbers at every time.
 
     With --html it writes a page that needs nothing else; without, it serves until Ctrl-C. No real arm is ever moved.
 
@@ -56,45 +62,50 @@ def view(
     MissingDependency
         Without ``--html``, where viser is not installed.
     """
-    from planners.cell.drives import make_drive
-    from planners.cell.stored import plan_of
     from planners.cell.view.page import PAGE_SUFFIXES, write_page
-    from planners.cell.view.show import show_of, show_of_execution
 
     if drive is not None:
         _check_simulated(drive)
     if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
         raise InvalidInput("--html", str(html), f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
-    motion = stored(plan)
-    planned = None if drive is None else plan_of(motion)
+    shown = recorded(plan, drive)
     if html is None:
-        _serve(motion, planned, drive, host, port)
+        _serve(shown, drive, host, port)
         return
-    if planned is None:
-        show = show_of(motion)
-    else:
-        execution = make_drive(str(drive), motion.robot).execute(planned)
-        show = show_of_execution(execution)
-        if not execution:
-            err_console.print(f"{drive}: {execution.reason}", style="yellow", highlight=False, soft_wrap=True)
-    write_page(show, html)
+    write_page(_show(shown, drive), html)
     out_console.print(f"written to {html}: open it in a browser", highlight=False, soft_wrap=True)
 
 
-def _serve(motion: Motion, planned: Plan | None, drive: str | None, host: str, port: int) -> None:
-    """Serve until the process is interrupted."""
+def _show(shown: Motion | Plan | Show, drive: str | None) -> Show:
+    """What a page plays; a plan is executed first."""
+    from planners.cell.drives import make_drive
+    from planners.cell.view.show import Show, show_of, show_of_execution
+    from planners.plan import Plan
+
+    if drive is None or not isinstance(shown, Plan):
+        return shown if isinstance(shown, Show) else show_of(shown)
+    execution = make_drive(drive, shown.robot).execute(shown)
+    if not execution:
+        err_console.print(f"{drive}: {execution.reason}", style="yellow", highlight=False, soft_wrap=True)
+    return show_of_execution(execution)
+
+
+def _serve(shown: Motion | Plan | Show, drive: str | None, host: str, port: int) -> None:
+    """Serve until the process is interrupted; with a drive a plan is executed."""
     from planners.cell.drives import make_drive
     from planners.cell.view.live import Viewer
-    from planners.cell.view.show import show_of
+    from planners.cell.view.show import Show, show_of
+    from planners.plan import Plan
 
-    make = None if drive is None else partial(make_drive, drive, motion.robot, pace=1.0)
-    viewer = Viewer(show_of(motion if planned is None else planned), host, port, plan=planned, drive=make)
+    make = None if drive is None else partial(make_drive, drive, shown.robot, pace=1.0)
+    planned = shown if isinstance(shown, Plan) else None
+    viewer = Viewer(shown if isinstance(shown, Show) else show_of(shown), host, port, plan=planned, drive=make)
     if not _is_local(host):
         words = f"warning: whoever reaches {host} can see this motion" + (
             " and run the simulated drive" if drive else ""
         )
         err_console.print(words, style="yellow", highlight=False, soft_wrap=True)
-    out_console.print(f"{viewer.url} shows {motion.robot.name}; Ctrl-C ends it", highlight=False, soft_wrap=True)
+    out_console.print(f"{viewer.url} shows {shown.robot.name}; Ctrl-C ends it", highlight=False, soft_wrap=True)
     sys.stdout.flush()  # a program that starts this one reads the address
     try:
         viewer.serve()
@@ -118,6 +129,20 @@ def _is_local(host: str) -> bool:
         return host == "localhost"
 
 
+def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
+    """Read a motion, as a plan for a drive, or what is shown of an execution or of a failed plan; errors as in `stored`."""
+    from planners.cell.stored import plan_of
+    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_of_recorded
+
+    data = _json(file)
+    if data.get("format") in (EXECUTION, FAILED_PLAN):
+        if drive is not None:
+            raise InvalidInput("--drive", f"{drive} for {file}, which is no valid motion", STORED_MOTION)
+        return show_of_recorded(data)
+    motion = stored(file)
+    return motion if drive is None else plan_of(motion)
+
+
 def stored(file: Path) -> Motion:
     """Read a motion.
 
@@ -138,6 +163,7 @@ def stored(file: Path) -> Motion:
     NoSolution
         The data of a plan that failed, as ``--json`` prints them.
     """
+    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN
     from planners.files import load_motion
 
     if file.is_dir():
@@ -145,19 +171,23 @@ def stored(file: Path) -> Motion:
     try:
         return load_motion(file)
     except InvalidInput as error:
-        data = _printed(file)
+        data = _json(file)
+        if data.get("format") == EXECUTION:
+            raise InvalidInput(
+                "PLAN", f"{file}, what an arm did", f"{STORED_MOTION}; `optik view` shows this file"
+            ) from None
+        if data.get("format") not in ("optik-plan/1", FAILED_PLAN):
+            raise error
         if data.get("reason"):
             words = f"{file} is of a plan that failed: {data['reason']}"
             raise NoSolution(words, s=data.get("s"), joint=data.get("joint"), advice=data.get("advice", "")) from None
-        if data:
-            raise InvalidInput("PLAN", f"{file}, what `optik plan … --json` prints", STORED_MOTION) from None
-        raise error
+        raise InvalidInput("PLAN", f"{file}, what `optik plan … --json` prints", STORED_MOTION) from None
 
 
-def _printed(file: Path) -> dict[str, Any]:
-    """What ``optik plan … --json`` printed into a file; empty for any other."""
+def _json(file: Path) -> dict[str, Any]:
+    """The content of a JSON file; empty for any other."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
-    return data if isinstance(data, dict) and data.get("format") == "optik-plan/1" else {}
+    return data if isinstance(data, dict) else {}

@@ -74,6 +74,8 @@ class Entry:
         ``ours``, ``law``, ``peer`` (an outside method) or ``reference``.
     whole : bool
         Whether each problem is one call with all that the method does by itself, where others make one attempt.
+    along : bool
+        Whether a method makes its iterations at each pose of a line, each from the pose before.
     without : tuple of str
         Limits that a law is not told of.
     """
@@ -84,6 +86,7 @@ class Entry:
     most: int | None = None
     role: str = "ours"
     whole: bool = False
+    along: bool = False
     without: tuple[str, ...] = ()
 
     @property

@@ -20,7 +20,7 @@ class ProcessFailed(OptikError, RuntimeError):
 
 
 def fresh(arguments: list[str], what: str, **environment: str) -> Any:
-    """Run ``python ARGUMENTS`` and read what it prints as JSON.
+    """Run ``python ARGUMENTS`` and read what it prints as JSON. Nothing is imported from the working folder.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def fresh(arguments: list[str], what: str, **environment: str) -> Any:
         capture_output=True,
         text=True,
         check=False,
-        env=os.environ | {"PYTHONPATH": path} | environment,
+        env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"} | environment,
     )
     if done.returncode != 0:
         raise ProcessFailed(f"{what}: {(done.stderr.strip().splitlines() or ['it ended without a word'])[-1]}")

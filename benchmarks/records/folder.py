@@ -154,7 +154,7 @@ class RunFolder:
         """
         try:
             data = json.loads((self.path / "run.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             raise InvalidInput("run", str(self.path), "a folder written by optik bench run") from None
         if not isinstance(data, dict) or data.get("format") != FORMAT or not set(data) >= MANIFEST_KEYS:
             raise InvalidInput("run", f"{self.path} of another format", f"a run of format {FORMAT}")

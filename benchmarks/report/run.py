@@ -16,7 +16,8 @@ from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import Outcome, outcomes
 from optik.arm.library import load
 from optik.arm.robot import Robot
-from optik.plugins.files import without_code
+from optik.errors import InvalidInput
+from optik.plugins.files import is_path, without_code
 from optik.plugins.used import reading
 from optik.registry import short_name
 
@@ -68,8 +69,15 @@ class Run:
         ------
         UnknownName
             This version has no such arm, and the run has not stored it.
+        InvalidInput
+            The arm is a file, and the run has not stored it.
         """
         stored = self._arms.get(short_name(name))
+        if stored is None and is_path(name):
+            expected = (
+                f"its data in {self.folder.path / ARMS}: a report opens no robot file; repeat the run to write it"
+            )
+            raise InvalidInput("robot", repr(name), expected)
         return load(name) if stored is None else Robot.from_dict(stored)
 
     @cached_property

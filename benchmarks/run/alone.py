@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.kinds.base import Tell, load_kind
 from benchmarks.records import Journal, RunFolder
-from benchmarks.run.pool import end_with_parent, ending, interrupts_held_back
+from benchmarks.run.pool import end_with_parent, ending, start
 from benchmarks.run.work import Failure, words_of_error
 from optik.errors import OptikError
 from optik.plugins.files import expect
@@ -176,8 +176,7 @@ def run_apart(work: Apart, tell: Tell) -> Failure | None:
     given = (work.kind, work.block, work.seed, str(work.folder.path), list(work.recorded))
     process = context.Process(target=_run, args=(other, *given))
     try:
-        with interrupts_held_back():
-            process.start()
+        start(process)
         other.close()
         try:
             while isinstance(told := pipe.recv(), _Next):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 
+from benchmarks.run.pool import start
 from benchmarks.suite import Suite, suite_of
 
 WAIT_SECONDS = 600.0
@@ -36,7 +37,7 @@ def compiled_aside(suite: Suite, *, wanted: bool) -> Iterator[None]:
         yield
         return
     aside = get_context("spawn").Process(target=_first_calls, args=(suite.name, dict(suite.settings)), daemon=True)
-    aside.start()
+    start(aside)
     try:
         yield
         aside.join(WAIT_SECONDS)

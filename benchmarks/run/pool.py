@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 from benchmarks.run.work import Failure, Outcome, attempt
@@ -100,8 +101,7 @@ class _Worker:
         context = get_context("spawn")
         self.pipe, other = context.Pipe()
         self.process: SpawnProcess = context.Process(target=_serve, args=(other, recorded))
-        with interrupts_held_back():
-            self.process.start()
+        start(self.process)
         other.close()  # the end of the process then ends the pipe
         self.ticket, self.ready, self._limit = -1, False, 0.0
         self.until = time.monotonic() + START_SECONDS
@@ -176,6 +176,20 @@ def interrupts_held_back() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def start(process: BaseProcess) -> None:
+    """Start a process that imports nothing from the working folder and does not receive Ctrl-C."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        with interrupts_held_back():
+            process.start()
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 # ---------------------------------------------------------------- in the worker's process

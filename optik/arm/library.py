@@ -5,6 +5,7 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     convention = "dh"                    # "dh" (standard, distal) or "mdh" (modified, Craig)
     source = "data sheet, revision 3"    # optional: where the numbers come from; by default the file's name
     joint_names = ["elbow", "slide"]     # optional: by default joint1, joint2, …
+    home_deg = [0.0, 90.0]               # optional: where commands start by default; sliding joints in millimetres
     gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame
     gravity_magnitude = 9.80665          # optional: acceleration of free fall, m/s²; 0 without weight
     base = { xyz_mm = [0.0, 0.0, 500.0], rpy_deg = [0.0, 0.0, 90.0] }   # optional: before the first row's transform
@@ -64,6 +65,7 @@ import json
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -108,7 +110,7 @@ REQUIRED_KEYS = ("convention", "joints")
 """Keys that every file has."""
 
 OPTIONAL_KEYS = (
-    "source", "joint_names", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia", "shapes",
+    "source", "joint_names", "home_deg", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia", "shapes",
 )  # fmt: skip
 """Keys that a file may have."""
 
@@ -250,6 +252,20 @@ def robot_from_toml(file: Path, name: str | None = None) -> Robot:
         raise InvalidInput(f"{file.name}: {error.argument}", error.got, error.expected) from None
 
 
+def home_of(name: str | os.PathLike[str]) -> Array | None:
+    """Return the configuration `home_deg` of a robot's TOML file [°, sliding mm]; None for a robot without one."""
+    file: Path | None = None
+    if is_path(name):
+        file = file_of(name, "robot")
+    else:
+        with suppress(InvalidInput):  # an entry point that is no file
+            file = data_file(ROBOTS, name, "robot")
+    if file is None or file.suffix.lower() != ".toml":
+        return None
+    home = _parsed(file).get("home_deg")
+    return None if home is None else np.array(home, dtype=np.float64)
+
+
 def _parsed(file: Path) -> dict[str, Any]:
     expected = "a readable TOML file of a robot"
     content = content_of(file, argument="file", expected=expected, most=MOST_TOML_BYTES)
@@ -270,11 +286,13 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     for i, joint in enumerate(joints):
         record(joint, (), f"joints[{i}]", optional=JOINT_KEYS)
     names = check_words(data.get("joint_names", ()), "joint_names")
+    limits = _limits(joints, data.get("dynamic_limits", {}))
+    _check_home(data, joints, limits)
     default = [f"joint{i + 1}" for i in range(len(joints))]
     source = word(data.get("source", file.name), "source")
     return CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
-        _limits(joints, data.get("dynamic_limits", {})),
+        limits,
         name=name,
         base=_placed(data.get("base", {}), "base"),
         tool=_placed(data.get("tool", {}), "tool"),
@@ -285,6 +303,16 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
         inertia=_inertia(data["inertia"], len(joints), source) if "inertia" in data else None,
         shapes=shapes_from_toml(data["shapes"], source, names or default) if "shapes" in data else None,
     )
+
+
+def _check_home(data: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], limits: JointLimits) -> None:
+    """Raise InvalidInput for a home that is no configuration inside the joint ranges."""
+    if "home_deg" not in data:
+        return
+    scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])
+    home = _numbers(data["home_deg"], "home_deg", len(joints))
+    if not limits.contains(home * scale):
+        raise InvalidInput("home_deg", repr(home.tolist()), "a configuration inside the joint ranges")
 
 
 def _row(joint: Mapping[str, Any], where: str) -> DHRow:

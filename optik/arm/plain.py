@@ -344,3 +344,11 @@ def shapes_from_dict(data: Any) -> Shapes:
     capsules: Any = list(zip(links, a, b, radius.tolist(), strict=True))
     names = words(data["names"], "robot.shapes.names")
     return Shapes(capsules, names, data["apart"], np.array(stated), word(data["source"], "robot.shapes.source"))
+
+
+def robot_difference(a: ArmModel, b: ArmModel) -> str:
+    """Return the names of the parts in which two robots differ, for an error that names both."""
+    first, second = arm_to_dict(a), arm_to_dict(b)
+    return (
+        ", ".join(key for key in {**first, **second} if first.get(key) != second.get(key)) or "nothing that files hold"
+    )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.arm.shapes.contact import check_scene
 from optik.content import content
 from optik.errors import InvalidInput
 from optik.ik._free import solve_free
@@ -150,6 +151,8 @@ def solve_ik(
         if closest:
             raise InvalidInput("closest", "True, with a scene", "one of the two: the nearest pose may touch")
         return solve_free(solver_for(robot, solver, options), target, q0, scene, margin, trace)
+    if margin != 0.0:
+        check_scene(robot, None, margin)
     return solver_for(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
 
 

@@ -72,6 +72,14 @@ class IKResult(NamedTuple):
     def __bool__(self) -> bool:
         return self.status is IKStatus.SOLVED
 
+    def __str__(self) -> str:
+        lines = [
+            f"{self.status}: {self.iterations} iterations, {self.restarts} restarts",
+            f"q = {np.array2string(self.q, formatter={'float': '{:.3g}'.format}, max_line_width=120, threshold=40)} [rad, m]",
+            f"position error {1e3 * self.position_error:.3g} mm, rotation error {self.rotation_error:.3g} rad",
+        ]
+        return "\n".join([*lines, *filter(None, [self.message, self.status.advice and f"try: {self.status.advice}"])])
+
     def __eq__(self, other: object) -> bool:
         return equal(self, other)
 
@@ -103,6 +111,11 @@ class IKBatch(NamedTuple):
     restarts: NDArray[np.int32]
     position_error: Array
     rotation_error: Array
+
+    def __str__(self) -> str:
+        counts = np.bincount(self.status, minlength=len(STATUS_OF_CODE))
+        others = [f"{count} {STATUS_OF_CODE[code]}" for code, count in enumerate(counts) if count and code != SOLVED]
+        return f"{counts[SOLVED]} of {len(self.status)} solved{': ' if others else ''}{', '.join(others)}"
 
     @property
     def solved(self) -> Flags:

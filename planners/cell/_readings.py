@@ -21,6 +21,10 @@ MOST_KNOWN = 10_000
 """Readings whose true points are kept, the last ones."""
 
 
+MOST_READINGS = 10_000
+"""Readings of one point at most: their mean has a hundredth of the noise."""
+
+
 class CellReadings:
     """The part of `Cell` that concerns readings and frames.
 
@@ -106,9 +110,9 @@ class CellReadings:
         Raises
         ------
         InvalidInput
-            Wrong shape, NaN or infinity, or fewer than one reading.
+            Wrong shape, NaN or infinity, no reading, or too many.
         """
-        check_count(readings, "readings", 1)
+        check_count(readings, "readings", 1, MOST_READINGS)
         true = vectors(point, "point")
         spot = self._read(true, readings)
         self._known[id(spot)] = (spot, true)

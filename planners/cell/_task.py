@@ -21,6 +21,7 @@ from optik.types import Array
 from planners.cell._along import split_along
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
+from planners.cell.setpoints import MOST_PERIODS
 from planners.cell.sighting import Plane, Sighting, Spot
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, plan
@@ -46,6 +47,13 @@ EXECUTED = {
     ExecutionStatus.DRY_RUN: CellStatus.DRY_RUN,
 }
 """How a task ends whose execution ended so."""
+
+MOST_SPREADS = 6.0
+"""How far a measured tool may be off, in standard deviations of noise and calibration [1]."""
+ARM_OFF = 0.005
+"""How far an arm's tool may be from where its encoders have it [m]: the absolute accuracy of arms that were not calibrated."""
+UNSTATED = 0.05
+"""The same where the covariance of the laser unit's pose is not stated [m]: a unit whose place was measured by hand."""
 
 TAKEN_AS_EXACT = (
     "where the spot truly is was not given: the reading was taken as exact, so the laser's error is that of its pose"
@@ -124,18 +132,7 @@ class Task:
         return Ended(status)
 
     def run(self, spot: Spot) -> Outcome:
-        """Move the tool to a spot, and correct the rest.
-
-        Parameters
-        ----------
-        spot : Spot
-            As the unit read it.
-
-        Returns
-        -------
-        Outcome
-            What came of it.
-        """
+        """Move the tool to a spot as the unit read it, and correct the rest."""
         status = CellStatus.ARRIVED
         try:
             self._see(spot)
@@ -148,18 +145,7 @@ class Task:
         return self._outcome(status)
 
     def resume(self, outcome: Outcome) -> Outcome:
-        """Go on with a task that was stopped while the arm moved.
-
-        Parameters
-        ----------
-        outcome : Outcome
-            How it ended; its last execution was stopped.
-
-        Returns
-        -------
-        Outcome
-            Of the rest of the way.
-        """
+        """Go on with a task whose last execution was stopped; the outcome is of the rest of the way."""
         self.spot, self.true_spot, self.target = outcome.spot, outcome.true_spot, outcome.target
         since, status = perf_counter(), CellStatus.ARRIVED
         try:
@@ -255,6 +241,9 @@ class Task:
             took = f"the motion takes {found.trajectory.duration:.3g} s at the tool speed that was asked"
             reason = f"{took}, less than the servo's period of {cell.drive.period:g} s"
             raise self._fail("execution", CellStatus.REFUSED, reason, "a lower tool speed, or a law without one")
+        if found.trajectory.duration > MOST_PERIODS * cell.drive.period:
+            reason = f"the motion takes {found.trajectory.duration:.3g} s, more than {MOST_PERIODS:,} periods"
+            raise self._fail("execution", CellStatus.REFUSED, reason, "higher limits")
         return found
 
     def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
@@ -314,13 +303,16 @@ class Task:
         self.along.append(split_along(execution, self.solver, self.true_spot, wishes.samples))
         rest, said = None, f"{_mm(np.linalg.norm(error))} from the spot"
         if wishes.corrections:
-            rest = self._rest(tool)
+            rest = self._rest(tool, robot.fk(execution.measured[-1])[:3, 3])
             said += f"; {_mm(np.linalg.norm(rest))} as measured"
         self.rounds.append(Round(found, execution, tool, rest, error))
         self._add("tool", said, pose, since)
 
-    def _rest(self, tool: Array) -> Array:
-        """Measured spot minus measured tool, both measured in the same way, so that the calibration's error cancels."""
+    def _rest(self, tool: Array, encoders: Array) -> Array:
+        """Measured spot minus measured tool, both measured in the same way, so that the calibration's error cancels.
+
+        A tool that is measured farther from where the encoders have it than noise and calibration explain is not measured.
+        """
         try:
             read = self.cell.read_tool(tool, self.wishes.readings, self.wishes.look)
             seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.wishes.plane)
@@ -330,6 +322,15 @@ class Task:
             reason = f"the laser unit cannot measure the tool: {seen.status}: {seen.reason}"
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, seen.advice, seen)
         assert seen.point is not None and self.spot is not None and isinstance(read, Spot)
+        off = float(np.linalg.norm(seen.point - encoders))
+        stated = self.cell.laser.pose_covariance is not None
+        spread = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
+        most = MOST_SPREADS * spread + (ARM_OFF if stated else UNSTATED)
+        if off > most:
+            why = f"the laser unit measures the tool {_mm(off)} from where the encoders have it"
+            reason = f"{why}, and noise and calibration explain {_mm(most)} at most"
+            advice = "see what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
+            raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
         self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.wishes.plane)))
         return self.spot - seen.point
 
@@ -405,25 +406,7 @@ class Task:
 
 
 def wishes_of(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> Wishes:
-    """Build what was asked of a task, with its law.
-
-    Parameters
-    ----------
-    law : str, path or TimeLaw
-        The time law.
-    **given
-        The other fields of `Wishes`.
-
-    Returns
-    -------
-    Wishes
-        What was asked.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        No such law.
-    """
+    """Build what was asked of a task, with its law and the other fields of `Wishes`."""
     return Wishes(law=law_for(law), **given)
 
 

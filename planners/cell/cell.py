@@ -19,7 +19,7 @@ from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell._checks import vectors
-from planners.cell._readings import CellReadings
+from planners.cell._readings import MOST_READINGS, CellReadings
 from planners.cell._task import Follow, Look, Task, wishes_of
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
@@ -231,7 +231,7 @@ class Cell(CellReadings):
             if given is not None and not callable(given):
                 raise InvalidInput(name, shown(given), "a function")
         check_count(corrections, "corrections", 0, MOST_ROUNDS)
-        check_count(readings, "readings", 1)
+        check_count(readings, "readings", 1, MOST_READINGS)
         check_count(most_replans, "most_replans", 0)
         if corrections and functions["look"] is None and not self.drive.simulated:
             raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
@@ -289,9 +289,28 @@ class Cell(CellReadings):
     def _grip(self, gripper: Gripper, held: Held | None, width: float) -> None:
         """Have arm and drive carry what the gripper holds now."""
         robot = gripper.mounted(self._bare, held)
+        if held is not None and held is not self.held:
+            self._check_weight(robot, held)
         if robot != self.robot:
             self.drive.carry(robot)
         self.robot, self.held, self.width = robot, held, width
+
+    def _check_weight(self, robot: Robot, held: Held) -> None:
+        """Raise where the motors cannot hold an object where the arm stands; torques that are not known are not judged."""
+        if robot.inertia is None or robot.limits.torque is None:
+            return
+        try:
+            q = self.drive.measure()
+        except InvalidInput:  # a simulated drive that does not know yet where its arm stands
+            return
+        if not np.isfinite(q).all():
+            return
+        still = np.zeros(robot.n)
+        needed = np.abs(robot.torques(q, still, still)) / robot.limits.torque
+        i = int(needed.argmax())
+        if needed[i] > 1.0:
+            what = f"{held.mass:g} kg, which takes {needed[i]:.3g} times the torque of {robot.joint_names[i]} to hold"
+            raise InvalidInput("held", what, "an object that the arm can hold where it stands")
 
     def _gripped(self, name: str, act: Callable[[Gripper], str]) -> Outcome:
         """The outcome of one step of the gripper; nothing changes where it cannot."""

@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from optik import se3
 from optik.arm.body import Body
 from optik.arm.robot import Robot
 from optik.arm.urdf_writer import check_xml_names
@@ -199,7 +200,7 @@ def _add_inertial(body: ET.Element, link: Body) -> None:
     # By principal axes: MuJoCo's own decomposition of a full tensor is too coarse for rods and plates, which it then refuses.
     mass, com, _ = link
     moments, axes = _principal(link)
-    place = {"pos": _words(com), "quat": _words(_quaternion(axes))}
+    place = {"pos": _words(com), "quat": _words(se3.quaternion(axes))}
     ET.SubElement(body, "inertial", place, mass=repr(max(mass, SMALLEST_MASS)), diaginertia=_words(_taken(moments)))
 
 
@@ -240,24 +241,7 @@ def _taken(moments: Array) -> Array:
 
 def _place(T: Array) -> dict[str, str]:
     """Position and unit quaternion (w, x, y, z) of a pose, as attributes."""
-    return {"pos": _words(T[:3, 3]), "quat": _words(_quaternion(T[:3, :3]))}
-
-
-def _quaternion(R: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of a rotation, exact to rounding for every one."""
-    # The rows are four multiples of it; the longest loses no digits.
-    x, y, z = R.T
-    trace = x[0] + y[1] + z[2]
-    multiples = np.array(
-        [
-            [1.0 + trace, y[2] - z[1], z[0] - x[2], x[1] - y[0]],
-            [y[2] - z[1], 1.0 - trace + 2.0 * x[0], x[1] + y[0], z[0] + x[2]],
-            [z[0] - x[2], x[1] + y[0], 1.0 - trace + 2.0 * y[1], y[2] + z[1]],
-            [x[1] - y[0], z[0] + x[2], y[2] + z[1], 1.0 - trace + 2.0 * z[2]],
-        ]
-    )
-    longest = multiples[int(np.argmax(np.diag(multiples)))]
-    return np.asarray(longest / np.linalg.norm(longest))
+    return {"pos": _words(T[:3, 3]), "quat": _words(se3.quaternion(T[:3, :3]))}
 
 
 def _words(numbers: Any) -> str:

@@ -22,6 +22,10 @@ PERIOD = 0.004
 """The servo period by default [s]: 250 set-points per second, as many controllers of arms take them."""
 
 
+MOST_PERIODS = 500_000
+"""Periods of a motion at most: half an hour at 4 ms, of which a simulated arm keeps half a gigabyte."""
+
+
 class Setpoints(NamedTuple):
     """What the servo is sent at every tick: row k is the state of the motion at k periods, the last one its end.
 
@@ -151,9 +155,14 @@ def periods_of(motion: Trajectory, period: float) -> int:
     Raises
     ------
     InvalidInput
-        A period that is not above 0, or longer than the motion.
+        A period that is not above 0, longer than the motion, or too short for it.
     """
     period = check_number(period, "period", "seconds above 0", above=0.0)
     if motion.end < period - SAME_INSTANT:
         raise InvalidInput("period", f"{period:.6g} s", f"at most the duration of the motion, {motion.end:.6g} s")
+    if motion.end > MOST_PERIODS * period:
+        came = f"{period:.6g} s, for a motion of {motion.end:.6g} s"
+        raise InvalidInput(
+            "period", came, f"a motion of at most {MOST_PERIODS:,} periods: higher limits, or a longer period"
+        )
     return max(ceil((motion.end - SAME_INSTANT) / period), 1)

@@ -6,9 +6,10 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance, solver_for
+from planners.certificate.failure import Allow, check_valid
 from planners.following.follow import JointPath, follow
 from planners.motion import Motion
-from planners.plan import FOLLOWED, Plan, PlanStatus
+from planners.plan import FOLLOWED, Plan, verdict
 
 UNSTORED = (1e-5, 1e-5)
 """That of a plan, for a motion that was stored without one [m, rad]."""
@@ -17,7 +18,7 @@ SAME_WAY = 1e-4
 arm that goes another way is farther off at once."""
 
 
-def plan_of(motion: Motion, *, ik: str = "lm") -> Plan:
+def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
     """Return a plan with a motion from a file: its joint path is followed again, and the motion is certified again.
 
     Parameters
@@ -27,6 +28,8 @@ def plan_of(motion: Motion, *, ik: str = "lm") -> Plan:
     ik : str
         The IK method that it was planned with. It matters only to an arm with more joints than its task needs, which the
         method takes its own way.
+    allow : str or several
+        Violations to permit, as for `planners.save`.
 
     Returns
     -------
@@ -37,8 +40,10 @@ def plan_of(motion: Motion, *, ik: str = "lm") -> Plan:
     ------
     InvalidInput
         Not a motion, or one that begins in the middle of its path.
+    InvalidMotion
+        The motion violates something that ``allow`` does not permit.
     NoSolution
-        The motion's certificate does not hold; the path cannot be followed from its start, or leads another way.
+        The path cannot be followed from its start, or leads another way.
     UnknownName
         No such IK method.
     """
@@ -48,17 +53,16 @@ def plan_of(motion: Motion, *, ik: str = "lm") -> Plan:
         expected = "one that begins where its path does; a replanned one is executed by the program that replanned it"
         raise InvalidInput("motion", f"one that begins at s = {motion.span[0]:.6g}", expected)
     proof = motion.certify()
-    if not proof.holds:
-        why = f"the certificate of this motion does not hold: {'; '.join(proof.broken)}"
-        raise NoSolution(why, advice="plan again, with another law or lower limits")
+    check_valid(proof, allow, "the certificate of this motion does not hold: ", "another law, or lower limits")
     joints, (t, s) = _followed(motion, ik), proof.binding[:2]
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
         what = f"{ik} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
         raise NoSolution(what, s=float(s[i]), advice="the IK method that the motion was planned with; or plan again")
+    status, stop = verdict(proof)
     return Plan(
-        motion.robot, motion.path, motion.limits, PlanStatus.SOLVED, ik, motion.law, joints, None,
+        motion.robot, motion.path, motion.limits, status, ik, motion.law, joints, stop,
         motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene, margin=motion.margin,
     )  # fmt: skip
 

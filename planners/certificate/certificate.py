@@ -19,11 +19,12 @@ from planners.certificate.continuity import continuity_failures, continuous_orde
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
 from planners.certificate.examined import Examined, examined
-from planners.certificate.failure import Failure
+from planners.certificate.failure import Failure, word_of_limit
 from planners.certificate.path_error import PathError
 from planners.certificate.position import position_failures, position_margins
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
+from planners.certificate.summary import certificate_lines
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
 from planners.paths.base import Path
@@ -114,6 +115,9 @@ class Certificate:
     friction_steps: tuple[FrictionStep, ...] = ()
     clearance: Clearance | None = None
 
+    def __str__(self) -> str:
+        return "\n".join(certificate_lines(self))
+
     def judged(self, field: str) -> Extreme | ToolExtreme:
         """Return the worst value of a limit, its ratio and its time.
 
@@ -164,7 +168,7 @@ class Certificate:
     @property
     def failures(self) -> tuple[Failure, ...]:
         """The promises that do not hold; empty where the certificate holds."""
-        moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration)]
+        moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration, "limits")]
         return (
             *self._violations(),
             *continuity_failures(self.continuous),
@@ -181,9 +185,11 @@ class Certificate:
         for field in self.keeps:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
-                words = f"{field} of {subject} is {ratio:.9g} of its limit at t = {t:.6g} s"
+                much = f"{ratio:.9g} of its limit" if ratio < float("inf") else "unbounded"
+                words = f"{field} of {subject} is {much} at t = {t:.6g} s"
                 words += ", for this model of the masses" if field in LOADED else ""
-                found.append(Failure(words, t, subject if subject in self.joint_names else None))
+                joint = subject if subject in self.joint_names else None
+                found.append(Failure(words, t, word_of_limit(field), joint))
         return found
 
     @property
@@ -273,7 +279,7 @@ def certify(
         raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
-    margin = margin if scene is None else check_scene(robot, scene, margin)
+    margin = check_scene(robot, scene, margin)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
     promise = _Promise(law, keeps, rate, tolerance, scene, margin)
     return _proved(examined(robot, trajectory, path, enough), limits, promise, span)

@@ -115,13 +115,14 @@ class Clearance:
         kind, least = min(self._kinds, key=lambda each: each[0].found - each[1])
         where = f"{kind.pair[0]} and {kind.pair[1]} at t = {kind.time:.6g} s"
         beyond = "" if least == 0.0 else f", and the margin is {1e3 * least:.6g} mm"
+        word = "not_proved" if kind.found > least else "contact"
         if kind.found > least:
             words = f"the clearance is not proved: found {1e3 * kind.found:.6g} mm between {where}{beyond}"
         elif kind.found > 0.0:
             words = f"{1e3 * kind.found:.6g} mm between {where}{beyond}"
         else:
             words = f"contact of {where}"
-        return (Failure(words, kind.time),)
+        return (Failure(words, kind.time, word),)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files; infinite numbers as None."""

@@ -119,4 +119,4 @@ def continuity_failures(continuous: int) -> list[Failure]:
     """
     if continuous >= 1:
         return []
-    return [Failure(f"the {'position' if continuous < 0 else 'velocity'} jumps", 0.0)]
+    return [Failure(f"the {'position' if continuous < 0 else 'velocity'} jumps", 0.0, "limits")]

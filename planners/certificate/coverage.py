@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik import se3
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.certificate.failure import Failure
 from planners.certificate.path_error import Passage
 from planners.paths.base import Path
 
 FALLS = 100
-"""Stretches on which a motion goes back between two instants that are measured, the longest first: each costs 65 twists."""
+"""Stretches on which a motion goes back that are measured, the longest first: each costs 65 twists."""
 COVERED = (1e-5, 1e-5)
 """How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given:
 the tolerance of `planners.plan`."""
@@ -56,13 +56,13 @@ class Coverage(NamedTuple):
         found = []
         if late:
             words = f"the motion begins at s = {self.begin:.6g} of its path, not at {self.wanted[0]:.6g}"
-            found.append(Failure(words, 0.0))
+            found.append(Failure(words, 0.0, "coverage"))
         if early:
             words = f"the motion ends at s = {self.end:.6g} of its path, not at {self.wanted[1]:.6g}"
-            found.append(Failure(words, duration))
+            found.append(Failure(words, duration, "coverage"))
         if back:
             words = f"the motion goes back along its path, to s = {self.back:.6g} at t = {self.t_back:.6g} s"
-            found.append(Failure(words, self.t_back))
+            found.append(Failure(words, self.t_back, "coverage"))
         return found
 
 
@@ -83,23 +83,32 @@ def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverag
     Coverage
         The part, and what is missing of what was wanted.
     """
-    s = passage.s
-    begin, end = float(s[0]), float(s[-1])
-    top = np.maximum.accumulate(s)
-    first = np.maximum.accumulate(np.where(s == top, np.arange(s.size), 0))  # where it came to the farthest place yet
+    begin, end = float(passage.s[0]), float(passage.s[-1])
     back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
-    if (s < top).any():
-        gap = se3.error(passage.poses[first], passage.poses)
-        away = np.stack([np.linalg.norm(part, axis=1) for part in (gap[:, :3], gap[:, 3:])], axis=1)
-        k = int(away.max(axis=1).argmax())
-        back = (float(away[k, 0]), float(away[k, 1])), float(s[k]), float(passage.t[k])
-    falls = passage.falls[np.argsort(passage.falls[:, 2] - passage.falls[:, 1], kind="stable")[:FALLS]]
-    for t, high, low in falls:
+    for t, high, low in _stretches_back(passage):
         length = length_between(path, low, high)
         if max(length) > max(back[0]):
             back = length, float(low), float(t)
     missing = length_between(path, begin, span[0]), length_between(path, end, span[1]), back[0]
     return Coverage(begin, end, span, back[1], back[2], missing)
+
+
+def _stretches_back(passage: Passage) -> Array:
+    """Longest stretches back (k, 3): when they end, from the farthest place yet, and to the nearest one until the next.
+
+    A stretch may go on over many of the intervals whose parts of it are in ``passage.falls``.
+    """
+    falls = passage.falls
+    t = np.concatenate([passage.t, falls[:, 0], falls[:, 0]])
+    s = np.concatenate([passage.s, falls[:, 1], falls[:, 2]])
+    order = np.lexsort((np.repeat([0, 1, 2], [passage.t.size, len(falls), len(falls)]), t))
+    t, s = t[order], s[order]
+    starts = np.flatnonzero(np.append(True, s[1:] > np.maximum.accumulate(s)[:-1]))
+    ends = np.append(starts[1:], s.size)
+    starts, ends = starts[ends > starts + 1], ends[ends > starts + 1]
+    lowest = np.array([first + s[first:last].argmin() for first, last in zip(starts, ends, strict=True)], np.int64)
+    back = np.column_stack([t[lowest], s[starts], s[lowest]])[s[lowest] < s[starts]]
+    return np.asarray(back[np.argsort(back[:, 2] - back[:, 1], kind="stable")[:FALLS]])
 
 
 def length_between(path: Path, a: float, b: float) -> tuple[float, float]:

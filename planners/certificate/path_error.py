@@ -60,25 +60,34 @@ class PathError(NamedTuple):
         list of Failure
             Empty where it does not.
         """
-        found: list[Failure] = []
-        if tolerance is not None and self.distance > tolerance[0]:
+        if tolerance is None:
+            return []
+        failures: list[Failure] = []
+        if not self.distance <= tolerance[0]:
             words = f"the tool is up to {self.distance:.3g} m off its path at t = {self.t_distance:.6g} s"
-            found.append(Failure(words, self.t_distance))
-        if tolerance is not None and self.angle > tolerance[1]:
+            failures.append(_beyond(words, self.t_distance, self.found_distance, tolerance[0], "m"))
+        if not self.angle <= tolerance[1]:
             words = f"the tool is turned by up to {self.angle:.3g} rad at t = {self.t_angle:.6g} s"
-            found.append(Failure(words, self.t_angle))
-        return found
+            failures.append(_beyond(words, self.t_angle, self.found_angle, tolerance[1], "rad"))
+        return failures
+
+
+def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> Failure:
+    """A deviation of which the bound exceeds the tolerance: violated if the largest value found does so too."""
+    words = f"{words}, and the tolerance is {tolerance:.3g} {unit}"
+    if found > tolerance:
+        return Failure(words, t, "path")
+    return Failure(f"{words}: the largest value found is {found:.3g} {unit}", t, "not_proved")
 
 
 class Passage(NamedTuple):
-    """A motion along its path: places s (k,) and the path's poses (k, 4, 4) there at instants t (k,), some of them knots.
+    """A motion along its path: places s (k,) at instants t (k,), some of them knots.
 
     ``falls`` (m, 3) are stretches on which s(t) goes back between two instants: when, from which place, and to which.
     """
 
     t: Array
     s: Array
-    poses: Array
     knot: Flags
     falls: Array
 
@@ -127,8 +136,7 @@ def path_error(
     proved = errors.bound(piece, first, last) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
     t, s = np.append(first.t, last.t[-1]), np.append(first.s, last.s[-1])
-    poses = np.concatenate([first.path_poses, last.path_poses[-1:]])
-    return error, Passage(t, s, poses, knot, np.concatenate(errors.falls))
+    return error, Passage(t, s, knot, np.concatenate(errors.falls))
 
 
 def _compared(nearest: Nearest, side: Instants, guess: Array) -> Compared:

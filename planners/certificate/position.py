@@ -48,4 +48,6 @@ def position_failures(margins: Array, joint_names: tuple[str, ...]) -> list[Fail
     i = int(np.argmin(margins))
     if margins[i] >= -LIMIT_TOLERANCE:
         return []
-    return [Failure(f"{joint_names[i]} passes its range by {-margins[i]:.3g} (rad or m)", 0.0, joint_names[i])]
+    return [
+        Failure(f"{joint_names[i]} passes its range by {-margins[i]:.3g} (rad or m)", 0.0, "limits", joint_names[i])
+    ]

@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 from optik.errors import InvalidInput, OptikError
 from optik.files import content_of, suffix_of, write_whole
 from optik.registry import build_method, names
+from planners.certificate.failure import Allow
 from planners.files.base import Format
 from planners.motion import HasMotion, Motion, motion_of
 
@@ -20,11 +21,17 @@ def formats() -> tuple[str, ...]:
 
 
 def save(
-    motion: Motion | HasMotion, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None
+    motion: Motion | HasMotion,
+    file: str | os.PathLike[str],
+    *,
+    format: str | os.PathLike[str] | None = None,
+    rate: float | None = None,
+    allow: Allow = (),
 ) -> None:
-    """Write a motion, whole or not at all, in the format of the file's suffix or in one that is named.
+    """Write a valid motion, whole or not at all, in the format of the file's suffix or in one that is named.
 
-    Every format holds the arm, the path, the limits, the law's name and promises, and the exact polynomials.
+    Every format holds the arm, the path, the limits, the law's name, the limits that the motion must keep, and the exact
+    polynomials. The motion is certified before it is written.
 
     Parameters
     ----------
@@ -35,11 +42,18 @@ def save(
         ``.csv``: the same lines as comments, then a table of t, q, q̇, q̈ at the knots.
     format : str or path, optional
         Name of the format, or a Python file such as ``"./tsv.py"``, which is run; by default the suffix is the name.
+    rate : float, optional
+        Points per second [1/s] in the table of a CSV; by default points at the knots.
+    allow : str or several
+        Violations to permit: ``"contact"``, ``"path"``, ``"limits"``, ``"jerk"``, ``"coverage"``, ``"not_proved"``. With all of
+        them the motion is not certified.
 
     Raises
     ------
+    InvalidMotion
+        The motion violates something that ``allow`` does not permit: it says what, by how much, where, and the word.
     InvalidInput
-        A suffix of no format.
+        A suffix of no format, or a rate for a format without a table.
     UnknownName
         No format has that name.
     MissingDependency
@@ -49,8 +63,9 @@ def save(
     OutputError
         The file cannot be written.
     """
-    chosen = _format(file, format)
-    content = chosen.to_bytes(motion_of(motion))
+    chosen, motion = _format(file, format, **({} if rate is None else {"rate": rate})), motion_of(motion)
+    motion.check_valid(allow)
+    content = chosen.to_bytes(motion)
     write_whole(file, lambda part: part.write_bytes(content))
 
 
@@ -87,13 +102,13 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
         raise InvalidInput(str(file), str(error), "a whole motion") from None
 
 
-def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None) -> Format:
+def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None, **options: float) -> Format:
     """Build the format that is named, or that of the file's suffix."""
     if name is None:
         name = suffix_of(file, tuple(f".{known}" for known in formats()))[1:]
     elif not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:120], "a path")
-    built = build_method("planners.files", name, "file format")
+    built = build_method("planners.files", name, "file format", **options)
     if not isinstance(built, Format):
         raise InvalidInput("format", repr(built)[:60], "the name of a Format")
     return built

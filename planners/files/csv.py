@@ -8,15 +8,28 @@ import json
 
 import numpy as np
 
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.files import parsed, text_of
 from optik.types import Array
 from planners.files.base import Format, from_plain, to_plain
 from planners.motion import Motion
 
+MOST_TABLE_ROWS = 1_000_000
+"""Most rows of a table at a rate."""
+
 
 class Csv(Format):
-    """A table for spreadsheets; the motion itself is the polynomials in the comment lines."""
+    """A table for spreadsheets; the motion itself is the polynomials in the comment lines.
+
+    Parameters
+    ----------
+    rate : float, optional
+        Points per second in the table [1/s], the last one at the end of the motion; by default points at the knots.
+    """
+
+    def __init__(self, rate: float | None = None) -> None:
+        self._rate = rate if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
 
     def to_bytes(self, motion: Motion) -> bytes:
         """As `Format.to_bytes`.
@@ -31,9 +44,10 @@ class Csv(Format):
         bytes
             Text in UTF-8.
         """
-        columns, rows = _table(motion)
+        columns, rows = _table(motion, self._rate)
         out = io.StringIO()
-        for key, value in to_plain(motion).items():
+        rate = {} if self._rate is None else {"rate": self._rate}
+        for key, value in (to_plain(motion) | rate).items():
             out.write(f"# {key}: {json.dumps(value, allow_nan=False)}\n")
         returns = any("\r" in name for name in columns)  # a row would end there; the writer quotes only its own ending
         csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL if returns else csv.QUOTE_MINIMAL).writerow(columns)
@@ -66,29 +80,39 @@ class Csv(Format):
             if not colon:
                 raise InvalidInput("header", repr(line[:60]), "comment lines '# KEY: JSON'")
             data[key] = parsed(value, key)
+        rate = data.pop("rate", None)
+        if rate is not None:
+            check_number(rate, "rate", "points per second, above 0", above=0.0)
         motion = from_plain(data)
         try:
             rows = [row for row in csv.reader(io.StringIO("\n".join(lines[count:]), newline="")) if row]
         except csv.Error as error:
             raise InvalidInput("table", str(error), "comma-separated values") from None
-        _check_table(rows, motion)
+        _check_table(rows, motion, rate)
         return motion
 
 
-def _table(motion: Motion) -> tuple[list[str], Array]:
-    """Names of the columns, and rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots."""
+def _table(motion: Motion, rate: float | None) -> tuple[list[str], Array]:
+    """Names of the columns, and rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots, or at a rate."""
     t = motion.trajectory.knots
+    if rate is not None:
+        count = np.ceil((t[-1] - t[0]) * rate - 1e-9)
+        if count >= MOST_TABLE_ROWS:
+            raise InvalidInput("rate", f"{rate:g}, which is {count:.3g} points", f"at most {MOST_TABLE_ROWS} points")
+        t = np.append(t[0] + np.arange(count) / rate, t[-1])
     columns = ["t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in motion.robot.joint_names)]
     return columns, np.hstack([t[:, None], *(motion.trajectory(t, order) for order in range(3))])
 
 
-def _check_table(rows: list[list[str]], motion: Motion) -> None:
+def _check_table(rows: list[list[str]], motion: Motion, rate: float | None) -> None:
     """Raise InvalidInput unless the table shows the polynomials of the header to nine digits."""
-    columns, expected = _table(motion)
+    columns, expected = _table(motion, rate)
     if not rows or rows[0] != columns:
         raise InvalidInput("table", repr(rows[0] if rows else [])[:80], f"the columns {', '.join(columns)}"[:200])
     if len(rows) != len(expected) + 1:
-        raise InvalidInput("table", f"{len(rows) - 1} rows", f"{len(expected)}, one a knot")
+        raise InvalidInput(
+            "table", f"{len(rows) - 1} rows", f"{len(expected)}, one a {'knot' if rate is None else 'point'}"
+        )
     scale = 1e-9 * np.maximum(np.abs(expected).max(axis=0), 1e-9)
     for i, (row, wanted) in enumerate(zip(rows[1:], expected, strict=True)):
         try:

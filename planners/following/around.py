@@ -140,4 +140,5 @@ def around(robot: Robot, scene: Scene | None, margin: float) -> Around | None:
     UnknownName
         A link in ``scene.allow`` that the arm does not have.
     """
-    return None if scene is None else Around(robot, scene, check_scene(robot, scene, margin))
+    margin = check_scene(robot, scene, margin)
+    return None if scene is None else Around(robot, scene, margin)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -43,6 +43,9 @@ class MotionLimits:
     torque, torque_rate : scalar or (n,) array, optional
         Greatest torques [N·m, N] and rates of the torques [N·m/s, N/s], of an arm whose masses are known. Coulomb friction
         counts in the torque, and not in its rate.
+    robot_values : mapping, optional
+        Bounds of the robot's model by name, as `MotionLimits.of` sets them. A bound that differs from its entry here was given
+        by the caller (`MotionLimits.given_names`).
 
     Raises
     ------
@@ -60,6 +63,7 @@ class MotionLimits:
     extra: Mapping[str, Any] | None = None
     torque: ArrayLike | None = None
     torque_rate: ArrayLike | None = None
+    robot_values: Mapping[str, Any] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for kind in FIELD_LIMITS:
@@ -82,7 +86,7 @@ class MotionLimits:
         return hash(self._content())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = [getattr(self, field.name) for field in fields(self)]
+        values = [getattr(self, each.name) for each in fields(self)]
         return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
 
     def _content(self) -> Any:
@@ -102,13 +106,9 @@ class MotionLimits:
         MotionLimits
             Its velocities, accelerations and jerks, where it has them; torques and their rates where it has masses too.
         """
-        own = robot.limits
-        loaded = robot.inertia is not None
-        return MotionLimits(
-            own.velocity, own.acceleration, own.jerk,
-            torque=own.torque if loaded else None,
-            torque_rate=own.torque_rate if loaded else None,
-        )  # fmt: skip
+        names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
+        own = {name: getattr(robot.limits, name) for name in names}
+        return MotionLimits(**own, robot_values=own)
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
@@ -119,6 +119,13 @@ class MotionLimits:
     def names(self) -> tuple[str, ...]:
         """Names of `kinds`."""
         return ALL_LIMITS if self.extra is None else (*ALL_LIMITS, *self.extra)
+
+    @property
+    def given_names(self) -> tuple[str, ...]:
+        """Names of the limits that the caller gave: those with a bound that is not the one of the robot's model."""
+        own = self.robot_values or {}
+        bounds = {name: self.value(name) for name in self.names}
+        return tuple(n for n, b in bounds.items() if b is not None and not (n in own and np.array_equal(b, own[n])))
 
     def value(self, name: str) -> Any:
         """Return a bound as it was given.
@@ -248,7 +255,7 @@ class MotionLimits:
             The chosen limits.
         """
         extra = {name: value for name, value in (self.extra or {}).items() if name in names}
-        return MotionLimits(**{name: getattr(self, name) for name in ALL_LIMITS if name in names}, extra=extra)
+        return replace(self, **dict.fromkeys(name for name in ALL_LIMITS if name not in names), extra=extra)
 
     def scaled(self, share: float, names: tuple[str, ...] | None = None) -> MotionLimits:
         """Return the limits multiplied by a factor.

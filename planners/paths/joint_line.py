@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, newton, se3
+from optik.arm.plain import robot_difference
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
@@ -151,7 +152,8 @@ class JointLine(Path):
             Another arm than the one this path was made for, s outside the path, another order.
         """
         if robot != self.robot:
-            raise InvalidInput("robot", f"{robot!r}", f"the arm this path was made for, {self.robot!r}")
+            other = f"{robot!r}, which differs in {robot_difference(robot, self.robot)}"
+            raise InvalidInput("robot", other, f"the arm this path was made for, {self.robot!r}")
         return self._joints(s, order)
 
     def _evaluate(self, x: Array, order: int) -> Array:

@@ -38,11 +38,16 @@ def test_the_same_seed_gives_the_same_task(tmp_path: Path) -> None:
 
 
 def test_a_task_that_fails_names_its_step_and_writes_no_page(tmp_path: Path) -> None:
-    done = typed(tmp_path, "--drive", "ideal", "--spot", "3,0,0")
+    done = typed(tmp_path, "--drive", "ideal", "--spot", "3,0,0", "--start-deg", "20,-35,40,25,50,-30")
     assert done.exit_code == 1
     assert "not arrived: no_plan at step target: out of reach" in done.stderr and done.stderr.count("\n") == 1
     assert not (tmp_path / "task.html").exists()
     assert json.loads((tmp_path / "task.json").read_text(encoding="utf-8"))["failed"] == "target"
+
+
+def test_a_motion_of_too_many_set_points_is_refused(tmp_path: Path) -> None:
+    done = typed(tmp_path, "--drive", "ideal", "--velocity", "1e-9", "--timing", "ruckig")
+    assert done.exit_code == 1 and "refused at step execution" in done.stderr and "500,000 periods" in done.stderr
 
 
 def test_the_direction_of_a_miscalibration_has_nothing_of_the_noise() -> None:
@@ -75,6 +80,8 @@ def test_without_mujoco_it_says_which_drive_it_takes(monkeypatch: pytest.MonkeyP
         (("--seed", "-1"), InvalidInput, "--seed"),
         (("--corrections", "-1"), InvalidInput, "--corrections"),
         (("--readings", "0"), InvalidInput, "--readings"),
+        (("--readings", "100000000"), InvalidInput, "--readings"),
+        (("--corrections", "101"), InvalidInput, "--corrections"),
         (("--timing", "nope"), UnknownName, "nope"),
         (("--out", "page.txt"), InvalidInput, "--out"),
         (("--robot", "ur5e"), InvalidInput, "--jerk"),

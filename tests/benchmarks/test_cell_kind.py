@@ -12,9 +12,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+import optik
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.executed import executed_claims, needed_budgets
 from benchmarks.kinds.base import load_kind
+from benchmarks.kinds.cell.along import answers_along, plan_through
 from benchmarks.kinds.cell.facts import facts_of
 from benchmarks.kinds.cell.iso import ISO_TYPES, IsoWork
 from benchmarks.kinds.cell.isorows import figures_of
@@ -28,8 +30,10 @@ from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, UnknownName
+from optik.ik import make_solver
 from planners.cell.errors import ErrorSplit
 from planners.cell.iso9283 import NO_NOISE, PathFigures, PoseFigures
+from planners.paths.line import Line
 
 START = [20, -35, 40, 25, 50, -30]
 NOISE = {"laser_angle": 2e-4, "laser_range": 5e-4, "laser_position": 2e-4, "friction": 0.1, "payload": 0.05}
@@ -42,7 +46,10 @@ SMALL: dict[str, Any] = {
             "options": {
                 "start_deg": START, "normals": ["Y"], "half_size_m": 0.1, "spacing_m": 0.1, "reference_restarts": 1
             },
-            "methods": [{"solver": "dls"}, {"label": "line", "solver": "lm", "whole": True, "max_problems": 2}],
+            "methods": [
+                {"solver": "dls"}, {"solver": "dls", "along": True, "max_problems": 1},
+                {"label": "line", "solver": "lm", "whole": True, "max_problems": 2},
+            ],
             "targets": [{"method": "line", "measure": "worst_split_m", "at_most": 1e-12}],
         },
         {
@@ -83,8 +90,10 @@ def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunF
     spots = rows(run, "spots")
     assert spots.columns == list(SPOT_TYPES)
     assert spots.group_by("method").len().sort("method").rows() == [
-        ("dls, 1 iteration", 5), ("dls, 3 iterations", 5), ("line", 2)
+        ("dls, 1 iteration", 5), ("dls, 3 iterations", 5), ("dls, at each pose, 1 iteration", 1),
+        ("dls, at each pose, 3 iterations", 1), ("line", 2),
     ]  # fmt: skip
+    assert spots.filter(pl.col("along"))["setting"].unique().to_list() == ["dls, at each pose"]
     assert set(spots["status"]) == {"executed"}
     for axis in "xyz":
         total = spots.select(
@@ -95,7 +104,7 @@ def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunF
     line = spots.filter(pl.col("method") == "line")
     assert line["position_error"].max() < 5e-3  # type: ignore[operator]
     by_iteration = (
-        spots.filter(pl.col("solver") == "dls").group_by("budget").agg(pl.col("ik_error").median()).sort("budget")
+        spots.filter(pl.col("setting") == "dls").group_by("budget").agg(pl.col("ik_error").median()).sort("budget")
     )
     assert by_iteration["ik_error"][1] < 0.01 * by_iteration["ik_error"][0]
     # all methods see the same reading of a spot
@@ -169,7 +178,7 @@ def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
     problems = np.arange(2)
     work = SpotsWork(
         block, "ideal", 7, 0, problems, np.tile(np.eye(4), (2, 1, 1)), np.zeros(6), ("a", "b"), (True, False), (0.1, 0.2),
-        ((True, True), (True, False)), (),
+        ((True, False, True), (True, False, False)), (),
     )  # type: ignore[arg-type]  # fmt: skip
     crashed = work.crashed()
     assert crashed.columns == list(SPOT_TYPES)
@@ -245,7 +254,7 @@ def test_what_only_trying_shows_is_refused_before_anything_is_written(data: Any,
 
 
 def drawn(
-    error: Any, *, budgets: tuple[int, ...] = (1, 2, 4, 8), count: int = 500, other: float = 1e-5
+    error: Any, *, budgets: tuple[int, ...] = (1, 2, 4, 8), count: int = 500, other: float = 1e-5, along: bool = False
 ) -> pl.DataFrame:
     """Rows of dls whose error on each axis is a function of distance and budget, and whose other parts are small."""
     distance = np.random.default_rng(5).uniform(0.05, 0.5, count)
@@ -256,7 +265,8 @@ def drawn(
             pl.DataFrame(
                 {
                     "problem": np.arange(count), "repeat": 0, "solver": "dls", "setting": "dls", "budget": budget,
-                    "drive": "ideal", "known": True, "distance": distance, "error_x": e, "error_y": -e, "error_z": 0.5 * e,
+                    "drive": "ideal", "known": True, "along": along, "distance": distance,
+                    "error_x": e, "error_y": -e, "error_z": 0.5 * e,
                     "position_error": 1.5 * e, "ik_error": 1.5 * e, "laser_error": other, "path_error": 0.0,
                     "servo_error": 0.0,
                 }
@@ -279,6 +289,35 @@ def test_the_claims_as_executed_can_come_out_in_every_way(error: Any, verdicts: 
     assert [f.key for f in found] == ["a", "b", "c"]
     for finding, verdict in zip(found, verdicts, strict=True):
         assert finding.verdict.startswith(verdict), (finding.verdict, finding.summary)
+
+
+def test_both_readings_of_section_4_1_are_judged_each_by_its_own_trials() -> None:
+    single, each = drawn(lambda d, k: 0.2 * d * 0.2**k), drawn(lambda d, k: 1e-6 + 0 * d, along=True)
+    found = executed_claims(pl.concat([single, each]))
+    assert [f.key for f in found] == ["a", "b", "c"] * 2
+    assert [f.verdict for f in found] == [HOLDS, HOLDS, HOLDS, HOLDS, FAILS, UNTESTED]
+    for i, f in enumerate(found):
+        reading = ("one solve of k iterations", "k iterations at each pose")[i // 3]
+        assert reading in f.claim and f.summary.startswith(reading)
+
+
+def test_iterations_at_each_pose_follow_the_line_with_the_lag_of_their_step() -> None:
+    """One step of size α leaves (1 - α) of the error, so with δ a pose the error tends to δ (1 - α) / α: 3 δ for a quarter."""
+    robot = optik.load("paper6r")
+    q, T = np.deg2rad(START), robot.fk(np.deg2rad(START))
+    goal = T.copy()
+    goal[:3, 3] += [-0.12, 0.0, 0.2]
+    line = Line(T, goal)
+    for step, k, left in ((0.25, 1, 0.75), (0.25, 2, 0.75**2), (0.5, 1, 0.5)):
+        solver = make_solver(robot, "dls", step=step, damping=1e-4, max_iterations=k, max_restarts=0)
+        answers = answers_along(line, q, solver)
+        assert len(answers) == 151 and (answers[0] == q).all()
+        off = goal[:3, 3] - robot.fk(answers[-1])[:3, 3]
+        lag = line.end / 150.0 * left / (1.0 - left)
+        assert np.linalg.norm(off - lag * np.array([-0.12, 0.0, 0.2]) / line.end) < 0.02 * lag
+        planned = plan_through(robot, line, answers, "dls", "optimal")
+        assert planned and np.abs(planned.trajectory(planned.trajectory.end) - answers[-1]).max() < 1e-12
+        np.testing.assert_allclose(planned.joint_path(np.linspace(0.0, line.end, 151)), answers, atol=1e-12)
 
 
 def test_too_few_trials_neither_prove_nor_refute_that_all_are_within_two_millimetres() -> None:
@@ -310,7 +349,6 @@ def test_a_motion_that_was_not_executed_counts_as_missed() -> None:
 
 
 def test_facts_of_an_execution_are_those_of_its_arrays() -> None:
-    import optik
     from planners import plan
     from planners.cell.drives import make_drive
 

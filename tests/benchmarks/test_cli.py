@@ -38,16 +38,14 @@ def test_robots_lists_every_robot() -> None:
 
 
 def test_fk_takes_negative_numbers_and_agrees_with_the_library(typed: Any) -> None:
-    status, out, _ = typed("fk", *START.split(","), "--json")
+    status, out, _ = typed("fk", START, "--json")
     assert status == 0
     q = np.deg2rad([float(v) for v in START.split(",")])
     np.testing.assert_allclose(json.loads(out)["pose"], optik.load("paper6r").fk(q), atol=1e-12)
 
 
 def test_ik_answers_what_fk_confirms(typed: Any) -> None:
-    status, out, _ = typed(
-        "ik", "--xyz", "0.1", "0.3", "0.2", "--rpy-deg", "-90", "10", "20", "--start-deg", START, "--json"
-    )
+    status, out, _ = typed("ik", "--xyz", "0.1,0.3,0.2", "--rpy-deg", "-90,10,20", "--start-deg", START, "--json")
     answer = json.loads(out)
     assert (status == 0) == answer["solved"]
     T = optik.load("paper6r").fk(answer["q"])
@@ -56,10 +54,10 @@ def test_ik_answers_what_fk_confirms(typed: Any) -> None:
 
 
 def test_no_solution_is_exit_status_one(typed: Any) -> None:
-    status, _, said = typed("ik", "--xyz", "3", "0", "0", "--start-deg", START)
+    status, _, said = typed("ik", "--xyz", "3,0,0", "--start-deg", START)
     assert status == 1
     assert "not solved" in said
-    status, _, said = typed("plan", "line", "--move", "1", "1", "1")
+    status, _, said = typed("plan", "line", "--move", "1,1,1", "--start-deg", START)
     assert status == 1
     assert said.count("\n") == 1
     assert "s = " in said
@@ -163,22 +161,22 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["fk", "1", "2"], "Q_DEG"),
-        (["fk", "nan", "0", "0", "0", "0", "0"], "finite"),
-        (["fk", "0", "0", "0", "0", "0", "0", "--robot", "paper7r"], "paper6r"),
-        (["ik", "--xyz", "0", "0", "1", "--solver", "dsl"], "did you mean dls"),
-        (["ik", "--xyz", "0", "0", "1", "--start-deg", "a,b"], "--start-deg"),
+        (["fk", "1,2"], "Q_DEG"),
+        (["fk", "nan,0,0,0,0,0"], "finite"),
+        (["fk", "0,0,0,0,0,0", "--robot", "paper7r"], "paper6r"),
+        (["ik", "--xyz", "0,0,1", "--solver", "dsl"], "did you mean dls"),
+        (["ik", "--xyz", "0,0,1", "--start-deg", "a,b"], "--start-deg"),
         (["plan", "line", "--start-deg", "190,0,0,0,0,0"], "joint1"),
         (["plan", "line", "--timing", "ruckg"], "did you mean ruckig"),
         (["plan", "line", "--velocity", "0"], "velocity"),
         (["plan", "line", "--jerk", "nan"], "jerk"),
-        (["ik", "--xyz", "0.1", "0.3", "0.2", "--restarts", "100000000000000000000000000"], "max_restarts"),
-        (["plan", "line", "--move", "0", "0", "0"], "length of 0"),
+        (["ik", "--xyz", "0.1,0.3,0.2", "--restarts", "100000000000000000000000000"], "max_restarts"),
+        (["plan", "line", "--move", "0,0,0"], "length of 0"),
         (["plan", "line", "--robot", "ur5e", "--start-deg", "10,-80,90,20,30,40"], "--jerk"),
         (["plan", "line", "--robot", "kr6", "--start-deg", "10,-80,90,20,30,40"], "--acceleration"),
         (["plan", "line", "--out", "plan.txt"], ".json"),
         (["plan", "line", "--branch", "any"], "branch"),
-        (["plan", "line", "--robot", "panda"], "expected 7 joint values of panda"),
+        (["plan", "line", "--robot", "panda", "--start-deg", "1,2,3,4,5,6"], "expected 7 joint values of panda"),
         (["plan", "line", "--start-deg", "1,2"], "expected 6 joint values"),
         (["plan", "joints", "--to-deg", ""], "--to-deg"),
         (["plan", "line", "--tool-speed", "0"], "tool_speed"),
@@ -188,8 +186,8 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
         (["plan", "arc", "--via", "1,2,3", "--to", "1,2"], "3 or 6 numbers"),
         (["plan", "polyline", "--via", "a,b,c"], "--via"),
         (["plan", "joints", "--to-deg", "0,0,0,0,0,190"], "--to-deg"),
-        (["plan", "line", "--turn-deg", "0", "0", "360"], "180"),
-        (["plan", "line", "--move", "1e300", "0", "0"], "1e6 m"),
+        (["plan", "line", "--turn-deg", "0,0,360"], "180"),
+        (["plan", "line", "--move", "1e300,0,0"], "1e6 m"),
         (["plan", "line", "--samples", "1000000000"], "samples"),
         (["plan", "line", "--json", "--out", "/proc/no/plan.json"], "cannot be written"),
         (["plan", "line", "--out", "/proc/no/plan.json"], "cannot be written"),
@@ -232,13 +230,15 @@ def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes(typed: Any) -> None
     q = np.array([0.3, 0.9, 0.12, -0.4])
     scara = optik.load("irb910sc")
     x, y, z = (str(v) for v in scara.fk(scara.limits.clip(q))[:3, 3])
-    _, out, _ = typed("ik", "-r", "irb910sc", "--xyz", x, y, z, "--task", "position", "--solver", "dls", "--json")
+    _, out, _ = typed(
+        "ik", "-r", "irb910sc", "--xyz", f"{x},{y},{z}", "--task", "position", "--solver", "dls", "--json"
+    )
     answer = json.loads(out)
     assert answer["solved"]
     assert [unit == "mm" for unit in answer["q_deg_units"]] == scara.prismatic.tolist()
     units = np.where(scara.prismatic, 1e3, 180.0 / np.pi)
     np.testing.assert_allclose(answer["q_deg"], np.array(answer["q"]) * units, atol=1e-12)
-    _, back, _ = typed("fk", "-r", "irb910sc", *(str(v) for v in answer["q_deg"]), "--json")
+    _, back, _ = typed("fk", "-r", "irb910sc", ",".join(str(v) for v in answer["q_deg"]), "--json")
     np.testing.assert_allclose(np.array(json.loads(back)["pose"])[:3, 3], [float(v) for v in (x, y, z)], atol=1e-5)
 
 
@@ -275,5 +275,5 @@ def test_an_output_that_is_full_is_one_line_and_exit_status_two(arguments: tuple
 @pytest.mark.skipif(os.name != "posix", reason="pipes as POSIX has them")
 def test_a_reader_that_has_gone_changes_no_exit_status() -> None:
     assert into("", "robots") == (0, "")
-    status, _ = into("", "ik", "--xyz", "3", "0", "0", "--json")
+    status, _ = into("", "ik", "--xyz", "3,0,0", "--json")
     assert status == 1

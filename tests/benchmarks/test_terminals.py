@@ -32,7 +32,7 @@ def python(*arguments: str, **variables: str) -> subprocess.CompletedProcess[byt
 @pytest.mark.parametrize(
     ("command", "wanted"),
     [
-        (["ik", "--xyz", "0.1", "0.3", "0.2", "--rpy-deg", "-90", "10", "20", "--start-deg", START], ["joint6"]),
+        (["ik", "--xyz", "0.1,0.3,0.2", "--rpy-deg", "-90,10,20", "--start-deg", START], ["joint6"]),
         (["plan", "line", "--timing", "ruckig"], ["holds"]),
         (["bench", "list"], ["ik"]),
     ],
@@ -49,15 +49,13 @@ def test_a_plain_terminal_of_forty_columns_is_kept_to(command: list[str], wanted
 
 
 def test_an_error_is_one_line_where_nothing_but_ascii_can_be_written() -> None:
-    done = python(
-        "-m", "benchmarks.cli", "fk", "1", "2", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0", TERM="dumb"
-    )
+    done = python("-m", "benchmarks.cli", "fk", "1,2", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0", TERM="dumb")
     assert done.returncode == 2
     assert b"Traceback" not in done.stderr
     assert done.stderr.strip()
 
 
-@pytest.mark.parametrize("command", [["robots"], ["fk", "0", "0", "0", "0", "0", "0"]], ids=lambda x: x[0])
+@pytest.mark.parametrize("command", [["robots"], ["fk", "0,0,0,0,0,0"]], ids=lambda x: x[0])
 def test_tables_are_written_where_nothing_but_ascii_can_be(command: list[str]) -> None:
     done = python("-m", "benchmarks.cli", *command, PYTHONIOENCODING="ascii", TERM="dumb")
     assert done.returncode == 0, done.stderr

@@ -22,7 +22,7 @@ from planners.files.base import Format
 from planners.motion import Motion, motion_of
 from tests import oracles
 from tests.planners.cases import MOVE, START, moved, paper6r
-from tests.planners.motions import is_same, planned, readable_or_refused, small
+from tests.planners.motions import is_same, planned, readable_or_refused, small, write
 
 SUFFIXES = tuple(f".{name}" for name in formats())
 each_format = pytest.mark.parametrize("suffix", SUFFIXES)
@@ -74,7 +74,7 @@ def test_any_motion_comes_back_to_the_last_bit(suffix: str, tmp_path: Path, data
         robot, path, limits, Trajectory(PPoly(c, knots)), data.draw(text), data.draw(st.sampled_from([(), ("jerk",)]))
     )
     file = tmp_path / f"motion{suffix}"
-    save(motion, file)
+    write(motion, file)
     assert is_same(load_motion(file), motion)
 
 
@@ -83,14 +83,14 @@ def test_names_that_no_file_expects_come_back(suffix: str, tmp_path: Path) -> No
     names = ("\ud800", 'a,"b"', "# c", "d\r\n# e: 3", "\0", "ä ")
     robot = Robot("\udfff", small().robot.fixed, small().robot.prismatic, np.eye(4), small().robot.limits, names)
     motion = Motion(robot, small().path, small().limits, small().trajectory, "\ud800 law")
-    save(motion, tmp_path / f"motion{suffix}")
+    write(motion, tmp_path / f"motion{suffix}")
     assert is_same(load_motion(tmp_path / f"motion{suffix}"), motion)
 
 
 @each_format
 def test_a_truncated_file_is_refused(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"motion{suffix}"
-    save(small(), file)
+    write(small(), file)
     whole = file.read_bytes()
     for size in {0, 1, 2, 10, *range(3, len(whole) - 20, len(whole) // 60)}:
         assert readable_or_refused(file, whole[:size]), f"{size} bytes of {len(whole)}"
@@ -101,7 +101,7 @@ def test_a_truncated_file_is_refused(suffix: str, tmp_path: Path) -> None:
 @each_format
 def test_damaged_bytes_are_refused_or_do_not_matter(suffix: str, tmp_path: Path) -> None:
     file, rng = tmp_path / f"motion{suffix}", np.random.default_rng(8)
-    save(small(), file)
+    write(small(), file)
     whole = file.read_bytes()
     refused = 0
     for place in rng.integers(0, len(whole), 250):
@@ -146,8 +146,8 @@ def test_a_plan_that_failed_has_no_motion_to_write(suffix: str, tmp_path: Path) 
 @each_format
 def test_a_format_can_be_named_for_a_file_of_any_suffix(suffix: str, tmp_path: Path) -> None:
     named, file = tmp_path / f"motion{suffix}", tmp_path / "motion.part1"
-    save(small(), file, format=suffix[1:])
-    save(small(), named)
+    write(small(), file, format=suffix[1:])
+    write(small(), named)
     assert file.read_bytes() == named.read_bytes()
     assert is_same(load_motion(file, format=suffix[1:]), small())
     with pytest.raises(InvalidInput, match="file: expected a name that ends in"):
@@ -160,7 +160,7 @@ def test_a_format_can_be_named_for_a_file_of_any_suffix(suffix: str, tmp_path: P
 
 
 def test_a_format_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    for use in (lambda name: save(small(), tmp_path / "a", format=name), lambda name: load_motion("a", format=name)):
+    for use in (lambda name: write(small(), tmp_path / "a", format=name), lambda name: load_motion("a", format=name)):
         with pytest.raises(UnknownName, match="json"):
             use("jsom")
         for wrong in ("base", "_ros", "_reading"):
@@ -191,5 +191,5 @@ def test_joint_names_may_hold_line_ends(suffix: str, tmp_path: Path) -> None:
     names = ("\r", "a\rb", "c\nd", "e\r\nf", '"', ",")
     named = replace(motion, robot=replace(motion.robot, joint_names=names))
     file = tmp_path / f"motion{suffix}"
-    save(named, file)
+    write(named, file)
     assert is_same(load_motion(file), named)

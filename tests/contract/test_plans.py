@@ -126,6 +126,7 @@ def problem(seed: int) -> Problem:
         "branch": branch,
         "samples": int(rng.choice([2, 21, 151, 151, 151])),
         "ik": str(rng.choice(["lm", "lm", "lm", "lm", "dls"])),
+        "allow": ("limits", "jerk"),  # a plan is judged here by what its law enforces
     }
     return Problem(robot, path, start, options)
 

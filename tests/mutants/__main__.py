@@ -24,7 +24,7 @@ from typing import Any
 from scipy.stats import binomtest
 
 from tests.mutants.changes import Change, named, spread
-from tests.mutants.listed import COUNT, DRAWN, EQUIVALENT, LISTED, SEED, TESTS
+from tests.mutants.listed import DRAWS, EQUIVALENT, INTERPRETED, LISTED, TESTS
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("optik", "planners", "benchmarks", "tests", "docs", "README.md", "CHANGELOG.md", "Makefile", "pyproject.toml")
@@ -44,9 +44,24 @@ def copy(source: Path, target: Path, copy_file: Any = shutil.copy2) -> None:
 
 
 def run_tests(tree: Path, tests: tuple[str, ...], limit: float) -> tuple[str, str, float]:
-    """How the tests of a tree end: passed, failed or timeout; the last lines of what they say; and the seconds."""
+    """How the tests of a tree end: passed, failed or timeout; the last lines of what they say; and the seconds.
+
+    Those in `INTERPRETED` are run first, with kernels as plain Python.
+    """
+    interpreted = tuple(test for test in tests if test in INTERPRETED)
+    end, said, seconds = run_some(tree, interpreted, limit, "1") if interpreted else ("passed", "", 0.0)
+    others = tuple(test for test in tests if test not in INTERPRETED)
+    if end != "passed" or not others:
+        return end, said, seconds
+    end, said, more = run_some(tree, others, limit, "0")
+    return end, said, seconds + more
+
+
+def run_some(tree: Path, tests: tuple[str, ...], limit: float, interpreted: str) -> tuple[str, str, float]:
+    """`run_tests` of tests that are all run with compiled kernels ("0"), or all without ("1")."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider", *tests]
     environment = os.environ | {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment["NUMBA_DISABLE_JIT"] = interpreted
     begin = time.monotonic()
     process = subprocess.Popen(
         command, cwd=tree, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
@@ -77,11 +92,12 @@ def judge(change: Change, pristine: Path) -> dict[str, Any]:
 
 
 def changes(which: str, root: Path = ROOT) -> list[tuple[str, Change]]:
-    """The listed changes, and those drawn."""
-    both = [("listed", named(root, *one)) for one in LISTED] if which != "drawn" else []
-    if which != "listed":
-        both += [("drawn", one) for one in spread(root, DRAWN, COUNT, SEED)]
-    return both
+    """The listed changes, and those of each draw."""
+    found = [("listed", named(root, *one)) for one in LISTED] if which in ("all", "listed") else []
+    for name, (seed, count, files) in DRAWS.items():
+        if which in ("all", name):
+            found += [(name, one) for one in spread(root, files, count, seed)]
+    return found
 
 
 def report(kind: str, results: list[dict[str, Any]]) -> bool:
@@ -111,7 +127,7 @@ def report(kind: str, results: list[dict[str, Any]]) -> bool:
 def main() -> int:
     """Run what is not yet done, then report on everything."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__.splitlines()[0])
-    parser.add_argument("--which", choices=("all", "listed", "drawn"), default="all")
+    parser.add_argument("--which", choices=("all", "listed", *DRAWS), default="all")
     parser.add_argument("--match", default="", help="only files whose name has this in it")
     parser.add_argument("--most", type=int, default=None, help="so many changes at most")
     parser.add_argument("--workers", type=int, default=2)
@@ -135,9 +151,9 @@ def main() -> int:
     if waiting:
         run_all(waiting, given, done)
     good = True
-    for kind in ("listed", "drawn"):
+    for kind in ("listed", *DRAWS):
         if results := [done[c.key] for k, c in wanted if k == kind and c.key in done]:
-            good &= report(kind, results) or kind == "drawn"
+            good &= report(kind, results) or kind != "listed"
     return 0 if good else 1
 
 

@@ -1,16 +1,20 @@
 """A stand-in for a rosbridge server and the joint_trajectory_controller behind it, run as a process of its own.
 
 The path of the address says how it behaves: ``ws://127.0.0.1:PORT/MODE?id=ID&names=a,b&q=0.1,0.2``. Connections with the same
-id reach the same controller. Messages are those of rosbridge_suite (send_action_goal.py, actions.py), behaviour that of
-ros2_controllers (joint_trajectory_controller.cpp, trajectory.cpp).
+id reach the same controller. ``&least=0.1&late=0.5&seed=1`` delays each feedback by 0.1 to 0.5 s, ``&fragment=100`` sends
+messages in parts of so many characters, and ``&trace=FILE`` writes what is commanded, for `commanded`. Messages are those of
+rosbridge_suite (send_action_goal.py, actions.py), behaviour that of ros2_controllers (joint_trajectory_controller.cpp,
+trajectory.cpp).
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import random
 import time
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -64,6 +68,37 @@ def between(t: float, t0: float, a: State, t1: float, b: State) -> State:
     return p, v, acc
 
 
+Points = list[tuple[float, State]]
+
+
+def desired(t: float, before: tuple[float, State], points: Points) -> State:
+    """The state of a trajectory at a time: a state before it, and its points."""
+    if not points:
+        return before[1]
+    if t >= points[-1][0]:
+        q = points[-1][1][0]
+        return q, 0 * q, 0 * q
+    if t < points[0][0]:
+        return between(t, *before, *points[0])
+    i = max(k for k, (at, _) in enumerate(points) if at <= t)
+    return between(t, *points[i], *points[i + 1])
+
+
+def commanded(trace: Path, period: float) -> np.ndarray:
+    """The positions (k, n) that a controller commanded at each period, by the trace that it wrote."""
+    rows: list[Points] = [
+        [(t, tuple(np.array(x) for x in state)) for t, state in json.loads(line)]
+        for line in trace.read_text().splitlines()
+    ]  # fmt: skip
+    begin, end = rows[0][0][0], max(point[0] for row in rows for point in row[:1] + row[-1:]) + 2.0 * period
+    found, k = [], 0
+    for t in np.arange(begin, end, period):
+        while k + 1 < len(rows) and rows[k + 1][0][0] <= t:
+            k += 1
+        found.append(desired(t, rows[k][0], rows[k][1:])[0])
+    return np.array(found)
+
+
 class Controller:
     """One arm and its joint_trajectory_controller."""
 
@@ -72,6 +107,10 @@ class Controller:
         self.names = query["names"][0].split(",")
         q = np.array([float(x) for x in query["q"][0].split(",")])
         self.slow = float(query.get("slow", ["1"])[0])
+        self.least = float(query.get("least", ["0"])[0])
+        self.late, self.random = float(query.get("late", ["0"])[0]), random.Random(query.get("seed", ["0"])[0])
+        self.fragment = int(query.get("fragment", ["0"])[0])
+        self.trace = query.get("trace", [""])[0]
         self.points: list[tuple[float, State]] = []
         self.before: tuple[float, State] = (ros_now(), (q, 0 * q, 0 * q))
         self.goals = 0
@@ -80,15 +119,14 @@ class Controller:
 
     def desired(self, t: float) -> State:
         """The state that is commanded at a time of the robot's clock."""
-        if not self.points:
-            return self.before[1]
-        if t >= self.points[-1][0]:
-            q = self.points[-1][1][0]
-            return q, 0 * q, 0 * q
-        if t < self.points[0][0]:
-            return between(t, *self.before, *self.points[0])
-        i = max(k for k, (at, _) in enumerate(self.points) if at <= t)
-        return between(t, *self.points[i], *self.points[i + 1])
+        return desired(t, self.before, self.points)
+
+    def installed(self) -> None:
+        """Write down what is commanded from now on."""
+        if self.trace:
+            plain = [(t, [x.tolist() for x in state]) for t, state in (self.before, *self.points)]
+            with Path(self.trace).open("a") as file:
+                file.write(json.dumps(plain) + "\n")
 
     def take(self, trajectory: dict[str, Any]) -> None:
         """Install a new trajectory: what is over is discarded, what lies ahead is blended with what runs."""
@@ -114,26 +152,51 @@ class Controller:
             self.points = fresh
             old = (old[0], old[1], 0 * old[2])
         self.before = (now, old)
+        self.installed()
 
     def hold(self, t: float) -> None:
         """As set_hold_position does it."""
         q = self.desired(t)[0]
         self.points, self.before = [], (t, (q, 0 * q, 0 * q))
+        self.installed()
 
 
 class Goal:
     """One goal, followed by a task of its own."""
 
-    def __init__(self, socket: ServerConnection, message: dict[str, Any]) -> None:
-        self.socket, self.message = socket, message
-        self.over = asyncio.Event()
+    def __init__(self, socket: ServerConnection, message: dict[str, Any], controller: Controller) -> None:
+        self.socket, self.message, self.controller = socket, message, controller
+        self.over, self.due = asyncio.Event(), 0.0
+        self.began = 0.0
+        self.waiting: set[asyncio.Task[None]] = set()
 
     async def send(self, op: str, **fields: Any) -> None:
         message = {"op": op, "action": self.message["action"], "id": self.message.get("id"), **fields}
+        text, size = json.dumps(message), self.controller.fragment
+        parts = [text[i : i + size] for i in range(0, len(text), size)] if 0 < size < len(text) else []
+        whole = (len(text) - 1) / (size or 1) + 1  # as rosbridge_suite computes it, which is no whole number
+        said = [
+            {"op": "fragment", "id": message["id"], "data": part, "num": i, "total": whole}
+            for i, part in enumerate(parts)
+        ]
         try:
-            await self.socket.send(json.dumps(message))
+            for one in [json.dumps(each) for each in said] or [text]:
+                await self.socket.send(one)
         except ConnectionClosed:
             self.over.set()
+
+    def send_late(self, op: str, **fields: Any) -> None:
+        """Send it after a random while, in order."""
+        now = time.monotonic()
+        self.due = max(self.due, now + self.controller.random.uniform(self.controller.least, self.controller.late))
+
+        async def later(wait: float) -> None:
+            await asyncio.sleep(wait)
+            await self.send(op, **fields)
+
+        task = asyncio.create_task(later(self.due - now))
+        self.waiting.add(task)
+        task.add_done_callback(self.waiting.discard)
 
     async def end(self, state: int, code: int, words: str) -> None:
         if not self.over.is_set():
@@ -170,18 +233,22 @@ async def run_goal(controller: Controller, goal: Goal) -> None:
     if controller.running is not None:
         await controller.running.end(ABORTED, -1, "Current goal preempted by new incoming action.")
     controller.running = goal
+    goal.began = ros_now()
     controller.take(goal.message["args"]["trajectory"])
     begun, end = ros_now(), controller.points[-1][0]
     while not goal.over.is_set() and ros_now() < end + 0.02:
         t = ros_now()
         q, dq, ddq = controller.desired(t)
         rows = {"positions": q.tolist(), "velocities": dq.tolist(), "accelerations": ddq.tolist()}
-        if mode == "oddfeedback":
+        if mode == "oddfeedback" or (mode == "oddonce" and t < begun + 0.04):
             rows = {"positions": "here"}
         elif mode == "elsewhere":
             rows["positions"] = (q + 0.5).tolist()
         values = {"header": {"stamp": stamp(t), "frame_id": ""}, "joint_names": controller.names, "desired": rows}
-        await goal.send("action_feedback", values=values)
+        if controller.late:
+            goal.send_late("action_feedback", values=values)
+        else:
+            await goal.send("action_feedback", values=values)
         if t > begun + 0.15:
             if mode == "abort":
                 controller.hold(t)
@@ -191,6 +258,9 @@ async def run_goal(controller: Controller, goal: Goal) -> None:
             elif mode == "oddresult":
                 goal.over.set()
                 await goal.send("action_result", values=[1], status="done", result=True)
+            elif mode == "falseresult":
+                goal.over.set()
+                await goal.send("action_result", values="the executor was shut down", status=0, result=False)
             elif mode == "close":
                 await goal.socket.close()
         await asyncio.sleep(1.0 / FEEDBACK_RATE)
@@ -209,12 +279,18 @@ async def states(controller: Controller, socket: ServerConnection, topic: str) -
             "name": controller.names, "position": q.tolist(), "velocity": dq.tolist(), "effort": [],
         }  # fmt: skip
         running = controller.running is not None and not controller.running.over.is_set()
+        if controller.running is None or t < controller.running.began + 0.15:
+            frozen = message["position"][2]
         if mode == "wrong":
             message["position"] = "0.1, 0.2"
         elif mode == "nan":
             message["position"][1] = float("nan")
         elif mode == "null":
             message["position"][1] = None
+        elif mode == "novelocity":
+            message["velocity"] = []
+        elif mode == "frozen" and controller.running is not None and t > controller.running.began + 0.15:
+            message["position"][2] = frozen
         elif mode == "missing":
             message = message | {"name": ["gripper"], "position": [0.0], "velocity": [0.0]}
         elif mode == "nonsense":
@@ -239,7 +315,7 @@ async def connected(socket: ServerConnection, controllers: dict[str, Controller]
             if message["op"] == "subscribe":
                 tasks.add(asyncio.create_task(states(controller, socket, message["topic"])))
             elif message["op"] == "send_action_goal":
-                goal = Goal(socket, message)
+                goal = Goal(socket, message, controller)
                 task = asyncio.create_task(run_goal(controller, goal))
                 tasks.add(task)
                 if mode == "blocking":  # nothing more is read from this connection while the goal runs

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell import Calibration, CalibrationStatus, PanTiltLaser, calibrate
+from planners.cell.calibration import CONFIDENCE
 from tests import oracles
 
 UNIT = PanTiltLaser(np.eye(4), angle_noise=1e-3, range_noise=1e-3)
@@ -268,6 +269,46 @@ def test_the_distance_of_a_pair_is_that_from_the_fit_of_the_others() -> None:
         assert found.distances[i] == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.parametrize("pairs", [8, 12, 30, 100])
+def test_a_pair_is_an_outlier_just_beyond_the_quantile_of_the_farthest_of_all_pairs(pairs: int) -> None:
+    """One pair is moved until its distance is 0.99 and 1.01 of the quantile at which noise loses none of all pairs."""
+    truth, _, points = drawn(pairs, pairs)
+    spots = np.stack(truth.reading(points), axis=1)
+    rng = np.random.default_rng([3, pairs])
+    away = rng.normal(size=3) * (UNIT.angle_noise, UNIT.angle_noise, UNIT.range_noise)
+    quantile = stats.chi2(3).isf((1.0 - CONFIDENCE) / pairs)
+
+    def found(size: float) -> Calibration:
+        moved_ = spots.copy()
+        moved_[2] += size * away
+        return calibrate(paired(moved_, points), UNIT)
+
+    size = 1.0
+    for _ in range(4):  # distances grow with the square
+        size *= np.sqrt(0.99 * quantile / found(size).distances[2])
+    assert found(size).distances[2] == pytest.approx(0.99 * quantile, rel=1e-3)
+    assert found(size) and found(size).outliers == ()
+    beyond = found(size * np.sqrt(1.01 / 0.99))
+    assert beyond and beyond.outliers == (2,)
+
+
+def test_a_calibration_is_inconsistent_just_beyond_the_quantile_of_its_residuals() -> None:
+    truth, _, points = drawn(1)
+    rng = np.random.default_rng(5)
+    noise = rng.choice([-1.0, 1.0], (12, 3)) * (UNIT.angle_noise, UNIT.angle_noise, UNIT.range_noise)
+    most = stats.chi2(30).isf(1.0 - CONFIDENCE)
+
+    def found(size: float) -> Calibration:
+        return calibrate(paired(np.stack(truth.reading(points), axis=1) + size * noise, points), UNIT)
+
+    size = 1.0
+    for _ in range(6):
+        size *= np.sqrt(0.99 * most / found(size).chi_squared)
+    assert found(size).freedom == 30 and found(size).chi_squared == pytest.approx(0.99 * most, rel=1e-3)
+    assert found(size)
+    assert found(size * np.sqrt(1.01 / 0.99)).status is CalibrationStatus.INCONSISTENT
+
+
 def test_more_outliers_than_may_be_left_out_are_a_status() -> None:
     _, spots, points, _ = spoilt(0, 8)
     found = calibrate(paired(spots, points), UNIT)
@@ -314,6 +355,16 @@ def test_points_on_a_line_are_a_status(off: float) -> None:
     assert found.laser is None
     assert "line" in found.reason
     assert bool(np.isnan(found.covariance).all()) == (off == 0.0)
+
+
+@pytest.mark.parametrize("size", [0.002, 0.0])
+def test_points_that_are_too_near_to_each_other_are_not_called_a_line(size: float) -> None:
+    truth = drawn_truth(np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    points = truth.pose[:3, 3] + truth.pose[:3, 0] + rng.uniform(-0.5 * size, 0.5 * size, (12, 3))
+    found = calibrate(paired(np.stack(truth.read(points, rng), axis=1), points), UNIT)
+    assert found.status is CalibrationStatus.COLLINEAR and "farther apart" in found.advice
+    assert "line" not in found.reason and f"span {1e3 * np.ptp(points, axis=0).max():.3g} mm" in found.reason
 
 
 @pytest.mark.parametrize("through", [0.0, 1.0])

@@ -370,6 +370,34 @@ def test_corrections_round_by_round_at_length(drive: str, noise: float, readings
     assert first > 2.0 > 2.0 * once and twice < max(1.2 * floor, 2e-3)
 
 
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_correction_that_noise_and_calibration_do_not_explain_is_not_made(stated: bool) -> None:
+    noisy = PanTiltLaser(BESIDE, angle_noise=2e-4, range_noise=5e-4)
+    laser = noisy.with_pose(BESIDE, np.diag([1e-6] * 3 + [1e-6] * 3)) if stated else noisy
+    by_reading, by_pose = laser.jacobians(*laser.reading(SPOT))
+    S = (by_reading * [2e-4, 2e-4, 5e-4]) @ (by_reading * [2e-4, 2e-4, 5e-4]).T
+    S = S + by_pose @ np.diag([1e-6] * 6) @ by_pose.T if stated else S
+    most = 6.0 * np.sqrt(np.trace(S)) + (0.005 if stated else 0.05)
+    for far, made in ((0.95 * most, True), (1.05 * most, False), (0.3, False)):
+        cell = cell_of(laser)
+        wrong = laser.reading(SPOT + np.array([0.0, far, 0.0]))
+        outcome = cell.move_to_spot(EXACT.reading(SPOT), corrections=1, look=lambda wrong=wrong: wrong)
+        assert outcome.status is CellStatus.NOT_MEASURED and outcome.failed.name == "tool"
+        assert (
+            len(outcome.executions) == 1 + made
+        )  # after a correction that was made, the same reading is twice as far off
+        assert made or np.linalg.norm(ARM.fk(outcome.executions[0].q[-1])[:3, 3] - SPOT) < 1e-5
+        assert "explain" in outcome.reason and ("covariance" in outcome.failed.advice) != stated
+
+
+def test_with_a_frozen_encoder_a_task_does_not_arrive() -> None:
+    pytest.importorskip("mujoco")
+    drive = make_drive("mujoco", ARM, q=START, disturbances=(LostEncoder(1, 0.1, frozen=True),))
+    outcome = cell_of(drive=drive).move_to_spot(EXACT.reading(SPOT))
+    assert outcome.status is CellStatus.FAULT and outcome.failed.name == "execution" and "encoder" in outcome.reason
+    assert np.abs(outcome.executions[-1].dq[-1]).max() <= 0.02
+
+
 def test_corrections_remove_what_an_unknown_load_leaves() -> None:
     """A kilogram that the servos' feed-forward does not know: it hangs lower by a millimetre."""
     pytest.importorskip("mujoco")
@@ -430,6 +458,13 @@ def test_a_gripper_refuses_what_it_cannot_do_and_nothing_changes() -> None:
     for outcome in (cell.close(0.1), cell.close(-0.01), cell.close(np.nan), cell.open(0.2), cell.close(0.01, Held)):
         assert not outcome and outcome.status is CellStatus.REFUSED and outcome.reason and outcome.advice
         assert cell.width == 0.08 and cell.held is None
+    limit, still = np.asarray(ARM.limits.torque), np.zeros(6)
+    none, more = (FINGERS.mounted(ARM, Held(m)).torques(START, still, still) for m in (0.0, 1.0))
+    slope = np.where(np.abs(more - none) > 1e-9, more - none, np.nan)  # torques are linear in the mass
+    crossing = np.nanmin((limit - np.sign(slope) * none) / np.abs(slope))
+    heavy, light = cell.close(0.05, Held(1.01 * crossing)), cell_of(gripper=FINGERS, drive=ideal(encoder=np.inf))
+    assert heavy.status is CellStatus.REFUSED and "times the torque" in heavy.reason and cell.held is None
+    assert light.close(0.05, Held(0.99 * crossing))
     bare = cell_of().close()
     assert bare.status is CellStatus.REFUSED and bare.failed.name == "close" and "gripper" in bare.advice
     with pytest.raises(InvalidInput, match="opening"):

@@ -270,7 +270,7 @@ def test_a_jump_of_acceleration_is_infinite_jerk_of_that_joint_at_its_largest_ju
     np.testing.assert_array_equal(certificate.jerk.ratio[others], 0.0)
     assert certificate.continuous == 1
     assert certificate.worst("jerk") == (np.inf, "joint4", 0.5)
-    assert certificate.broken == ("jerk of joint4 is inf of its limit at t = 0.5 s",)
+    assert certificate.broken == ("jerk of joint4 is unbounded at t = 0.5 s",)
     assert certificate.acceleration.value[3] == pytest.approx(0.5, rel=1e-12)
 
 

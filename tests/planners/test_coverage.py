@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import PPoly
+from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
-from planners import Arc, Certificate, JointLine, MotionLimits, Trajectory, certify, plan
+from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
+from planners.certificate.coverage import COVERED, Coverage, length_between
 from planners.hermite import through
+from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 
 ROBOT = paper6r()
@@ -74,8 +77,8 @@ def test_a_motion_backwards_does_not_hold(whole: Trajectory) -> None:
     assert any("goes back along its path" in w for w in words)
 
 
-@pytest.mark.parametrize("size", [1e-4, 3e-4, 0.01])
-def test_a_step_back_on_the_way_does_not_hold(whole: Trajectory, size: float) -> None:
+@pytest.mark.parametrize("size", [0.95 * COVERED[0], 1.05 * COVERED[0], 3e-5, 1e-4, 3e-4, 0.01])
+def test_a_step_back_on_the_way_does_not_hold(size: float) -> None:
     """To the middle, back along the path by so many metres, on to the end: at rest in between, all of it on the path."""
     joints = plan(ROBOT, LINE, START, limits=LIMITS).joint_path
     stops = np.array([0.0, 0.12, 0.12 - size, LINE.end])
@@ -89,9 +92,23 @@ def test_a_step_back_on_the_way_does_not_hold(whole: Trajectory, size: float) ->
     q, q1, q2 = (joints(p[:, 0], order) for order in (0, 1, 2))
     motion = Trajectory(through(np.array(t), q, q1 * v, q1 * a + q2 * v * v))
     proof = judged(motion, keeps=())
-    assert len(proof.broken) == 1
-    assert "goes back along its path" in proof.broken[0]
     assert proof.coverage.missing[2][0] == pytest.approx(size, rel=0.01)
+    assert len(proof.broken) == (size > COVERED[0])
+    assert proof.holds or "goes back along its path" in proof.broken[0]
+
+
+@pytest.mark.parametrize("tolerance", [None, (3e-4, 2e-5)])
+@pytest.mark.parametrize("part", range(2))
+@pytest.mark.parametrize("way", range(3))
+def test_what_may_be_missing_is_the_tolerance_and_no_more(
+    tolerance: tuple[float, float] | None, part: int, way: int
+) -> None:
+    words = ("begins at s = 0.1 ", "ends at s = 0.9 ", "goes back along its path, to s = 0.4 ")[way]
+    for share in (1.0, 1.01):
+        missing = np.zeros((3, 2))
+        missing[way, part] = share * (tolerance or COVERED)[part]
+        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).failures(tolerance, 2.0)  # type: ignore[arg-type]
+        assert [(words in x.words, x.t) for x in found] == ([(True, (0.0, 2.0, 0.7)[way])] if share > 1.0 else [])
 
 
 def test_a_step_back_between_two_knots_does_not_hold() -> None:
@@ -122,6 +139,41 @@ def test_a_tenth_of_a_circle_does_not_hold_and_all_of_it_does() -> None:
     assert made.certificate.holds
     tenth = pieces(made.trajectory, 0, made.trajectory.knots.size // 10)
     assert not certify(ROBOT, circle, tenth, LIMITS, tolerance=(1e-5, 1e-5)).holds
+
+
+@pytest.mark.parametrize("back", [2e-6, 3e-5, 2e-4])
+def test_a_short_stretch_back_between_two_knots_is_as_long_as_its_extrema_say(back: float) -> None:
+    """A cubic in time along a straight way of one joint, back by so much."""
+    goal = START + np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    half = (back / 4.0) ** (1.0 / 3.0)  # x³ − 3 h² x falls by 4 h³
+    wave = np.poly1d([1.0, 0.0, -3.0 * half**2, 0.0])
+    h = 0.4 * 0.2 ** (1.0 / 3.0)
+    v, a = wave.deriv()(h), wave.deriv(2)(h)
+    t = np.cumsum([0.0, 0.55, 2.0 * h, 0.55])
+    q = np.tile(START, (4, 1))
+    q[:, 0] += [0.0, 0.1 + wave(-h), 0.1 + wave(h), 0.2]
+    dq, ddq = np.zeros((2, 4, 6))
+    dq[1:3, 0], ddq[1, 0], ddq[2, 0] = v, -a, a
+    motion = Trajectory(through(t, q, dq, ddq))
+    x = motion(np.linspace(0.0, t[-1], 200_001))[:, 0]
+    assert (np.maximum.accumulate(x) - x).max() == pytest.approx(back, rel=1e-4)
+    proof = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, keeps=())
+    T = ROBOT.fk(np.array([START, goal]))  # joint 1 turns the tool about an axis
+    radius = np.linalg.norm(T[1, :3, 3] - T[0, :3, 3]) / (2.0 * np.sin(0.1))
+    assert proof.coverage.missing[2] == pytest.approx((back * radius, back), rel=1e-2)
+    assert proof.coverage.t_back == pytest.approx(t[1] + h, abs=2.0 * half)
+
+
+def test_the_length_of_a_stretch_is_its_arc_and_its_turn() -> None:
+    circle = Arc.about(np.eye(4), np.array([0.05, 0.0, 0.0]), [0.0, 1.0, 0.0], 1.7)
+    for a, b in np.random.default_rng(3).uniform(0.0, circle.end, (9, 2)):
+        assert length_between(circle, a, b) == pytest.approx((abs(b - a), 0.0), rel=1e-9)
+    turn = Line(np.eye(4), oracles.pose((0.3, 0.1, 0.2), (0.5, 0.4, -0.2)))
+    goal = turn.pose(turn.end)
+    size = np.linalg.norm(goal[:3, 3]), np.linalg.norm(Rotation.from_matrix(goal[:3, :3]).as_rotvec())
+    for a, b in np.random.default_rng(4).uniform(0.0, 1.0, (9, 2)):
+        found = length_between(turn, a * turn.end, b * turn.end)
+        assert found == pytest.approx(np.multiply(abs(b - a), size), rel=1e-9)
 
 
 # ---------------------------------------------------------------- every joint on its own scale

@@ -28,6 +28,9 @@ from planners.cell import (
     setpoints,
     whole_periods,
 )
+from planners.cell.drives._checks import GREATEST_STEP
+from planners.cell.drives._encoders import Unmoved
+from planners.controller import executed
 from planners.following.follow import Stop
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
@@ -120,6 +123,37 @@ def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
         with pytest.raises(InvalidInput) as info:
             call(line(), period)
         assert info.value.argument == "period"
+
+
+@pytest.mark.parametrize("period", [0.02, 0.004])
+@pytest.mark.parametrize("law", ["optimal", "ruckig"])
+def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_and_period_at_most(
+    law: str, period: float
+) -> None:
+    """Their acceleration is the straight line nearest in the mean square; a ramp over two thirds is its worst case."""
+    x = np.linspace(0.0, 1.0, 100_001)
+    ramp = -np.maximum(2.0 / 3.0 - x, 0.0)
+    assert np.polyval(np.polyfit(x, ramp, 1), 1.0) == pytest.approx(4.0 / 27.0, rel=1e-4)
+    slower = whole_periods(line(law), period)
+    cubics = executed(slower.trajectory, 1.0 / period, "cubic")
+    over = cubics.extrema(2).worst - slower.trajectory.extrema(2).worst
+    assert (over <= 4.0 / 27.0 * slower.trajectory.extrema(3).worst * period * (1.0 + 1e-9)).all()
+
+
+def test_a_motion_of_too_many_periods_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"period: .*at most 500,000 periods"):
+        setpoints(line(), line().trajectory.end / 500_001)
+    assert len(setpoints(line(), line().trajectory.end / 499_999).t) == 500_000
+
+
+@pytest.mark.parametrize("periods", [1, 2, 7])
+def test_a_motion_needs_the_whole_periods_that_it_lasts(periods: int) -> None:
+    motion = line().trajectory
+    for off, count in ((0.0, periods), (0.99e-9, periods), (1.01e-9, periods + 1), (-0.99e-9, periods)):
+        period = (motion.end - off) / periods
+        assert len(setpoints(motion, period).t) == count + 1
+    with pytest.raises(InvalidInput, match="period"):
+        setpoints(motion, motion.end + 1.01e-9)
 
 
 def test_a_failed_plan_has_no_setpoints() -> None:
@@ -221,13 +255,37 @@ def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyP
     assert execution.status is ExecutionStatus.DONE and "could be certified" in execution.notes[0]
 
 
+def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a plan whose law keeps no jerk there are two; here the gentle one, then both, cannot be certified."""
+    running = plan(paper6r(), default_line(), START, timing="toppra", limits=MotionLimits(2.0, 10.0))
+    module: Any = import_module("planners.cell.drives._stop")
+    both, t = module.limits_of(running), 0.3 * running.trajectory.end
+    assert [x.jerk is not None for x in both] == [True, True] and (both[0].jerk < both[1].jerk).all()
+    first = module.stop_from(running, t)
+    assert first and first.limits == both[0]
+
+    def refuses(*hopeless: MotionLimits) -> Any:
+        def other(running: Plan, t: float, **options: Any) -> Plan:
+            if options["limits"] in hopeless:
+                options["limits"] = MotionLimits(1e-3, 1e-3, 1e-3)
+            return replan(running, t, **options)
+
+        return other
+
+    monkeypatch.setattr(module, "replan", refuses(both[0]))
+    second = module.stop_from(running, t)
+    assert second and second.limits == both[1]
+    monkeypatch.setattr(module, "replan", refuses(*both))
+    assert not module.stop_from(running, t)
+
+
 @pytest.mark.parametrize(
     ("law", "limits"),
     [("toppra", MotionLimits(2.0, 10.0)), ("quintic", MotionLimits(2.0, 10.0, 100.0)), ("quintic", MotionLimits()),
      ("toppra", MotionLimits((-1.5, 2.0), (-8.0, 10.0)))],
 )  # fmt: skip
 def test_a_plan_whose_law_keeps_no_jerk_is_stopped_and_resumed_too(law: str, limits: MotionLimits) -> None:
-    running = plan(paper6r(), default_line(), START, timing=law, limits=limits)
+    running = plan(paper6r(), default_line(), START, timing=law, limits=limits, allow=("limits", "jerk"))
     drive = IdealDrive(paper6r())
     stopped = drive.execute(running, stop=0.15 * running.trajectory.end)
     assert stopped.status is ExecutionStatus.STOPPED and stopped.stop is not None and stopped.stop.certificate.holds
@@ -271,6 +329,30 @@ def test_a_wrong_setpoint_within_the_limits_is_followed_and_said() -> None:
     assert execution and "1e-04" in execution.notes[0].replace("0.0001", "1e-04")
     beside = execution.q - execution.motion(execution.t)  # type: ignore[misc]
     assert 0.9e-4 < np.abs(beside).max() < 1.1e-4
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_setpoint_is_refused_just_beyond_a_step_at_the_velocity_limit(sign: float) -> None:
+    stream, row, joint = setpoints(whole_periods(line(), PERIOD), PERIOD), 30, 3
+    most = float(np.broadcast_to(paper6r().limits.velocity, 6)[joint]) * PERIOD * GREATEST_STEP
+    for share, kind in ((0.99, None), (1.01, FaultKind.SETPOINT)):
+        by = stream.q[row - 1, joint] + sign * share * most - stream.q[row, joint]
+        _, execution = run(WrongSetpoint(row * PERIOD, joint, by), following=10.0)
+        assert (execution.fault.kind if execution.fault else None) is kind
+
+
+def test_a_joint_is_found_just_beyond_the_tolerance_where_it_comes_to_rest() -> None:
+    stall, joint = Stall("joint2", 0.6 * line().trajectory.end), 1
+    wide = run(stall, encoder=np.inf, end_tolerance=10.0, following=10.0)[1]
+    assert wide and wide.setpoints is not None
+    off = abs(wide.q[-1, joint] - wide.setpoints.q[-1, joint])
+    assert off > 1e-3
+    for share, status in ((0.99, ExecutionStatus.DONE), (1.01, ExecutionStatus.FAULT)):
+        assert run(stall, encoder=np.inf, end_tolerance=off / share, following=10.0)[1].status is status
+    late = np.abs(wide.measured - wide.setpoints.q)[: len(wide.setpoints.t), joint].max()
+    for share, found in ((0.99, False), (1.01, True)):
+        done = run(stall, encoder=np.inf, end_tolerance=10.0, following=late / share)[1]
+        assert (done.fault is not None and done.fault.kind is FaultKind.STALL) == found
 
 
 def test_a_stalled_joint_stops_the_arm_which_goes_back_and_on() -> None:
@@ -322,6 +404,41 @@ def test_a_frozen_encoder_is_found_as_a_joint_that_does_not_follow() -> None:
     assert execution.fault is not None and execution.fault.kind is FaultKind.STALL
     assert "frozen" in execution.reason
     at_rest_within_limits(execution)
+
+
+@pytest.mark.parametrize(("over", "found"), [(1.01, True), (0.99, False)])
+def test_a_reading_that_stays_while_its_set_point_moves_by_the_tolerance_and_four_counts_is_a_fault(
+    over: float, found: bool
+) -> None:
+    q = setpoints(whole_periods(line(), PERIOD), PERIOD).q[:, 2]
+    assert np.ptp(q) > 1.005 * np.abs(q - q[0]).max()  # the joint moves to both sides of its start, where it freezes
+    tolerance = np.ptp(q) / over - 4.0 * 2.0 * np.pi / 2.0**20
+    _, execution = run(LostEncoder("joint3", 0.0, frozen=True), following=tolerance)
+    assert execution.fault is not None and execution.fault.kind is FaultKind.ENCODER
+    assert execution.fault.joint == "joint3" and ("its set-point moved by more than" in execution.reason) == found
+    at_rest_within_limits(execution)
+
+
+def test_unmoved_readings_are_those_of_a_plain_search() -> None:
+    rng = np.random.default_rng(3)
+    read, asked = rng.integers(0, 2, (60, 3)).astype(float), rng.normal(size=(60, 3))
+    read[rng.random((60, 3)) < 0.1] = np.nan
+    unmoved = Unmoved()
+    for k in range(60):
+        moved, seconds = unmoved.moved(read[k], asked[k], 0.1 * k), unmoved.seconds(0.1 * k)
+        for i in range(3):
+            first = k
+            while first > 0 and read[first - 1, i] == read[k, i]:
+                first -= 1
+            assert moved[i] == np.ptp(asked[first : k + 1, i]) and seconds[i] == pytest.approx(0.1 * (k - first))
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_an_encoder_that_is_lost_at_the_last_tick_is_a_fault(frozen: bool) -> None:
+    end = whole_periods(line(), PERIOD).trajectory.end
+    _, execution = run(LostEncoder("joint3", end - (0.1 if frozen else 1e-6), frozen=frozen))
+    assert execution.fault is not None and execution.fault.kind is FaultKind.ENCODER
+    assert execution.fault.joint == "joint3" and execution.fault.t == pytest.approx(end)
 
 
 @pytest.mark.parametrize("ticks", [1, 9])

@@ -23,7 +23,7 @@ from optik.files import parsed
 from planners import MotionLimits
 from planners.files import load_motion, npz, save
 from planners.motion import Motion, motion_of
-from tests.planners.motions import is_same, planned, readable_or_refused, same_bits, small
+from tests.planners.motions import is_same, planned, readable_or_refused, same_bits, small, write
 
 SUFFIXES = (".npz", ".json", ".csv")
 each_format = pytest.mark.parametrize("suffix", SUFFIXES)
@@ -145,7 +145,7 @@ def test_a_file_that_holds_no_motion_is_refused_by_its_name_and_what_is_wrong(
     change: Callable[[dict[str, Any]], Any], named: str, suffix: str, tmp_path: Path
 ) -> None:
     file = tmp_path / f"motion{suffix}"
-    save(small(), file)
+    write(small(), file)
     data = content(file)
     rewrite(file, data)
     assert is_same(load_motion(file), small())
@@ -159,14 +159,14 @@ def test_a_file_that_holds_no_motion_is_refused_by_its_name_and_what_is_wrong(
 @each_format
 def test_a_changed_figure_is_not_the_motion_that_was_written(suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"motion{suffix}"
-    save(small(), file)
+    write(small(), file)
     data = content(file)
     digest = "0" * 64
     rewrite(file, data | {"sha256": digest})
     with pytest.raises(InvalidInput, match="sha256: expected a file that nobody changed"):
         load_motion(file)
     for keys in (("coefficients", 3, 1, 2), ("knots", 1), ("robot", "tool", 0, 3), ("limits", "velocity")):
-        save(small(), file)
+        write(small(), file)
         sha = _digest_in(file)
         changed = content(file)
         set_to(*keys, value=np.nextafter(_at(changed, keys), 9.0))(changed)
@@ -196,7 +196,7 @@ def test_what_json_has_no_number_for_is_refused(word: str) -> None:
 
 def test_the_table_of_a_csv_must_show_its_polynomials(tmp_path: Path) -> None:
     file = tmp_path / "motion.csv"
-    save(small(), file)
+    write(small(), file)
     lines = file.read_text().splitlines()
     rows = list(csv.reader(io.StringIO("\n".join(lines[-3:]))))
     for (i, k), value, named in (
@@ -231,7 +231,7 @@ class Bomb:
 
 def test_nothing_is_ever_unpickled(tmp_path: Path) -> None:
     file = tmp_path / "motion.npz"
-    save(small(), file)
+    write(small(), file)
     with np.load(file) as archive:
         arrays = dict(archive)
     bomb = np.array([Bomb()], dtype=object)
@@ -250,7 +250,7 @@ def test_an_archive_that_would_unpack_to_gigabytes_is_not_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "motion.npz"
-    save(small(), file)
+    write(small(), file)
     with np.load(file) as archive:
         arrays: dict[str, Any] = dict(archive)
     monkeypatch.setattr(npz, "UNPACKED", 2**20)
@@ -266,7 +266,7 @@ def test_an_archive_that_would_unpack_to_gigabytes_is_not_unpacked(
 @pytest.mark.parametrize("held", [8, 8 * 2**40])
 def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path: Path) -> None:
     file, whole = tmp_path / "motion.npz", io.BytesIO()
-    save(small(), file)
+    write(small(), file)
     with np.load(file) as archive:
         arrays: dict[str, Any] = dict(archive)
     header = {"descr": "<f8", "fortran_order": False, "shape": (held // 8,)}
@@ -281,7 +281,7 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path:
 @pytest.mark.parametrize("kind", ["f4", "i8", "c16", "U8", "O"])
 def test_arrays_of_another_kind_are_refused(kind: str, tmp_path: Path) -> None:
     file = tmp_path / "motion.npz"
-    save(small(), file)
+    write(small(), file)
     with np.load(file) as archive:
         arrays: dict[str, Any] = dict(archive)
     np.savez(file, **(arrays | {"knots": arrays["knots"].astype(kind)}))
@@ -291,7 +291,7 @@ def test_arrays_of_another_kind_are_refused(kind: str, tmp_path: Path) -> None:
 
 def test_arrays_of_the_other_byte_order_are_read(tmp_path: Path) -> None:
     file = tmp_path / "motion.npz"
-    save(small(), file)
+    write(small(), file)
     with np.load(file) as archive:
         arrays: dict[str, Any] = dict(archive)
     np.savez_compressed(file, **(arrays | {"knots": arrays["knots"].astype(">f8")}))
@@ -303,7 +303,7 @@ def test_arrays_of_the_other_byte_order_are_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file", ["motion", "motion.txt", "motion.json.gz", "", 3, None, b"motion.json"])
 def test_a_name_of_no_format_is_refused(file: Any) -> None:
-    for use in (lambda: save(small(), file), lambda: load_motion(file)):
+    for use in (lambda: write(small(), file), lambda: load_motion(file)):
         with pytest.raises(InvalidInput, match=r"file: expected a name that ends in \.csv, \.json, \.npz"):
             use()
 
@@ -315,7 +315,7 @@ def test_what_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
             load_motion(tmp_path / name)
         if name != "missing.json":
             with pytest.raises(OutputError):
-                save(small(), tmp_path / name)
+                write(small(), tmp_path / name)
 
 
 def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:

@@ -21,11 +21,12 @@ from scipy.interpolate import PPoly
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from optik.types import Array
-from planners import JointLine, Line, MotionLimits, Trajectory, certify, make_law, plan
+from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
 from planners.files._ros.export import from_ros, to_ros
 from planners.files._ros.message import LONGEST_DURATION, SECOND, _to_yaml
 from planners.files._ros.pace import NEAR_KNOT
 from planners.motion import Motion, motion_of
+from planners.splice import rest_of
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact
@@ -141,8 +142,7 @@ def test_the_message_is_one_and_what_a_controller_makes_of_it_is_what_was_certif
     back = from_ros(file, motion.robot)
     assert back.coefficients.tobytes() == sent.trajectory.coefficients.tobytes()
     assert back.knots.tobytes() == sent.trajectory.knots.tobytes()
-    proof = certify(motion.robot, motion.path, back, motion.limits, law=motion.law, keeps=motion.keeps)
-    assert proof.to_dict() == sent.certificate.to_dict()
+    assert replace(motion, trajectory=back).certify().to_dict() == sent.certificate.to_dict()
 
 
 @pytest.mark.parametrize("rate", [None, 50.0, 333.0, 1000.0])
@@ -306,12 +306,17 @@ def test_a_tool_speed_that_nobody_asked_or_that_need_not_be_kept_is_slowed(tmp_p
 
 def test_a_tool_speed_that_cannot_be_kept_is_refused_with_what_it_would_be(tmp_path: Path) -> None:
     motion = weld()
-    limits = motion.limits
-    tight = replace(motion, limits=replace(limits, jerk=0.5 * np.asarray(motion.certify().jerk.value)))
-    with pytest.raises(NoSolution, match=r"a tool speed of 0\.039685, and 0\.05 was asked.*keep_speed=False"):
-        to_ros(tight, tmp_path / "motion.json")  # half of its jerk: 2^(1/3) times as long
+    least = np.asarray(motion.certify().acceleration.value) * (1.0 + 1e-9)
+    tight = replace(motion, limits=replace(motion.limits, acceleration=least))  # cubics pass this limit
+    with pytest.raises(
+        NoSolution, match=r"a tool speed of 0\.0[0-9]+, and 0\.05 was asked.*keep_speed=False"
+    ) as caught:
+        to_ros(tight, tmp_path / "motion.json", interpolation="cubic")
     assert not (tmp_path / "motion.json").exists()
-    assert to_ros(tight, tmp_path / "motion.json", keep_speed=False).factor == pytest.approx(2.0 ** (1.0 / 3.0))
+    slower = float(re.findall(r"speed of ([0-9.]+),", caught.value.reason)[0])
+    sent = to_ros(tight, tmp_path / "motion.json", interpolation="cubic", keep_speed=False)
+    assert sent.factor == pytest.approx(0.05 / slower, rel=1e-3)
+    assert sent.factor > 1.0005
 
 
 def test_a_motion_at_its_limits_keeps_them_at_its_knots_without_being_slowed(tmp_path: Path) -> None:
@@ -347,9 +352,11 @@ def test_a_start_on_the_move_is_neither_slowed_nor_stretched(tmp_path: Path) -> 
     assert to_ros(moving, tmp_path / "motion.json", rate=100.0).factor == 1.0
     with pytest.raises(InvalidInput, match="rate: expected none, or one that divides the duration"):
         to_ros(moving, tmp_path / "motion.json", rate=75.0)
-    limited = replace(moving, limits=MotionLimits(velocity=0.1), keeps=("velocity",))
+    rest = rest_of(hop().trajectory, 0.3)
+    limits = MotionLimits(acceleration=rest.extrema(2).worst * (1.0 + 1e-9))
+    limited = replace(hop(), trajectory=rest, path=way_of(rest), limits=limits, keeps=("acceleration",))
     with pytest.raises(NoSolution, match="starts on the move and cannot be slowed"):
-        to_ros(limited, tmp_path / "motion.json")
+        to_ros(limited, tmp_path / "motion.json", interpolation="cubic", rate=20.0)
 
 
 def test_a_motion_that_does_not_end_at_rest_is_refused(tmp_path: Path) -> None:

@@ -119,7 +119,13 @@ def test_the_five_poses_stand_in_a_diagonal_plane_of_the_largest_cube_the_arm_se
     np.testing.assert_allclose(at[0], centre, atol=1e-15)
     # each outer pose is 80 % of half the plane's diagonal, √3 edges, from the centre, and opposite ones mirror each other
     np.testing.assert_allclose(np.linalg.norm(at[1:] - centre, axis=1), 0.4 * cube.edge * math.sqrt(3), rtol=1e-12)
-    np.testing.assert_allclose(at[1] + at[3], 2 * centre, atol=1e-15)
+    np.testing.assert_allclose([at[1] + at[3], at[2] + at[4]], np.tile(2 * centre, (2, 1)), atol=1e-15)
+    sides = np.linalg.norm(
+        at[1:] - np.roll(at[1:], -1, axis=0), axis=1
+    )  # of a rectangle of one edge and a face's diagonal
+    np.testing.assert_allclose(
+        sorted(sides / cube.edge), 0.8 * np.array([1, 1, math.sqrt(2), math.sqrt(2)]), rtol=1e-12
+    )
     normal = np.cross(at[1] - centre, at[2] - centre)
     np.testing.assert_allclose((at - centre) @ normal, 0.0, atol=1e-15)
     assert sorted(np.round(np.abs(normal) / np.abs(normal).max(), 9).tolist()) == [0.0, 1.0, 1.0]

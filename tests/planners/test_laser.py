@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell import PanTiltLaser, Plane, Sighting, SightStatus, Spot
+from planners.cell import PanTiltLaser, Plane, Sighting, SightStatus, Spot, _readings
+from planners.cell.sighting import SHORTEST_NORMAL
 from tests import oracles
 
 coordinates = st.floats(-5.0, 5.0)
@@ -188,6 +189,26 @@ def test_a_beam_meets_a_plane_where_both_equations_hold(T: Array, pan: float, ti
         assert abs(float(plane.distance(seen.point))) <= 1e-11
         assert np.linalg.norm(np.cross(seen.point - T[:3, 3], d)) <= 1e-11
         assert seen.spot == pytest.approx((pan, tilt, distance), rel=1e-9)
+
+
+def test_a_normal_may_be_short_but_has_a_length() -> None:
+    for size in (SHORTEST_NORMAL, 1.01 * SHORTEST_NORMAL, 1e6):
+        np.testing.assert_allclose(Plane((0, 0, 0), (0, 0, size)).normal, (0, 0, 1), atol=1e-15)
+    with pytest.raises(InvalidInput, match="normal"):
+        Plane((0, 0, 0), (0, 0, 0.99 * SHORTEST_NORMAL))
+
+
+def test_a_cell_knows_the_points_of_its_last_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(_readings, "MOST_KNOWN", 3)
+    cell = _readings.CellReadings(UNIT, UNIT, np.eye(4), 0)
+    points = UNIT.point(*np.random.default_rng(2).uniform((-1.0, -0.8, 0.5), (1.0, 0.8, 3.0), (5, 3)).T)
+    spots = [cell.read(point) for point in points]
+    assert [cell.truth(spot)[1] for spot in spots] == [False, False, True, True, True]
+    for spot, point in zip(spots[2:], points[2:], strict=True):
+        np.testing.assert_allclose(cell.truth(spot)[0], point, atol=1e-12)
+    assert np.shape(cell.read(points[0], 2).pan) == (2,)
+    with pytest.raises(InvalidInput, match="readings"):
+        cell.read(points[0], 0)
 
 
 def test_a_beam_along_a_plane_is_parallel() -> None:

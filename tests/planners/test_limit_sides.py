@@ -151,7 +151,7 @@ def test_certificates_judge_each_side_by_itself(seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def plans() -> dict[str, Plan]:
-    return {law: plan(paper6r(), default_line(), START, limits=LIMITS, timing=law) for law in LAWS}
+    return {law: plan(paper6r(), default_line(), START, limits=LIMITS, timing=law, allow="jerk") for law in LAWS}
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -152,6 +152,14 @@ def test_capsules_are_drawn_and_touch_nothing():
     assert np.isclose(mujoco.mj_getTotalmass(model), robot.inertia.mass.sum(), rtol=1e-12)
 
 
+@pytest.mark.parametrize("radius", [0.02, 0.3])
+@pytest.mark.parametrize(("share", "kind"), [(0.99, "sphere"), (1.01, "capsule")])
+def test_a_capsule_without_a_length_is_a_sphere(radius, share, kind):
+    shapes = optik.Shapes([(1, (0, 0, 0), (share * 1e-9 * radius, 0, 0), radius)])
+    geom = ET.fromstring(to_mjcf(optik.load("panda").with_shapes(shapes))).findall(".//geom")
+    assert [x.get("type") for x in geom] == [kind]
+
+
 def test_bad_input_is_refused():
     robot = optik.load("panda")
     with pytest.raises(InvalidInput, match="interval"):

@@ -12,6 +12,7 @@ from optik.errors import InvalidInput, MissingDependency
 from planners import plan
 from planners.cell import LostEncoder, MujocoDrive, Stall, make_drive
 from planners.cell.drives._run import Commands
+from planners.cell.drives._servo import NEW_SHARE, POSITION_GAIN, VELOCITY_GAIN, gains, servo, tuning
 from planners.timing import make_law
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
@@ -196,6 +197,31 @@ def test_a_joint_without_encoder_is_braked_at_rest_though_its_weight_is_unknown(
         assert moved[0] <= np.abs(held(drive, 0.3, 100) - 0.3).max() <= moved[1]
 
 
+def test_a_servo_goes_on_with_the_first_reading_of_an_encoder_that_returns():
+    rng = np.random.default_rng(6)
+    tuned = tuning(gains(optik.load("paper6r"), 10.0, 1.0), 5e-4, np.zeros(6), np.ones(6), np.full(6, 1e9))
+    M, asked, state, torque = np.eye(6), rng.normal(size=(3, 6)), np.zeros((4, 6)), np.empty(6)
+    for lost in (False, True, True, False, False):
+        position = asked[0] + 1e-3 * rng.normal(size=6)
+        before, position[2] = state.copy(), np.nan if lost else position[2]
+        servo(tuned, M, asked, position, state, 5e-4, torque)
+        speed = (position - before[0]) / 5e-4
+        change = np.where(np.isnan(speed), 0.0, asked[1] - speed)
+        filtered = np.where(np.isnan(position), 0.0, before[1] + tuned[NEW_SHARE] * (change - before[1]))
+        correction = tuned[POSITION_GAIN] * (asked[0] - position) + tuned[VELOCITY_GAIN] * filtered
+        np.testing.assert_allclose(torque, asked[2] + np.where(np.isnan(position), 0.0, correction), rtol=1e-12)
+
+
+def test_an_arm_goes_on_after_its_encoder_has_returned(usual):
+    drive = MujocoDrive(usual.robot, disturbances=(LostEncoder("joint2", 0.1, 0.3),))
+    done = drive.execute(usual)
+    assert done.fault is not None and done.fault.joint == "joint2"
+    drive.settling = 0.5
+    again = drive.resume(done)
+    assert again and np.isfinite(again.torque).all()
+    assert np.abs(drive.measure() - usual.trajectory(usual.trajectory.duration)).max() <= 1e-4
+
+
 def test_a_frozen_encoder_is_found_and_its_joint_braked(usual):
     drive = MujocoDrive(usual.robot, disturbances=(LostEncoder("joint1", 0.2, 0.5, frozen=True),))
     done = drive.execute(usual)
@@ -203,6 +229,27 @@ def test_a_frozen_encoder_is_found_and_its_joint_braked(usual):
     assert np.abs(done.dq[-1]).max() <= 1e-4
     assert np.abs(errors(done)).max() <= 1.0  # it does not run away
     assert drive.resume(done)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_with_a_frozen_encoder_the_fault_is_named_and_the_arm_really_comes_to_rest(usual, joint):
+    rng = np.random.default_rng(joint)
+    drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(joint, rng.uniform(0.0, 0.5), frozen=True),))
+    done = drive.execute(usual)
+    name = usual.robot.joint_names[joint]
+    assert done.status == "fault" and done.fault.kind in ("encoder", "stall") and "encoder" in done.reason
+    assert done.fault.joint == name or name in done.reason
+    assert np.abs(done.dq[-1]).max() <= 0.02
+    assert np.abs(done.q[-1] - done.q[-2]).max() <= 0.02 * 0.0005 * 1.5  # by its positions, too
+    assert len(done.setpoints.q) == len(done.measured) and done.setpoints.t[-1] == pytest.approx(done.t[-1])
+
+
+def test_an_arm_that_its_brakes_cannot_hold_is_said(usual, monkeypatch):
+    monkeypatch.setattr(sys.modules["planners.cell.drives._simulated"], "BRAKING", 0.2)
+    drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(1, 0.0, frozen=True),))
+    monkeypatch.setattr(drive, "_put_brakes_on", lambda: None)
+    done = drive.execute(usual)
+    assert done.status == "fault" and "moves at" in done.reason and "with all brakes on" in done.notes[-1]
 
 
 def test_motors_that_are_too_weak_are_said(usual):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,7 +12,7 @@ import pytest
 import optik
 from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OutputError, UnknownName
-from optik.ik import make_solver
+from optik.ik import make_solver, solve_ik
 from planners import (
     FollowStatus,
     JointLine,
@@ -22,6 +23,8 @@ from planners import (
     PlanStatus,
     TimeLaw,
     Trajectory,
+    certify,
+    follow,
     laws,
     load_motion,
     make_law,
@@ -61,7 +64,7 @@ class Refusing(TimeLaw):
 
 @pytest.mark.parametrize("law", laws())
 def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> None:
-    result = planned(timing=law, samples=151, limits=LIMITS)
+    result = planned(timing=law, samples=151, limits=LIMITS, allow=("limits", "jerk"))
     assert result
     assert result.status is PlanStatus.SOLVED
     assert (result.ik, result.law, result.stop) == ("dls", law, None)
@@ -277,7 +280,7 @@ def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -
 
 @pytest.mark.parametrize("law", laws())
 def test_plain_data_of_a_plan_are_strict_json_from_which_the_motion_can_be_rebuilt(law: str) -> None:
-    result = planned(timing=law, limits=LIMITS)
+    result = planned(timing=law, limits=LIMITS, allow=("limits", "jerk"))
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert (data["format"], data["status"], data["ik"], data["law"]) == ("optik-plan/1", "solved", "dls", law)
     assert (data["robot"], data["robot_fingerprint"]) == (ROBOT.name, ROBOT.fingerprint)
@@ -554,3 +557,31 @@ def test_a_name_that_no_file_can_have_is_an_output_error_too(
     except OutputError:
         return
     assert (tmp_path / name).is_file(), "245 letters are a name that a file can have"
+
+
+@pytest.mark.parametrize("margin", [float("nan"), -1.0, "x", float("inf"), True, 0.01])
+def test_a_margin_needs_a_scene_and_is_a_distance(margin):
+    robot, q = paper6r(), START
+    goal = robot.fk(q + 0.05)
+    found = plan(robot, goal, q)
+    calls = (
+        lambda: plan(robot, goal, q, margin=margin),
+        lambda: replan(found, 0.5 * found.trajectory.duration, margin=margin),
+        lambda: follow(make_solver(robot, "lm"), found.path, q, margin=margin),
+        lambda: certify(robot, found.path, found.trajectory, margin=margin),
+        lambda: replace(found.motion, margin=margin),
+        lambda: solve_ik(robot, goal, q, margin=margin),
+    )
+    for call in calls:
+        with pytest.raises(InvalidInput, match="margin"):
+            call()
+
+
+def test_robots_of_the_same_name_are_told_apart_by_what_differs():
+    robot = paper6r()
+    loaded = robot.with_payload(2.0)
+    path = JointLine(robot, START, START + 0.1)
+    with pytest.raises(InvalidInput, match="which differs in payload"):
+        plan(loaded, path, START)
+    with pytest.raises(InvalidInput, match=r"ik: .*which differs in payload"):
+        plan(loaded, loaded.fk(START + 0.1), START, ik=make_solver(robot, "lm"))

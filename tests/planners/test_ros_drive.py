@@ -27,7 +27,10 @@ from planners.cell.drives._ros_goals import message_for, stops_for
 from planners.cell.drives.ros import RosDrive
 from planners.cell.stored import plan_of
 from planners.cell.transports import RclpyTransport, RosbridgeTransport
+from planners.cell.transports.rosbridge import Fragments
+from tests.planners.invalid import invalid
 from tests.planners.rclpy_stand_in import Rclpy
+from tests.planners.rosbridge_server import commanded
 
 SERVER = Path(__file__).with_name("rosbridge_server.py")
 PATIENT = {"execute": True, "patience": 20.0, "grace": 60.0, "latency": 0.6, "stops_every": 0.7}
@@ -54,6 +57,16 @@ def hop(seconds: float) -> planners.Plan:
     limits = planners.MotionLimits(velocity=2.0, acceleration=10.0, jerk=200.0)
     q, options = robot.limits.middle, {"timing": "ruckig", "limits": limits}
     return planners.plan(robot, q + np.array([0.3, -0.2, 0.25, 0.1, 0.2, 0.1]), q, duration=seconds, **options)
+
+
+@cache
+def fast() -> planners.Plan:
+    """A motion at the velocity limit."""
+    robot = optik.load("irb120")
+    limits = planners.MotionLimits(velocity=1.0, acceleration=10.0, jerk=200.0)
+    q = robot.limits.middle + np.array([-1.0, -0.3, -0.3, -1.0, -0.5, -1.0])
+    goal = robot.limits.middle + np.array([1.0, 0.3, 0.3, 1.0, 0.5, 1.0])
+    return planners.plan(robot, goal, q, timing="ruckig", limits=limits)
 
 
 def address(port: int, mode: str, plan: planners.Plan, more: str = "", at: Any = None) -> str:
@@ -142,6 +155,8 @@ def test_where_no_stop_is_taken_the_goal_is_cancelled(port, plan, mode, why):
         ("abort", "stall", "left its path tolerance"),
         ("broken", "controller", "code -9: hardware fault"),
         ("oddresult", "controller", "cannot be read"),
+        ("falseresult", "controller", "no result: the executor was shut down"),
+        ("frozen", "encoder", "its encoder is frozen, or it is blocked"),
         ("close", "connection", "closed by the other side while a goal ran"),
         ("noresult", "stall", "no result came within 0.2 s after"),
         ("freeze", "encoder", "not fresh"),
@@ -159,6 +174,57 @@ def test_every_fault_is_a_status_with_a_reason(port, plan, mode, kind, why, capf
     assert "Traceback" not in "".join(capfd.readouterr())
 
 
+@pytest.mark.parametrize("mode", ["falseresult", "frozen"])
+def test_after_a_false_result_and_with_a_frozen_encoder_the_arm_comes_to_rest(port, mode, tmp_path):
+    long, trace = hop(6.0), tmp_path / "trace.jsonl"
+    drive = drive_on(address(port, mode, long, f"&trace={trace}"), long, execute=True, patience=20.0)
+    with drive.transport:
+        done = drive.execute(long)
+    assert done.status == "fault", done.reason
+    assert done.t[-1] < 4.0 and np.abs(done.q[-1] - long.trajectory(6.0)).max() > 0.01  # it did not go on to the end
+    q = commanded(trace, 0.004)
+    assert np.abs(q[-1] - q[-2]).max() == 0.0 and np.abs(q[-1] - long.trajectory(6.0)).max() > 0.01
+
+
+@pytest.mark.parametrize("late", [0.2, 0.5])
+def test_no_stop_is_sent_for_an_instant_that_is_over_when_feedback_is_late(port, plan, late, tmp_path):
+    trace, quick = tmp_path / "trace.jsonl", fast()
+    url = address(port, "ok", quick, f"&least={late}&late={late}&trace={trace}")
+    drive = drive_on(url, quick, execute=True, patience=20.0)
+    with drive.transport:
+        stopped = drive.execute(quick, stop=0.7)
+    assert stopped.status == "stopped", (stopped.reason, stopped.notes)
+    q, most = commanded(trace, 0.004), np.asarray(quick.limits.velocity) * 0.004
+    assert (np.abs(np.diff(q, axis=0)) <= most).all(), (stopped.reason, stopped.notes)
+    if stopped.stop is not None:  # the certified stop is what was commanded: it ends where that was computed to end
+        np.testing.assert_allclose(q[-1], stopped.stop.trajectory(stopped.stop.trajectory.end), atol=1e-6)
+        assert not any("set-point jumped" in note for note in stopped.notes)
+
+
+def test_feedback_that_cannot_be_read_once_does_not_disable_stops(port, plan):
+    drive = drive_on(address(port, "oddonce", plan), plan, **PATIENT)
+    with drive.transport:
+        stopped = drive.execute(plan, stop=0.2)
+    assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
+
+
+def test_messages_in_parts_are_put_together(port):
+    quick = hop(0.6)
+    drive = drive_on(address(port, "ok", quick, "&fragment=90"), quick, **PATIENT)
+    with drive.transport:
+        assert drive.execute(quick), drive.transport.odd
+    parts = Fragments()
+    text = json.dumps({"op": "status", "msg": "words " * 20})
+    cut = [text[:50], text[50:100], text[100:]]
+    rows = [{"op": "fragment", "id": 7, "data": each, "num": i, "total": 3} for i, each in enumerate(cut)]
+    assert [parts.joined(rows[i]) for i in (2, 0, 1)] == [None, None, text.encode()]
+    nested = json.dumps(rows[0])
+    for odd in ({"num": -1, "total": 3, "data": ""}, {"num": 0, "total": 10**9, "data": ""}, {"num": 0, "total": 1, "data": 7},
+                {"num": 0, "total": 1, "data": nested}, {"num": "0", "total": 1, "data": ""}, {}):  # fmt: skip
+        with pytest.raises(InvalidInput, match="fragment"):
+            parts.joined(odd)
+
+
 @pytest.mark.parametrize(
     ("mode", "why"),
     [
@@ -169,13 +235,14 @@ def test_every_fault_is_a_status_with_a_reason(port, plan, mode, kind, why, capf
         ("nan", "the position of joint2 is no number"),
         ("null", "the position of joint2 is no number"),
         ("missing", "they have gripper"),
+        ("novelocity", "whether the arm stands is not known"),
     ],
 )
 def test_nothing_is_sent_to_an_arm_whose_joints_are_not_known(port, plan, mode, why, capfd):
     drive = drive_on(address(port, mode, plan), plan, execute=True, patience=0.3)
     with drive.transport:
         refused = drive.execute(plan)
-        assert np.isnan(drive.measure()).any()
+        assert np.isnan(drive.measure()).any() or mode == "novelocity"
     assert refused.status == "refused" and why in refused.reason and refused.advice, refused.reason
     assert "Traceback" not in "".join(capfd.readouterr())
 
@@ -201,10 +268,21 @@ def test_nothing_is_sent_whose_certificate_does_not_hold_now(port, plan):
         refused = drive.execute(stale)
         assert stale.certificate.holds and refused.status == "refused" and "velocity" in refused.reason, refused.reason
         assert "begins in motion" in drive.execute(moving).reason
-        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, timing="quintic")  # promises no limits
+        free = {"timing": "quintic", "allow": ("limits", "jerk")}  # a law that enforces nothing
+        quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, **free)
         assert quintic and "acceleration" in drive.execute(quintic).reason
         with pytest.raises(InvalidInput, match="this drive's arm"):
             drive.execute(replace(plan, robot=optik.load("ur5e")))
+
+
+def test_what_the_caller_permits_is_sent(port):
+    touching = invalid("contact", 1).plan
+    drive = drive_on(address(port, "ok", touching), touching, patience=20.0)
+    with drive.transport:
+        for allow in ((), "path"):
+            refused = drive.execute(touching, allow=allow)
+            assert refused.status == "refused" and "margin" in refused.reason and "'contact'" in refused.advice
+        assert drive.execute(touching, allow="contact").status == "dry_run"
 
 
 def test_the_controllers_names_and_order_of_the_joints(port, plan):
@@ -376,6 +454,7 @@ def test_the_command_line_checks_sends_and_reports(port, plan, tmp_path):
 def stored(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("stored")
     hop(0.6).save(folder / "hop.json")
+    (folder / "deep.json").write_text("[" * 100_000, encoding="utf-8")
     return folder
 
 
@@ -388,12 +467,17 @@ def stored(tmp_path_factory) -> Path:
         (["hop.json", "--on", "ros", "--via", "tcp"], "--via: expected rosbridge or rclpy"),
         (["hop.json", "--on", "ros", "--via", "rclpy", "--url", "ws://127.0.0.1:1"], "--url: expected no address"),
         (["hop.json", "--on", "ros", "--joint-names", "a,b"], "--joint-names: expected 6 names"),
+        (["hop.json", "--on", "ros", "--joint-names", "a,b,c,d,e,a"], "all different"),
         (["hop.json", "--on", "idael"], "did you mean ideal"),
         (["hop.json", "--stop", "-1"], "--stop: expected a time"),
         (["hop.json", "--out", "done.csv"], "ends with .json"),
+        (["hop.json", "--out", "../STORED/hop.json"], "another file than that of the motion"),
+        (["deep.json"], "deep.json"),
     ],
 )
 def test_what_is_typed_wrong_is_named(stored, monkeypatch, words, why):
     monkeypatch.chdir(stored)
-    code, said = typed(*words)
+    before = (stored / "hop.json").read_bytes()
+    code, said = typed(*(word.replace("STORED", stored.name) for word in words))
     assert code != 0 and why in said
+    assert (stored / "hop.json").read_bytes() == before

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -90,7 +91,7 @@ def test_rows_have_the_limit_of_their_place_and_at_a_break_the_lesser() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_laws_keep_the_limit_of_every_segment(law: str) -> None:
-    found = plan(paper6r(), bent(), START, limits=limits(), timing=law)
+    found = plan(paper6r(), bent(), START, limits=limits(), timing=law, allow="jerk")
     assert found and found.certificate.holds, found.certificate.broken
     ratio = dense(found.trajectory, SPEEDS)[1]
     proof = found.certificate.tool_speed
@@ -119,15 +120,27 @@ def test_the_proof_is_of_each_segment_on_its_own_stretch(speeds: tuple[float, ..
     assert factor == pytest.approx(proof.tool_speed.ratio, rel=1e-9)
 
 
+def by_nearest_place(motion: Trajectory, speeds: tuple[float, ...]) -> tuple[Array, Array]:
+    """Times, and ratios of differences of the tool's position to the limit of the nearest place of the bent path."""
+    times, places = np.linspace(0.0, motion.end, 40_001), np.linspace(0.0, bent().end, 40_001)
+    points = paper6r().fk(motion(times))[:, :3, 3]
+    place = places[cKDTree(bent().pose(places)[:, :3, 3]).query(points)[1]]
+    bound = bent().least_on_pieces(np.array(speeds))[np.searchsorted(bent().breaks[1:-1], place)]
+    return times, np.linalg.norm(np.gradient(points, times, axis=0), axis=1) / bound
+
+
 def through_places(t: Array, s: Array, v: Array, a: Array) -> Trajectory:
     """The motion through places of the path at knots t, with ṡ and s̈ there."""
     q, q1, q2 = (along_bent()(s, i) for i in range(3))
     return Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
 
 
-@pytest.mark.parametrize("speeds", [(0.1, 1.0, 1.0), (1.0, 0.1, 1.0), (1.0, 1.0, 0.1)])
-def test_a_limit_that_changes_between_two_knots_begins_at_its_place(speeds: tuple[float, ...]) -> None:
-    t = np.linspace(0.0, 1.0, 24)  # no knot is at a break
+@pytest.mark.parametrize("knots", [24, 9])
+@pytest.mark.parametrize(
+    "speeds", [(0.1, 1.0, 1.0), (1.0, 0.1, 1.0), (1.0, 1.0, 0.1), (1.0, 0.2, 0.01), (0.01, 0.2, 1.0)]
+)
+def test_a_limit_that_changes_between_two_knots_begins_at_its_place(speeds: tuple[float, ...], knots: int) -> None:
+    t = np.linspace(0.0, 1.0, knots)  # no knot is at a break; two limits change between two of few
     s = bent().end * (10 * t**3 - 15 * t**4 + 6 * t**5)
     v = bent().end * (30 * t**2 - 60 * t**3 + 30 * t**4)
     a = bent().end * (60 * t - 180 * t**2 + 120 * t**3)
@@ -135,25 +148,74 @@ def test_a_limit_that_changes_between_two_knots_begins_at_its_place(speeds: tupl
     motion = through_places(t, s, v, a)
     proof = certify(paper6r(), bent(), motion, limits(speeds), keeps=("tool_speed",))
     assert proof.coverage.missing[2] == (0.0, 0.0)
-    times = np.linspace(0.0, 1.0, 40_001)
-    points = paper6r().fk(motion(times))[:, :3, 3]
-    place = bent().end * (10 * times**3 - 15 * times**4 + 6 * times**5)
-    bound = bent().least_on_pieces(np.array(speeds))[np.searchsorted(bent().breaks[1:-1], place)]
-    ratio = np.linalg.norm(np.gradient(points, times, axis=0), axis=1) / bound
+    times, ratio = by_nearest_place(motion, speeds)
     assert proof.tool_speed.ratio == pytest.approx(ratio.max(), rel=1e-3)
     assert proof.tool_speed.time == pytest.approx(times[ratio.argmax()], abs=1e-3)
 
 
-def test_where_a_motion_goes_back_over_a_break_between_knots_the_lesser_limit_counts() -> None:
-    """Both ends of its one piece are behind the slow corner; between them it dips into that and returns."""
-    place = float(bent().breaks[2])
+@pytest.mark.parametrize(("side", "speeds"), [(1.0, (0.001, 1.0, 1.0)), (-1.0, (1.0, 1.0, 0.001))])
+def test_where_a_motion_goes_back_over_a_break_between_knots_the_lesser_limit_counts(
+    side: float, speeds: tuple[float, ...]
+) -> None:
+    """Both ends of its one piece are on one side of the slow corner; between them it dips into that and returns."""
+    place = float(bent().breaks[2 if side > 0.0 else 3])
     still = np.zeros(2)
-    motion = through_places(np.array([0.0, 1.0]), place + np.full(2, 1e-3), still, np.array([-0.064, -0.064]))
-    proof = certify(paper6r(), bent(), motion, limits((0.001, 1.0, 1.0)), keeps=("tool_speed",))
-    ratio = dense(motion, (0.001, 1.0, 1.0))[1]
+    motion = through_places(np.array([0.0, 1.0]), place + np.full(2, side * 1e-3), still, np.full(2, side * -0.064))
+    proof = certify(paper6r(), bent(), motion, limits(speeds), keeps=("tool_speed",))
+    ratio = by_nearest_place(motion, speeds)[1]
     assert max(proof.coverage.missing[2]) > 1e-4  # it does go back
     assert ratio.max() > 1.0
     assert ratio.max() * (1.0 - 1e-4) <= proof.tool_speed.ratio < 20.0 * ratio.max()
+
+
+@cache
+def straight() -> tuple[Polyline, JointPath]:
+    """A straight way of three segments, the second of them 2 mm."""
+    waypoints = np.tile(paper6r().fk(START), (4, 1, 1))
+    waypoints[:, :3, 3] += np.multiply.outer([0.0, 0.05, 0.052, 0.1], [-0.6, 0.0, 0.8])
+    path = Polyline(waypoints, blend=1e-4)
+    return path, plan(paper6r(), path, START, limits=limits(0.3), timing="smooth").joint_path
+
+
+def along_straight(
+    t: Array, s: Array, v: Array, a: Array, speeds: tuple[float, ...]
+) -> tuple[float, float, float, float]:
+    """The proved ratio of a motion through places at knots, and when; and the largest of dense samples, and when."""
+    path, joints = straight()
+    q, q1, q2 = (joints(s, i) for i in range(3))
+    motion = Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
+    proof = certify(paper6r(), path, motion, limits(speeds), keeps=("tool_speed",)).tool_speed
+    times = np.linspace(0.0, motion.end, 40_001)
+    points = paper6r().fk(motion(times))[:, :3, 3]
+    place = (points - path.pose(0.0)[:3, 3]) @ [-0.6, 0.0, 0.8]
+    bound = path.least_on_pieces(np.array(speeds))[np.searchsorted(path.breaks[1:-1], place)]
+    ratio = np.linalg.norm(np.gradient(points, times, axis=0), axis=1) / bound
+    return proof.ratio, proof.time, ratio.max(), times[ratio.argmax()]
+
+
+@pytest.mark.parametrize("speeds", [(1.0, 0.2, 0.01), (0.01, 0.2, 1.0), (0.3, 1.0, 0.01), (1.0, 0.02, 1.0)])
+def test_two_limits_that_change_between_two_instants_each_count_from_their_place(speeds: tuple[float, ...]) -> None:
+    t = np.linspace(0.0, 1.0, 8)  # from the fourth to the fifth it runs over the second segment
+    s, v, a = t**3 * (10 - 15 * t + 6 * t**2), 30 * (t * (1 - t)) ** 2, 60 * t * (1 - t) * (1 - 2 * t)
+    ratio, time, largest, when = along_straight(t, *(straight()[0].end * x for x in (s, v, a)), speeds)
+    assert ratio == pytest.approx(largest, rel=1e-3)
+    assert time == pytest.approx(when, abs=1e-3)
+
+
+@pytest.mark.parametrize(("place", "side"), [(1, -1.0), (2, 1.0), (2, -1.0), (3, 1.0)])
+@pytest.mark.parametrize("over", [2e-6, 1e-3])
+def test_a_motion_that_dips_into_a_slow_segment_between_two_instants_has_its_limit(
+    place: int, side: float, over: float
+) -> None:
+    """Pieces are the first segment, its corner, the next one, and the last segment; both corners have the lesser limit."""
+    slow, speeds = 1e-6 if over < 1e-4 else 1e-3, np.ones(3)
+    speeds[1 if place != 2 else 0 if side > 0.0 else 2] = slow
+    a, t = np.array([-0.064, -0.05]), np.linspace(0.0, 1.0, 10_001)
+    dip = -0.5 * (a[0] * t**2 * (1 - t) ** 3 + a[1] * t**3 * (1 - t) ** 2)
+    s = straight()[0].breaks[place] + np.full(2, side * (dip.max() - over))
+    ratio, _, largest, _ = along_straight(np.array([0.0, 1.0]), s, np.zeros(2), side * a, tuple(speeds))
+    assert largest > 1.0
+    assert largest * (1.0 - 1e-4) <= ratio < 5.0 * largest
 
 
 def test_a_wrong_count_is_named_with_both_numbers() -> None:

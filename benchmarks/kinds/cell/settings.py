@@ -106,7 +106,7 @@ class SpotsBlock(CellBlock, ProblemBlock):
     ----------
     methods : tuple of Entry
         The IK methods; one that is ``whole`` takes the tool along the straight line, the others at each budget by a move in
-        joint space to their own answer.
+        joint space to their own answer, or ``along`` the line through their answers at each of its poses.
     budgets : tuple of int
         Iterations at which the methods are stopped, increasing.
     law : str
@@ -130,7 +130,13 @@ class SpotsBlock(CellBlock, ProblemBlock):
     def entries(self) -> tuple[Entry, ...]:
         """Every method at every budget, as the suite has them."""
         return tuple(
-            Entry(budget_label(m.label, k), m.name, m.options | ({"max_iterations": k} if k else {}), whole=m.whole)
+            Entry(
+                budget_label(m.label, k),
+                m.name,
+                m.options | ({"max_iterations": k} if k else {}),
+                whole=m.whole,
+                along=m.along,
+            )
             for m in self.methods
             for k in (self.budgets if not m.whole else (None,))
         )
@@ -322,15 +328,20 @@ def _laws(data: dict[str, Any], where: str, shared: dict[str, Any]) -> LawsBlock
 
 
 def _method(data: Any, where: str) -> Entry:
-    """A method at budgets, or one that is called as it comes, ``whole = true``."""
+    """A method at budgets, from the start or with ``along = true`` at each pose; or ``whole = true``, as it comes."""
     known = dict(data) if isinstance(data, dict) else data
-    whole = known.pop("whole", False) if isinstance(known, dict) else False
+    whole, along = (known.pop(key, False) if isinstance(known, dict) else False for key in ("whole", "along"))
     check_flag(whole, f"{where}: methods: whole")
+    check_flag(along, f"{where}: methods: along")
+    if whole and along:
+        raise InvalidInput(f"{where}: methods", "both `whole` and `along`", "one of them: `along` has budgets")
     found = read_method(known, where)
+    if along and "label" not in known:
+        found = replace(found, label=f"{found.label}, at each pose")
     for fixed in ("max_iterations", "max_restarts", "time_limit"):
         if fixed in found.options and not whole:
             raise InvalidInput(f"{where}: methods", fixed, "budgets in place of it; or whole = true")
-    return replace(found, whole=whole)
+    return replace(found, whole=whole, along=along)
 
 
 def _counts(data: dict[str, Any], where: str, **least: int) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.kinds._problems import store_problems
 from benchmarks.kinds.base import Entry, Part
+from benchmarks.kinds.cell.along import answers_along, plan_through
 from benchmarks.kinds.cell.facts import EXECUTED_TO_END, EXECUTION_TYPES, facts_of, failure, why_not
 from benchmarks.kinds.cell.measures import AXES
 from benchmarks.kinds.cell.settings import SpotsBlock, budget_label
@@ -21,7 +22,7 @@ from benchmarks.records import RunFolder, slug
 from benchmarks.settings import naming
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik import make_solver
+from optik.ik import IKSolver, make_solver
 from optik.registry import short_name
 from optik.types import Array
 from planners.cell.cell import Cell
@@ -30,7 +31,8 @@ from planners.cell.errors import ErrorSplit, split_configurations
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot
 from planners.limits import MotionLimits
-from planners.plan import make_law, plan
+from planners.paths.line import Line
+from planners.plan import Plan, make_law, plan
 
 SPOTS_PART = 4
 """Spots in one part of the work: a second or more of executions, so that workers share them evenly."""
@@ -49,8 +51,8 @@ SPLIT_PARTS = ("laser", "ik", "path", "servo")
 
 SPOT_TYPES: dict[str, Any] = {
     "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "solver": pl.String, "setting": pl.String,
-    "budget": pl.Int64, "group": pl.String, "known": pl.Boolean, "x": pl.Float64, "y": pl.Float64, "z": pl.Float64,
-    "distance": pl.Float64, **EXECUTION_TYPES,
+    "budget": pl.Int64, "along": pl.Boolean, "group": pl.String, "known": pl.Boolean,
+    "x": pl.Float64, "y": pl.Float64, "z": pl.Float64, "distance": pl.Float64, **EXECUTION_TYPES,
     **{f"error_{a}": pl.Float64 for a in AXES}, "position_error": pl.Float64,
     **{f"{part}_{a}": pl.Float64 for part in SPLIT_PARTS for a in AXES},
     **{f"{part}_error": pl.Float64 for part in SPLIT_PARTS}, "split_rest": pl.Float64,
@@ -164,8 +166,8 @@ class SpotsWork:
         at = self.targets[i, :3, 3]
         return dict.fromkeys(SPOT_TYPES) | {
             "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
-            "setting": method.label, "solver": short_name(method.name), "budget": budget, "group": self.group[i],
-            "known": self.known[i], **dict(zip(AXES, at.tolist(), strict=True)),
+            "setting": method.label, "solver": short_name(method.name), "budget": budget, "along": method.along,
+            "group": self.group[i], "known": self.known[i], **dict(zip(AXES, at.tolist(), strict=True)),
             "distance": self.distance[i],
         }  # fmt: skip
 
@@ -316,7 +318,10 @@ class _Shown:
         """Facts of one method: the whole line, or a move in joint space to the answer after some iterations."""
         if method.whole:
             return self._line(method)
-        result = make_solver(self.robot, method.name, **_options(method, budget)).solve(self.target, self.start)
+        solver = make_solver(self.robot, method.name, **_options(method, budget))
+        if method.along:
+            return self._along(solver)
+        result = solver.solve(self.target, self.start)
         key = result.q.tobytes()  # an iteration that has stopped gives the same answer, and the same execution
         if key not in self._before:
             self._before[key] = self._move(result.q)
@@ -334,11 +339,26 @@ class _Shown:
             return failure(self.work.drive, str(out.status), f"{step}{out.reason}")
         return facts_of(out.executions[-1]) | errors_of(out.error) | self._paths(out.executions[-1])
 
+    def _along(self, solver: IKSolver) -> dict[str, Any]:
+        """The line, through the answers after some iterations at each of its poses."""
+        line = Line(self.robot.fk(self.start), self.target)
+        if line.end <= NO_MOTION:
+            return self._move(self.start)
+        q = answers_along(line, self.start, solver)
+        key = q.tobytes()
+        if key not in self._before:
+            planned = plan_through(self.robot, line, q, solver.name, self.work.block.law)
+            self._before[key] = self._executed(planned, q[-1])
+        return self._before[key]
+
     def _move(self, q: Array) -> dict[str, Any]:
         if np.abs(q - self.start).max() <= NO_MOTION:
             split = split_configurations(self.robot, self.spot, self.seen, q, self.start, self.start)
             return failure(self.work.drive, EXECUTED_TO_END, "the answer is the start: no motion") | errors_of(split)
-        planned = plan(self.robot, q, self.start, timing=self.work.block.law)
+        return self._executed(plan(self.robot, q, self.start, timing=self.work.block.law), q)
+
+    def _executed(self, planned: Plan, q: Array) -> dict[str, Any]:
+        """Facts of a motion to a method's answer q (n,)."""
         if not planned:
             return failure(self.work.drive, str(planned.status), why_not(planned))
         execution = self._drive().execute(planned)

@@ -17,6 +17,7 @@ from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
 from planners.certificate.certificate import Certificate, certify
+from planners.certificate.failure import LIMIT_WORDS
 from planners.following.follow import JointPath, follow
 from planners.limits import DERIVATIVES, LOADED, MotionLimits, over, sides
 from planners.plan import Plan, make_law, plan
@@ -58,8 +59,9 @@ def write_example(
         with journal.at_work(entry.label):
             law, within = make_law(entry.name, **entry.options), told(limits, entry)
             planned = plan(
-                line.robot, line.path, line.q_start, ik=solver, timing=law, limits=within, samples=block.samples
-            )
+                line.robot, line.path, line.q_start, ik=solver, timing=law, limits=within, samples=block.samples,
+                allow=LIMIT_WORDS,
+            )  # fmt: skip
         if planned:
             motions.append(motion_frame(planned, limits).with_columns(law=pl.lit(entry.label)))
             proof = planned.certificate

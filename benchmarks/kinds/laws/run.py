@@ -31,6 +31,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
 from planners.certificate.certificate import certify
+from planners.certificate.failure import LIMIT_WORDS
 from planners.following.follow import Followed, JointPath, follow
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus, make_law, plan
@@ -389,7 +390,10 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
 
     def plan_it() -> Plan:
         assert c.law is not None
-        return plan(line.robot, line.path, line.q_start, ik=solver, timing=c.law, limits=c.told, samples=block.samples)
+        return plan(
+            line.robot, line.path, line.q_start, ik=solver, timing=c.law, limits=c.told, samples=block.samples,
+            allow=LIMIT_WORDS,
+        )  # fmt: skip
 
     if c.role == "law" and c.label == block.plan:
         ms, planned = _median_ms(plan_it, block.rounds)

@@ -83,15 +83,15 @@ def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
     return Pairs(bodies, tuple(names), left_out)
 
 
-def check_scene(robot: Robot, scene: Scene, margin: float) -> float:
-    """Check that an arm and a scene can be examined.
+def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
+    """Check that an arm and a scene can be examined, and that there is a scene where there is a margin.
 
     Parameters
     ----------
     robot : Robot
         The arm.
-    scene : Scene
-        What stands around it.
+    scene : Scene or None
+        What stands around it; None where nothing is examined.
     margin : float
         What distances must exceed [m].
 
@@ -103,16 +103,22 @@ def check_scene(robot: Robot, scene: Scene, margin: float) -> float:
     Raises
     ------
     InvalidInput
-        An arm without shapes, no scene, a margin below 0.
+        An arm without shapes, something that is no scene, a margin below 0, or one above 0 without a scene.
     UnknownName
         A link in ``scene.allow`` that the arm does not have.
     """
     from optik.scene import Scene
 
+    margin = check_number(margin, "margin", "metres, 0 or more", least=0.0)
+    if scene is None:
+        if margin > 0.0:
+            expected = "0, or a scene with it; scene=Scene() examines the arm's own links only"
+            raise InvalidInput("margin", f"{margin:g} without a scene", expected)
+        return margin
     if not isinstance(scene, Scene):
         raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
     examined_pairs(robot, scene)
-    return check_number(margin, "margin", "metres, 0 or more", least=0.0)
+    return margin
 
 
 class Contact(NamedTuple):

@@ -109,7 +109,9 @@ class MeshFolders:
         if outside:
             expected = "a mesh below the folder of the description or below package_dirs"
             raise InvalidInput(what, f"the mesh {name[:120]!r}, which lies elsewhere", expected)
-        hint = "" if candidates else "; name the folder of its package in package_dirs"
+        hint = (
+            "" if candidates else "; name the folder of its package (package_dirs=, on the command line --package-dir)"
+        )
         raise InvalidInput(what, f"the mesh {name[:120]!r}, which does not exist{hint}", "an existing file")
 
     def _in_packages(self, path: str) -> list[tuple[Path, Path]]:

@@ -9,17 +9,27 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.check import check_number
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.disturbances import LateHost, LostEncoder, WrongSetpoint
 from planners.cell.drives._options import Options
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
+from planners.certificate.certificate import Certificate
+from planners.certificate.failure import Allow, check_valid
 from planners.plan import Plan
 
 GREATEST_STEP = 1.0 + 1e-6
 """Largest step between set-points, over what the velocity limit allows in a period: a motion at its limit is accepted."""
 
+COUNTS = 4.0
+"""Counts of its encoder by which a set-point must move beyond a tolerance before an equal reading is a fault [1]."""
+NOISE_SPREADS = 6.0
+"""Standard deviations of the readings' noise that no reading is off by [1]."""
+AT_STANDSTILL = (0.02, 0.002)
+"""Fastest joint that stands [rad/s, m/s]: what a servo corrects of the noise of an encoder is slower."""
+MEND = "repair the encoder; then resume"
+"""What to do about a false reading."""
 Refusal = tuple[str, str]
 """Why nothing is sent, and what to do."""
 
@@ -48,23 +58,20 @@ def check_plan(plan: Plan, robot: Robot) -> None:
         raise InvalidInput("plan", f"one of {plan.robot.name}", f"one of this drive's arm, {robot.name}")
 
 
-def no_motion(plan: Plan) -> Refusal | None:
-    """Say why a plan must not be sent: it has no motion, its certificate does not hold, or it begins in motion.
+def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
+    """Return why a plan must not be executed: no motion, violations that `allow` does not permit, or a start in motion.
 
-    Parameters
-    ----------
-    plan : Plan
-        What should be executed.
-
-    Returns
-    -------
-    tuple of str, or None
-        Reason and advice.
+    The certificate is that of the plan by default.
     """
-    if not plan:
-        assert plan.stop is not None
+    if plan.stop is not None and (not plan.has_motion or (not plan and plan.certificate.holds)):
         return f"the plan did not succeed ({plan.status}): {plan.stop.reason}", plan.stop.advice
-    if not plan.certificate.rest[0]:
+    proof = plan.certificate if proof is None else proof
+    try:
+        check_valid(proof, allow)
+    except InvalidMotion as error:
+        status = "" if plan else f" ({plan.status})"
+        return f"the certificate of the plan{status} does not hold: {error.reason}", error.advice
+    if not proof.rest[0]:
         return "the plan begins in motion, and the arm is at rest", "a plan that begins at rest where the arm stands"
     return None
 
@@ -232,10 +239,20 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
         )
         run.stuck = i
         run.fail(Fault(FaultKind.STALL, t, names[i], what, advice), k + options.ahead)
+        return
+    moved = run.unmoved.moved(read, run.stream.q[min(k, run.last)], t) / (
+        options.following + COUNTS * options.resolution
+    )
+    i = int(moved.argmax())
+    if moved[i] > 1.0:
+        what = f"{names[i]} reads {read[i]:.6g} while its set-point moved by more than {options.following[i]:g}"
+        run.stuck = i
+        fault = Fault(FaultKind.ENCODER, t, names[i], f"{what}: its encoder is frozen, or it is blocked", MEND)
+        run.fail(fault, k + options.ahead)
 
 
-def judge_rest(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
-    """Judge where the arm came to rest, at the last tick k.
+def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
+    """Judge where the arm came to rest, at the last tick k, by its encoders and by where the simulated arm really stands.
 
     Parameters
     ----------
@@ -245,18 +262,80 @@ def judge_rest(run: Run, k: int, read: Array, options: Options, robot: Robot) ->
         Number of the tick.
     read : (n,) array
         Reading of the encoders [rad, m].
+    actual : (n,) array
+        Where the arm stands [rad, m].
     options : Options
         The drive's.
     robot : Robot
         Its arm.
     """
+    if run.fault is not None:
+        return
+    t, false = k * options.period, false_reading(read, actual, options)
+    if false is not None:
+        joint = robot.joint_names[false]
+        what = f"the encoder of {joint} is lost" if np.isnan(read[false]) else (
+            f"{joint} stands at {actual[false]:.6g}, and its encoder reads {read[false]:.6g}"
+        )  # fmt: skip
+        run.fail(Fault(FaultKind.ENCODER, t, joint, what, MEND), k)
+        return
     off = np.abs(read - run.stream.q[-1])
-    i = int(np.nan_to_num(off / options.end).argmax())
-    if run.fault is None and off[i] > options.end[i]:
-        joint, t = robot.joint_names[i], k * options.period
+    i = int((off / options.end).argmax())
+    if off[i] > options.end[i]:
+        joint = robot.joint_names[i]
         what = f"{joint} came to rest {off[i]:.3g} off its last set-point, more than {options.end[i]:g}"
         advice = f"see what blocks {joint}; then resume, which first goes back to the path"
         run.fail(Fault(FaultKind.STALL, t, joint, f"{what}: it was blocked or is too weak", advice), k)
+
+
+def false_reading(read: Array, actual: Array, options: Options) -> int | None:
+    """Index of a joint whose encoder is lost, or reads something else than where the joint is; None where there is none."""
+    lost = np.flatnonzero(np.isnan(read))
+    if lost.size:
+        return int(lost[0])
+    off = np.abs(read - actual) / (options.end + COUNTS * options.resolution + NOISE_SPREADS * options.noise)
+    return int(off.argmax()) if off.max() > 1.0 else None
+
+
+def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
+    """Judge whether the arm stands where the set-points end; where it moves, that is a fault.
+
+    Parameters
+    ----------
+    run : Run
+        The execution; changed.
+    k : int
+        Number of the tick.
+    dq : (n,) array
+        Velocities of the arm [rad/s, m/s].
+    false : int or None
+        Index of a joint whose reading is false.
+    options : Options
+        The drive's.
+    robot : Robot
+        Its arm.
+
+    Returns
+    -------
+    bool
+        Whether it stands.
+    """
+    speed = np.abs(dq) / np.where(robot.prismatic, *reversed(AT_STANDSTILL))
+    i = int(speed.argmax())
+    if speed[i] <= 1.0:
+        return True
+    if run.fault is None:
+        what = f"{robot.joint_names[i]} moves at {abs(dq[i]):.3g} where its set-points end"
+        kind, why, advice = FaultKind.STALL, "it is too weak", f"see what moves {robot.joint_names[i]}; then resume"
+        if false is not None:
+            kind, why, advice = (
+                FaultKind.ENCODER,
+                f"the encoder of {robot.joint_names[false]} reads a false position",
+                MEND,
+            )
+        joint = robot.joint_names[i if false is None else false]
+        run.fail(Fault(kind, k * options.period, joint, f"{what}: {why}; the brakes were put on", advice), k)
+    return False
 
 
 def ending(run: Run) -> tuple[ExecutionStatus, str, str]:

@@ -3,50 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._stop import ends_at_goal, limits_of
-from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.drives._stop import ends_at_goal, limits_of, relaxed
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus
 from planners.cell.setpoints import slowed_to
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
 
 
-def resumed(
-    drive: Drive, execution: Execution, stop: StopRequest | None, watch: Watcher | None, near: Array
-) -> Execution:
-    """Take the arm from where it stands to the goal of an execution that was stopped.
+def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, Any]) -> Execution:
+    """Take the arm from where it stands to the goal of an execution that was stopped; the options are those of `execute`.
 
-    Parameters
-    ----------
-    drive : Drive
-        The drive.
-    execution : Execution
-        What was stopped.
-    stop : float or callable, optional
-        As for `Drive.execute`.
-    watch : callable, optional
-        As for `Drive.execute`.
-    near : (n,) array
-        How far from where it was to stop the arm may stand [rad, m].
-
-    Returns
-    -------
-    Execution
-        Of the rest of the way; REFUSED where there is none.
-
-    Raises
-    ------
-    InvalidInput
-        An execution that was not stopped.
+    REFUSED if the arm stands farther than `near` (n,) [rad, m] from where it was to stop.
     """
     check_stopped(execution)
     assert execution.motion is not None
-    rest = execution.motion(execution.motion.end)
+    rest, running = execution.motion(execution.motion.end), relaxed(execution.plan, options["allow"])
     measured = drive.measure()
     if np.isnan(measured).any():
         i = int(np.isnan(measured).argmax())
@@ -62,20 +40,21 @@ def resumed(
             moved = f"{name} stands at {measured[i]:.6g}, and it was stopped at {rest[i]:.6g}"
             why = f"the arm was moved since: {moved}"
             return nothing_sent(drive, execution.plan, why, "a new plan from where it stands")
-        back = way_back(execution.plan, measured, rest)
+        back = way_back(running, measured, rest)
         if not back:
             assert back.stop is not None
             why = f"there is no way back to the path: {back.stop.reason}"
             return nothing_sent(drive, execution.plan, why, back.stop.advice)
-        before = drive.execute(long_enough(back, drive.period), stop=stop, watch=watch)
+        before = drive.execute(long_enough(back, drive.period), **options)
         if not before or execution.stop is None or ends_at_goal(execution.stop):
             return before
     if execution.stop is None or ends_at_goal(execution.stop):
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    limits = limits_of(execution.plan)[0]
-    onward = long_enough(replan(execution.stop, execution.stop.trajectory.end, limits=limits), drive.period)
-    return replace(drive.execute(onward, stop=stop, watch=watch), before=before)
+    stop = relaxed(execution.stop, options["allow"])
+    onward = long_enough(replan(stop, stop.trajectory.end, limits=limits_of(running)[0]), drive.period)
+    onward = replace(onward, scene=execution.plan.scene, margin=execution.plan.margin)
+    return replace(drive.execute(onward, **options), before=before)
 
 
 def check_stopped(execution: Execution) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._stop import stop_from
+from planners.certificate.failure import Allow
 from planners.files._ros.export import JointNames, ros_message
 from planners.motion import Motion
 from planners.plan import Plan
@@ -23,8 +24,8 @@ MOTORS = ("velocity", "acceleration", "torque")
 DESIRED = 1e-3
 """Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
 something else, and nothing is known of where it is."""
-WINDOW = 0.5
-"""How far from the expected instant the controller's desired state is looked for [s]: it starts late, or is slowed."""
+WINDOW = 1.0
+"""How far from the expected instant the controller's desired state is looked for [s]: feedback is late, or it is slowed."""
 ROOM = 1e-4
 """By how much a motion is slowed before it is sent [1], so that a stop from any of its states has room within the limits: the
 times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
@@ -56,53 +57,18 @@ class Stops(NamedTuple):
     reason: str
 
 
-def message_for(plan: Plan, joint_names: JointNames) -> tuple[Plan, dict[str, Any]]:
-    """Make the message of a plan, and certify what the controller makes of it.
+def message_for(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple[Plan, dict[str, Any]]:
+    """Return a plan with the motion that the controller interpolates, certified, and its message as plain data.
 
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion that ends at rest.
-    joint_names : mapping or sequence, optional
-        As for `planners.to_ros`.
-
-    Returns
-    -------
-    sent : Plan
-        The plan with the motion that the controller interpolates, certified now.
-    message : dict
-        A ``trajectory_msgs/JointTrajectory`` as plain data.
-
-    Raises
-    ------
-    NoSolution
-        A plan without a motion, or one whose certificate does not hold as the controller interpolates.
-    InvalidInput
-        A motion that the controller refuses.
+    Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
     """
-    motion = judged(plan)
-    message, sent = ros_message(motion, joint_names=joint_names)
-    proof = replace(motion, trajectory=sent.trajectory).certify()
-    if not proof.holds:
-        why = f"as the controller interpolates it, the certificate does not hold: {'; '.join(proof.broken)}"
-        raise NoSolution(why, advice="another law, or lower limits")
+    message, sent = ros_message(motor_motion(plan), joint_names=joint_names, allow=allow)
     slowed = plan.slowed * sent.factor
-    return replace(plan, _trajectory=sent.trajectory, _certificate=proof, slowed=slowed), message
+    return replace(plan, _trajectory=sent.trajectory, _certificate=sent.certificate, slowed=slowed), message
 
 
-def judged(plan: Plan) -> Motion:
-    """Return the motion of a plan as a real arm must keep it: within what its motors can do, whatever its law promises.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion.
-
-    Returns
-    -------
-    Motion
-        Its certificate judges what the law promises, and velocity, acceleration and torque where they are limited.
-    """
+def motor_motion(plan: Plan) -> Motion:
+    """Return the motion of a plan with velocity, acceleration and torque among the limits that it must keep."""
     motion = plan.motion
     return replace(motion, keeps=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.keeps))
 
@@ -144,7 +110,7 @@ def with_room(plan: Plan) -> Plan:
     return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
 
 
-def stop_for(sent: Plan, t: float, joint_names: JointNames) -> Stopping:
+def stop_for(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -> Stopping:
     """Plan a certified stop from an instant of a motion that was sent, and make its message.
 
     Parameters
@@ -155,6 +121,8 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames) -> Stopping:
         When the stop begins [s].
     joint_names : mapping or sequence, optional
         As for `planners.to_ros`.
+    allow : str or several
+        Which violations are permitted.
 
     Returns
     -------
@@ -168,11 +136,11 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames) -> Stopping:
     InvalidInput
         An instant at which the motion has ended.
     """
-    found = stop_from(sent, t, 1.0 - 0.5 * ROOM)
-    return Stopping(t, *message_for(replace(found, limits=sent.limits), joint_names))
+    found = stop_from(sent, t, 1.0 - 0.5 * ROOM, allow)
+    return Stopping(t, *message_for(replace(found, limits=sent.limits), joint_names, allow))
 
 
-def stops_for(sent: Plan, every: float, joint_names: JointNames) -> Stops:
+def stops_for(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
     """Plan the stops from a grid of instants of a motion, before it is sent: while the arm moves there is no time for it.
 
     Parameters
@@ -183,6 +151,8 @@ def stops_for(sent: Plan, every: float, joint_names: JointNames) -> Stops:
         Spacing of the grid [s]; wider where all of them would take longer than `PREPARING`.
     joint_names : mapping or sequence, optional
         As for `planners.to_ros`.
+    allow : str or several
+        Which violations are permitted.
 
     Returns
     -------
@@ -195,7 +165,7 @@ def stops_for(sent: Plan, every: float, joint_names: JointNames) -> Stops:
     while t < sent.trajectory.end - 0.5 * every:
         since = perf_counter()
         try:
-            found.append(stop_for(sent, t, joint_names))
+            found.append(stop_for(sent, t, joint_names, allow))
         except (NoSolution, InvalidInput) as error:
             reason = reason or f"at t = {t:.6g} s: {error}"
         last, took = took, perf_counter() - since
@@ -226,7 +196,7 @@ def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | 
     if low >= high:
         return None
     for _ in range(6):  # a grid that is narrowed to a picosecond: the motion is smooth, but may stand for a while
-        grid = np.linspace(low, high, 101)
+        grid = np.linspace(low, high, 201)
         off = np.abs(motion(grid) - q).max(axis=1) + 0.01 * np.abs(motion(grid, 1) - dq).max(axis=1)
         best = int(off.argmin())
         step = float(grid[1] - grid[0])

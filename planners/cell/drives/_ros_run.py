@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optik.types import Array
+from planners.cell.drives._encoders import Unmoved
 from planners.cell.drives._ros_goals import Stops, instant_of
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.setpoints import Setpoints
@@ -26,6 +27,8 @@ POLL = 0.01
 """How often a running goal is looked at [s]: twice as often as joint states usually come."""
 CONFIRMED = 0.3
 """How long after its instant a stop may be confirmed [s]: by its first feedback, which controllers send at 20 Hz by default."""
+FROZEN = "repair the encoder or its driver, or see what blocks the joint; then resume"
+"""What to do about a joint whose reading does not change while its set-point does."""
 TOLERANCES = {-4: "it left its path tolerance", -5: "it missed its goal tolerance"}
 """Error codes of ``FollowJointTrajectory`` that mean that a joint does not follow, in words."""
 
@@ -68,8 +71,13 @@ class Run:
         """Start of the motion, by this machine's clock [s]; None as long as no feedback told."""
         self.stamp: int | None = None
         """The same by the controller's clock [ns]."""
+        self._stop_stamp = 0
+        """Instant of the stop by that clock [ns]."""
         self._located: Feedback | None = None
         self._fastest = self._give_up = 0.0
+        self._trips = (np.inf, 0.0)
+        """Shortest and longest time that the goal and a feedback took together on their ways [s]."""
+        self._still = Unmoved()
 
     # ------------------------------------------------------------ the loop
 
@@ -94,9 +102,17 @@ class Run:
             if not self._stopping and not self.goal.ended:
                 self._stop()
             raise
+        result, patience = self.goal.result, self.drive.timing.patience
+        if result is not None and result.state is GoalState.UNKNOWN and not self.cancelled:
+            what = f"how the goal ended is not known ({result.words})"
+            self._fail(FaultKind.CONTROLLER, what, "see that the arm stands, and the controller's log; then resume")
+            self._cancel("its end is not known")
+            patience += max(self.motion.end - self.now, 0.0)  # where nobody takes that, the motion goes on to its end
         self.ended = max(self.now, 0.0)
+        if self.goal.refused:
+            self.drive.transport.cancel(self.goal)
         if self.goal.accepted:
-            self._settle(watch)
+            self._settle(watch, patience)
         return self._report()
 
     def _loop(self, asking: Callable[[float], bool], watch: Watcher | None) -> None:
@@ -139,22 +155,35 @@ class Run:
         if feedback is not None and feedback is not self._located:
             self._locate(feedback, self.goal.heard)
         q, dq, stamp, at = self.drive.measured()
-        if np.isfinite(q).all():
-            if not self.samples or at > self.samples[-1][1]:
-                self.samples.append((stamp, at, q, dq))
-                if watch is not None:
-                    t = max(self.now, 0.0)
-                    watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy()))
-        elif not self._stopping and not self.drive.transport.lost and self.begun is not None and not self.goal.ended:
-            names, lost = self.drive.robot.joint_names, np.flatnonzero(~np.isfinite(q))
-            self._fail(FaultKind.ENCODER, *self.drive.unknown(q, self.drive.timing.state_age), names[lost[0]])
+        if np.isfinite(q).all() and (not self.samples or at > self.samples[-1][1]):
+            self.samples.append((stamp, at, q, dq))
+            if watch is not None:
+                t = max(self.now, 0.0)
+                watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy()))
+        if not self._stopping and not self.drive.transport.lost and self.begun is not None and not self.goal.ended:
+            self._look_at_encoders(q, at)
+
+    def _look_at_encoders(self, q: Array, at: float) -> None:
+        """Stop where a joint is not measured any more, or reads the same for too long while it is to move."""
+        names, lost, age = self.drive.robot.joint_names, np.flatnonzero(~np.isfinite(q)), self.drive.timing.state_age
+        if lost.size:
+            self._fail(FaultKind.ENCODER, *self.drive.unknown(q, age), names[lost[0]])
+            self._stop()
+            return
+        t = at - (self.begun or self.sent)
+        moved = self._still.moved(q, self.motion(min(max(t, 0.0), self.motion.end)), at)
+        frozen = np.flatnonzero((moved > self.drive.start_tolerance) & (self._still.seconds(at) > age))
+        if frozen.size:
+            name, i = names[frozen[0]], frozen[0]
+            what = f"{name} reads {q[i]:.6g} for more than {age:g} s while its set-point moved by {moved[i]:.3g}"
+            self._fail(FaultKind.ENCODER, f"{what}: its encoder is frozen, or it is blocked", FROZEN, name)
             self._stop()
 
     def _locate(self, feedback: Feedback, heard: float) -> None:
         """Find the instant of the motion that the controller is at, from the state that it desires."""
         self._located = feedback
         order = [feedback.names.index(name) if name in feedback.names else -1 for name in self._names]
-        if min(order) < 0 or self.goal.odd:
+        if min(order) < 0:
             return
         q, dq = feedback.positions[order], np.nan_to_num(feedback.velocities[order])
         t = instant_of(self.motion, q, dq, heard - (self.sent if self.begun is None else self.begun))
@@ -164,6 +193,8 @@ class Run:
         self._fastest = max(speed, self._fastest)
         self.begun = heard - t
         self.stamp = feedback.stamp - round(t * NANOSECONDS) if feedback.stamp else None
+        trip = max(self.begun - self.sent, 0.0)
+        self._trips = min(self._trips[0], trip), max(self._trips[1], trip)
 
     @property
     def _names(self) -> list[str]:
@@ -177,18 +208,23 @@ class Run:
         if self.begun is None or self.stamp is None:
             self._cancel("no feedback tells where the controller is")
             return
-        earliest = self.now + self.drive.timing.latency
-        stop = next((each for each in self.stops.found if each.t >= earliest), None)
+        # How long feedback travels is not known, but the goal has not begun before it was sent: the controller is at most
+        # here on its motion. The stop is not expected to travel longer than the goal and its fastest answer did together.
+        latest, latency = time.monotonic() - self.sent, max(self.drive.timing.latency, self._trips[0])
+        stop = next((each for each in self.stops.found if each.t >= latest + latency), None)
         if stop is None:
-            if self.motion.end - earliest <= 2.0 * self.stops.every:
+            if self.motion.end - self.now <= self.drive.timing.latency + 2.0 * self.stops.every:
                 self.notes += ("the motion ends about when a stop could: it is not replaced",)
+            elif self.stops.found and latency > self.drive.timing.latency:
+                self._cancel(f"every certified stop might come too late: an answer takes {latency:.3g} s or more")
             else:
                 self._cancel("no stop from here could be certified")
             return
-        stamp = time_of(self.stamp + round(stop.t * NANOSECONDS))
-        goal = self.drive.transport.send(stop.message | {"header": stop.message["header"] | {"stamp": stamp}})
-        if self._taken(goal, stop.t + CONFIRMED):
-            self.goal, self.stop = goal, stop.plan
+        stamp = self.stamp + round(stop.t * NANOSECONDS)
+        header = stop.message["header"] | {"stamp": time_of(stamp)}
+        goal = self.drive.transport.send(stop.message | {"header": header})
+        if self._taken(goal, stop.t + CONFIRMED + self._trips[1]):
+            self.goal, self.stop, self._stop_stamp = goal, stop.plan, stamp
             self.motion = joined(start_of(self.motion, stop.t), stop.plan.trajectory)
             return
         self.drive.transport.cancel(goal)
@@ -200,14 +236,15 @@ class Run:
         self.drive.transport.cancel(self.goal)
         self.notes += (f"the goal was cancelled ({why}): how the arm stopped then is the controller's own",)
 
-    def _settle(self, watch: Watcher | None) -> None:
-        """Wait until the joint states say that the arm stands, and note that one."""
-        until, count = time.monotonic() + self.drive.timing.patience, len(self.samples)
+    def _settle(self, watch: Watcher | None, patience: float) -> None:
+        """Wait until the joint states say that the arm stands, and note that one; after `patience` [s] say that it does not."""
+        until, count = time.monotonic() + patience, len(self.samples)
         while time.monotonic() < until and not self.drive.transport.lost:
             self._look(watch)
             if len(self.samples) > count + 1 and self._stands():
                 return
             time.sleep(POLL)
+        self.notes += ("whether the arm stands is not known: its joint states do not say so",)
 
     def _stands(self) -> bool:
         """Whether the last two joint states are those of an arm at rest."""
@@ -222,10 +259,6 @@ class Run:
     def _fail(self, kind: FaultKind, reason: str, advice: str, joint: str | None = None) -> None:
         if self.fault is None:
             self.fault = Fault(kind, max(self.now, 0.0), joint, reason, advice)
-
-    def _broken(self) -> None:
-        what = f"{self.drive.transport.lost} while a goal ran: whether the arm still moves is not known"
-        self._fail(FaultKind.CONNECTION, what, "see that the arm stands; connect again, then resume")
 
     def _judge(self) -> None:
         """Turn the goal's end into a fault where it is one."""
@@ -286,6 +319,11 @@ class Run:
             reason = f"stopped on request; the stop began at t = {begun:.6g} s"
         elif self.cancelled and result is not None and result.state is not GoalState.SUCCEEDED:
             status, reason, advice = ExecutionStatus.STOPPED, f"stopped: {self.cancelled}", "resume goes on"
+        first = self.goal.first if self.stop is not None else None
+        if first is not None and self._stop_stamp and first.stamp > self._stop_stamp:
+            after = (first.stamp - self._stop_stamp) / NANOSECONDS
+            note = f"the first sign that the stop was taken is of {after:.3g} s after its instant"
+            self.notes += (f"{note}: if it came after that instant, too, the set-point jumped",)
         t, q, dq = self._recorded()
         whole = result is not None and result.state is GoalState.SUCCEEDED
         count = t.size if whole else max(int(np.searchsorted(t, self.ended, side="right")), 1)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array
+from planners.cell.drives._encoders import Unmoved
 from planners.cell.drives._stop import ends_at_goal, stop_from
 from planners.cell.drives.base import Fault
 from planners.cell.setpoints import Setpoints, setpoints
@@ -111,6 +112,10 @@ class Run:
         Late ticks.
     notes : list of str
         What the reader must know.
+    unmoved : Unmoved
+        Encoders that read the same.
+    allow : tuple of str
+        Which violations of the plan and of its stop are permitted.
     """
 
     plan: Plan
@@ -123,6 +128,8 @@ class Run:
     stuck: int | None = None
     late: int = 0
     notes: list[str] = field(default_factory=list)
+    unmoved: Unmoved = field(default_factory=Unmoved)
+    allow: tuple[str, ...] = ()
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
     dq: list[Array] = field(default_factory=list)
@@ -158,7 +165,7 @@ class Run:
                 "the set-points that the drive held already reached the end of the plan: no stop was needed"
             )
             return
-        found = stop_from(self.plan, t)
+        found = stop_from(self.plan, t, allow=self.allow)
         if not found:
             assert found.stop is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.stop.reason}"

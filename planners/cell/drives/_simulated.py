@@ -23,7 +23,11 @@ from planners.cell.drives._resume import nothing_sent, resumed
 from planners.cell.drives._run import Commands, Run, Steps, commands
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
 from planners.cell.setpoints import setpoints, whole_periods
+from planners.certificate.failure import Allow, check_allow
 from planners.plan import Plan
+
+BRAKING = 10.0
+"""How long an arm may take to come to rest by its brakes [s]."""
 
 
 class SimulatedDrive(Drive):
@@ -94,6 +98,9 @@ class SimulatedDrive(Drive):
         """Torques of the motors now (n,) [N·m, N], where the plant has torques."""
         return None
 
+    def _put_brakes_on(self) -> None:
+        """Have brakes hold all joints from now on, where the plant has some."""
+
     def _remarks(self) -> tuple[str, ...]:
         """What every execution on this plant must say: defaults that stand in for unknown values."""
         return ()
@@ -117,8 +124,10 @@ class SimulatedDrive(Drive):
             raise InvalidInput("q", "none, and no plan executed yet", "where the arm stands: a configuration at rest")
         return _checks.reading(self._actual(), self.options, self.clock, self._noise, self._frozen)
 
-    def execute(self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None) -> Execution:
-        """Take the arm along a plan whose certificate holds; see `Drive.execute`.
+    def execute(
+        self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
+    ) -> Execution:
+        """Take the arm along a valid plan; see `Drive.execute`.
 
         Parameters
         ----------
@@ -128,6 +137,8 @@ class SimulatedDrive(Drive):
             When to stop on the path: a time [s], or a function that is asked at every tick.
         watch : callable, optional
             Told of every tick.
+        allow : str or several
+            Violations of the plan to permit, as for `planners.save`.
 
         Returns
         -------
@@ -140,21 +151,24 @@ class SimulatedDrive(Drive):
             A plan of another arm, or one that is shorter than the period.
         """
         _checks.check_plan(plan, self.robot)
-        refusal = _checks.no_motion(plan)
+        refusal = _checks.invalid(plan, allow)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        plan = whole_periods(plan, self.period)
+        given, plan = plan, whole_periods(plan, self.period)
+        refusal = _checks.invalid(plan, allow, plan.motion.certify() if plan is given else None)
+        if refusal is not None:
+            return self._refused(plan, *refusal)
         if not self._placed:
             self._put(plan.trajectory(0.0))
         refusal = _checks.refusal(plan, self.measure(), self.options)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        run = Run(plan, plan.trajectory, setpoints(plan, self.period))
+        run = Run(plan, plan.trajectory, setpoints(plan, self.period), allow=check_allow(allow))
         self._loop(run, _checks.asked(stop), watch)
         return self._report(run)
 
     def resume(
-        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
+        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Go on to the goal of an execution that was stopped; see `Drive.resume`.
 
@@ -165,7 +179,7 @@ class SimulatedDrive(Drive):
         ----------
         execution : Execution
             One of this drive's that ended with STOPPED or FAULT.
-        stop, watch
+        stop, watch, allow
             As in `execute`.
 
         Returns
@@ -178,7 +192,7 @@ class SimulatedDrive(Drive):
         InvalidInput
             An execution that was not stopped.
         """
-        return resumed(self, execution, stop, watch, self.options.start)
+        return resumed(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 
     def _loop(self, run: Run, asked: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run through all ticks: read the encoders, judge, listen to a request, advance the plant by one period."""
@@ -195,7 +209,7 @@ class SimulatedDrive(Drive):
             run.measured.append(reading)
             if watch is not None:
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
-            if k >= run.last + self._held_ticks():
+            if k >= run.last + self._held_ticks() and self._stands(run, k, reading):
                 break
             _checks.arrived(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
@@ -207,7 +221,22 @@ class SimulatedDrive(Drive):
             run.record(t, now.t[1:], self._advance(now, self._stalled()))
             k += 1
         run.extend(k)
-        _checks.judge_rest(run, k, reading, self.options, self.robot)
+        _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
+
+    def _stands(self, run: Run, k: int, reading: Array) -> bool:
+        """Whether the arm stands where the set-points end; where it does not, the brakes are put on."""
+        dq = run.dq[-1][-1]
+        if _checks.judge_standing(
+            run, k, dq, _checks.false_reading(reading, self._actual(), self.options), self.options, self.robot
+        ):
+            return True
+        self._put_brakes_on()
+        if k < run.last + self._held_ticks() + BRAKING / self.period:
+            return False
+        run.notes.append(
+            f"the arm moved on for {BRAKING:g} s with all brakes on: they are too weak for what it carries"
+        )
+        return True
 
     def _held_ticks(self) -> int:
         """How many periods the last set-point is held after its tick."""

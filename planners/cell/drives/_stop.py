@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from optik.types import Array
+from planners.certificate.failure import Allow, check_allow, required_limits
 from planners.limits import MotionLimits
 from planners.plan import Plan
 from planners.replan import replan
@@ -22,7 +23,20 @@ LEAST_SHARE = 0.1
 """Share of the greatest value of all joints that each may reach, where nothing but the plan itself says how much."""
 
 
-def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
+def relaxed(plan: Plan, allow: Allow) -> Plan:
+    """Return a plan that can be stopped and planned anew although it has violations that these words permit.
+
+    It has no scene where contact is permitted, and need not keep limits that may be exceeded.
+    """
+    allowed = check_allow(allow)
+    if not allowed:
+        return plan
+    proof = replace(plan.certificate, keeps=required_limits(plan.certificate.keeps, allowed))
+    scene = None if "contact" in allowed else plan.scene
+    return replace(plan, _certificate=proof, scene=scene, margin=0.0 if scene is None else plan.margin)
+
+
+def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
     """Return the stop of a plan from a time of its motion on: of some limits on the jerk the first with which it holds.
 
     Parameters
@@ -33,17 +47,19 @@ def stop_from(running: Plan, t: float, share: float = 1.0) -> Plan:
         When the stop begins [s].
     share : float
         Of the limits that the stop may use [1].
+    allow : str or several
+        Which violations are permitted, of the plan and of the stop.
 
     Returns
     -------
     Plan
         From exactly the state at t; where none is certified, with a reason, and perhaps the motion that passes least.
     """
-    stops = []
-    for limits in limits_of(running):
-        found = replan(running, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
+    stops, plan = [], relaxed(running, allow)
+    for limits in limits_of(plan):
+        found = replan(plan, t, stop=True, limits=limits if share == 1.0 else limits.scaled(share))
         if found:
-            return found
+            return replace(found, scene=running.scene, margin=running.margin)
         stops.append(found)
     return stops[-1]
 

@@ -14,6 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.setpoints import Setpoints
+from planners.certificate.failure import Allow
 from planners.plan import Plan
 from planners.timing.base import ClassName
 from planners.trajectory import Trajectory
@@ -166,8 +167,10 @@ class Drive(ABC):
         """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
 
     @abstractmethod
-    def execute(self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None) -> Execution:
-        """Take the arm along a plan whose certificate holds.
+    def execute(
+        self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
+    ) -> Execution:
+        """Take the arm along a valid plan.
 
         Parameters
         ----------
@@ -177,11 +180,13 @@ class Drive(ABC):
             When to stop on the path: a time [s], or a function that is asked at every tick.
         watch : callable, optional
             Told of every tick.
+        allow : str or several
+            Violations of the plan to permit, as for `planners.save`.
 
         Returns
         -------
         Execution
-            What the arm did, up to its rest.
+            What the arm did, up to its rest. REFUSED if the plan is invalid; the reason names the word that permits it.
 
         Raises
         ------
@@ -191,7 +196,7 @@ class Drive(ABC):
 
     @abstractmethod
     def resume(
-        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
+        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Go on to the goal of an execution that was stopped, from where the arm stands now.
 
@@ -199,7 +204,7 @@ class Drive(ABC):
         ----------
         execution : Execution
             One of this drive's that ended with STOPPED or FAULT.
-        stop, watch
+        stop, watch, allow
             As in `execute`.
 
         Returns

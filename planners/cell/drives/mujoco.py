@@ -213,6 +213,8 @@ class MujocoDrive(SimulatedDrive):
     def _brake(self, asked: Commands, stalled: Flags, lost: Flags) -> None:
         """Set the friction of the joints: their own, that of a brake, or that of something which blocks them."""
         self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
+        if self._stuck is not None:
+            self._state[2, self._stuck] = 1.0
         off = self._state[2] > 0.0
         stands = off | stalled
         if not stands.any() and not self._stood:
@@ -227,6 +229,9 @@ class MujocoDrive(SimulatedDrive):
         torque, smooth = np.empty_like(q), (self._load.viscous, np.zeros(q.shape[1]))
         joint_torques(self._chain, self._load.bodies, smooth, np.stack([q, dq, ddq], axis=1), torque)
         return torque + self._load.coulomb * np.tanh(dq / CREEP)
+
+    def _put_brakes_on(self) -> None:
+        self._state[2] = 1.0
 
     # ------------------------------------------------------------ the report
 

@@ -12,12 +12,14 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners.cell.drives._checks import asked, check_plan, no_motion
-from planners.cell.drives._ros_goals import Stops, exceeded, judged, message_for, stops_for, with_room
+from planners.cell.drives._checks import asked, check_plan, invalid
+from planners.cell.drives._ros_goals import Stops, exceeded, message_for, motor_motion, stops_for, with_room
 from planners.cell.drives._ros_run import Run
+from planners.cell.drives._stop import relaxed
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
 from planners.cell.transports.base import Transport
+from planners.certificate.failure import Allow
 from planners.files._ros.export import JointNames, columns_of
 from planners.plan import Plan
 from planners.replan import place_on, replan
@@ -172,13 +174,17 @@ class RosDrive(Drive):
         until = time.monotonic() + self.timing.patience
         while time.monotonic() < until and not self.transport.lost:
             q, dq = self.measured()[:2]
-            if np.isfinite(q).all() and not (np.abs(dq) > STANDS).any():
+            if np.isfinite(q).all() and (np.abs(dq) <= STANDS).all():
                 return "", ""
             time.sleep(0.01)
         if self.transport.lost:
             return self.transport.lost, "see that the other side runs, and connect again"
         q, dq = self.measured()[:2]
         if np.isfinite(q).all():
+            mute = [name for name, unknown in zip(self.robot.joint_names, ~np.isfinite(dq), strict=True) if unknown]
+            if mute:
+                what = f"the joint states have no velocity of {', '.join(mute)}: whether the arm stands is not known"
+                return what, "a broadcaster of the joint states that sends velocities"
             i = int(np.nanargmax(np.abs(dq)))
             what = f"{self.robot.joint_names[i]} moves at {dq[i]:.3g}, and a plan begins at rest"
             return what, "wait until the arm stands"
@@ -216,7 +222,9 @@ class RosDrive(Drive):
 
     # ------------------------------------------------------------ executing
 
-    def execute(self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None) -> Execution:
+    def execute(
+        self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
+    ) -> Execution:
         """Check a plan and the arm; with ``execute=True`` send it and follow it to the end; see `Drive.execute`.
 
         Parameters
@@ -227,6 +235,8 @@ class RosDrive(Drive):
             When to stop on the path: a time [s], or a function that is asked about every 10 ms.
         watch : callable, optional
             Told of every joint state.
+        allow : str or several
+            Violations of the plan to permit, as for `planners.save`.
 
         Returns
         -------
@@ -240,22 +250,18 @@ class RosDrive(Drive):
         """
         check_plan(plan, self.robot)
         asking = asked(stop)
-        refusal = no_motion(plan)
+        refusal = invalid(plan, allow) or invalid(plan, allow, motor_motion(plan).certify())
         if refusal is not None:
             return self._unsent(plan, ExecutionStatus.REFUSED, *refusal)
-        broken = judged(plan).certify().broken
-        if broken:
-            why = f"the certificate, computed now, does not hold: {'; '.join(broken)}"
-            return self._unsent(plan, ExecutionStatus.REFUSED, why, "a plan within the limits of the robot")
         try:
-            sent, message = message_for(with_room(plan), self.joint_names)
+            sent, message = message_for(with_room(plan), self.joint_names, allow)
         except (NoSolution, InvalidInput) as error:
             advice = error.advice if isinstance(error, NoSolution) else error.expected
             return self._unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
         notes = tuple(filter(None, (_slower(plan, sent), exceeded(sent))))
         stops, (reason, advice) = Stops([], 0.0, ""), self._not_at_start(sent)
         if self.sends and not reason:
-            stops = stops_for(sent, self.timing.stops_every, self.joint_names)
+            stops = stops_for(sent, self.timing.stops_every, self.joint_names, allow)
             reason, advice = self._not_at_start(sent)  # measured anew: the stops took a while
         if reason:
             return self._unsent(sent, ExecutionStatus.REFUSED, reason, advice)
@@ -266,7 +272,7 @@ class RosDrive(Drive):
         return Run(self, sent, self.transport.send(message), stops, said).follow(asking, watch)
 
     def resume(
-        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None
+        self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Go on to the goal from where the arm stands now, if that is on the path; see `Drive.resume`.
 
@@ -274,7 +280,7 @@ class RosDrive(Drive):
         ----------
         execution : Execution
             One of this drive's that ended with STOPPED or FAULT.
-        stop, watch
+        stop, watch, allow
             As in `execute`.
 
         Returns
@@ -309,7 +315,9 @@ class RosDrive(Drive):
             what = "the arm stands at the end of the path already"
             return self._unsent(plan, ExecutionStatus.REFUSED, what, "nothing: the goal is reached")
         still = np.zeros(self.robot.n)
-        return self.execute(replan(plan, (joints(s), still, still)), stop=stop, watch=watch)
+        onward = replan(relaxed(plan, allow), (joints(s), still, still))
+        onward = replace(onward, scene=plan.scene, margin=plan.margin)
+        return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
     # ------------------------------------------------------------ before the start
 
@@ -329,7 +337,7 @@ class RosDrive(Drive):
     def _stopping(self, stops: Stops) -> str:
         """A note on how long after a request a stop begins."""
         latency = self.timing.latency
-        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request"
+        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request, or later by what feedback is"
         if stops.reason:
             note += f"; {len(stops.found)} were found, and from other instants the goal is cancelled ({stops.reason})"
         return note

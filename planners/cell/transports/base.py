@@ -51,6 +51,8 @@ class Goal:
         Why it was not taken; empty where that is not known.
     feedback : Feedback or None
         The latest.
+    first : Feedback or None
+        The first.
     heard : float
         When that arrived, as `time.monotonic` [s].
     result : Result or None
@@ -63,6 +65,7 @@ class Goal:
         self.id = f"optik-{uuid.uuid4()}"
         self.accepted, self.refused, self.odd = False, "", ""
         self.feedback: Feedback | None = None
+        self.first: Feedback | None = None
         self.result: Result | None = None
         self.heard = 0.0
         self._changed = threading.Condition()
@@ -95,14 +98,18 @@ class Goal:
         self._set(accepted=True)
 
     def tell_refused(self, reason: str) -> None:
-        """The controller did not take it.
+        """The controller did not take it; of a goal that it had accepted, the end is then UNKNOWN.
 
         Parameters
         ----------
         reason : str
             Why.
         """
-        self._set(refused=" ".join(reason.split())[:300] or "no reason was given")
+        said = " ".join(reason.split())[:300] or "no reason was given"
+        if self.accepted:
+            self._set(result=Result(GoalState.UNKNOWN, 0, f"no result: {said}"))
+        else:
+            self._set(refused=said)
 
     def tell_feedback(self, values: Any) -> None:
         """Feedback came; that it comes shows that the goal was accepted.
@@ -113,7 +120,8 @@ class Goal:
             As plain data.
         """
         try:
-            self._set(accepted=True, feedback=feedback_of(values), heard=time.monotonic())
+            feedback = feedback_of(values)
+            self._set(accepted=True, first=self.first or feedback, feedback=feedback, heard=time.monotonic())
         except InvalidInput as error:
             self._set(accepted=True, odd=str(error))
 

@@ -17,6 +17,8 @@ URL = "ws://127.0.0.1:9090"
 """Where a rosbridge server listens by default, on this machine."""
 CONNECTING = 5.0
 """How long to wait for a connection by default [s]: a server on the same network answers in milliseconds."""
+MOST_FRAGMENTS = 10_000
+"""Parts of one message at most, and messages of which parts are kept: more are those of a server that is broken."""
 LINES = 2
 """Connections to one server. An older rosbridge reads nothing from a connection while a goal that came through it runs:
 the goal of a stop would wait for the end of the motion. So goals take the connections in turn."""
@@ -90,13 +92,17 @@ class RosbridgeTransport(Transport):
 
     def _guard(self, protocol: Any) -> Any:
         """Read messages ourselves first: roslibpy drops one that it cannot read, and logs its traceback."""
-        read = protocol.on_message
+        read, fragments = protocol.on_message, Fragments()
 
         def guarded(payload: bytes) -> None:
             message: Any = None
             try:
                 message = json.loads(payload.decode("utf8"))
-                if message.get("op") == "status":
+                if message.get("op") == "fragment":
+                    whole = fragments.joined(message)
+                    if whole is not None:
+                        guarded(whole)
+                elif message.get("op") == "status":
                     self.odd = f"rosbridge says {str(message.get('level'))[:20]}: {str(message.get('msg'))[:200]}"
                 else:
                     read(payload)
@@ -178,6 +184,51 @@ class RosbridgeTransport(Transport):
             with contextlib.suppress(Exception):  # one that never came to be cannot be closed, only not used
                 line.factory.on_ready(lambda protocol: protocol.send_close())
         self.lost = self.lost or "the connection was closed on this side"
+
+
+class Fragments:
+    """Messages of one connection that come in parts, as a rosbridge with a ``fragment_size`` sends them."""
+
+    def __init__(self) -> None:
+        self._parts: dict[Any, dict[int, str]] = {}
+
+    def joined(self, message: dict[str, Any]) -> bytes | None:
+        """Return the message of which the last part came; None where parts are missing.
+
+        Parameters
+        ----------
+        message : dict
+            A part, with ``id``, ``num``, ``total`` and ``data``.
+
+        Returns
+        -------
+        bytes or None
+            The whole message, as JSON that is no part of another.
+
+        Raises
+        ------
+        InvalidInput
+            No such part.
+        """
+        num, total, data = message.get("num"), message.get("total"), message.get("data")
+        if not (
+            isinstance(num, int)
+            and isinstance(total, int | float)
+            and isinstance(data, str)
+            and 0 <= num < total <= MOST_FRAGMENTS
+        ):
+            raise InvalidInput("fragment", repr(message)[:80], "a part with num, total and data")
+        parts = self._parts.setdefault(str(message.get("id")), {})
+        parts[num] = data
+        if len(parts) < int(total):  # older servers send a total that is no whole number, rounded up by this
+            while len(self._parts) > MOST_FRAGMENTS:
+                self._parts.pop(next(iter(self._parts)))
+            return None
+        del self._parts[str(message.get("id"))]
+        whole = "".join(parts[i] for i in sorted(parts))
+        if json.loads(whole).get("op") == "fragment":
+            raise InvalidInput("fragment", "a part of a part", "a message")
+        return whole.encode("utf8")
 
 
 def checked_url(url: str) -> str:

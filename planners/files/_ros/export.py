@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.check import check_number
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import InvalidInput
 from optik.files import content_of, suffix_of, text_of, write_whole
-from planners.certificate.certificate import Certificate, certify
+from planners.certificate.certificate import Certificate
 from planners.certificate.continuity import JUMP
+from planners.certificate.failure import Allow, check_valid, required_limits
 from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
 from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
 from planners.limits import DERIVATIVES
@@ -59,19 +60,13 @@ class Sent(NamedTuple):
 
 
 def to_ros(
-    motion: Motion | HasMotion,
-    file: str | os.PathLike[str],
-    *,
-    rate: float | None = None,
-    interpolation: str = "quintic",
-    joint_names: JointNames = None,
-    start: ArrayLike | Mapping[str, float] | None = None,
-    tolerance: float = 0.01,
-    strict: bool = False,
-    keep_speed: bool = True,
-    frame_id: str = "",
-) -> Sent:
-    """Write a motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller keeps its limits.
+    motion: Motion | HasMotion, file: str | os.PathLike[str], *, rate: float | None = None, interpolation: str = "quintic",
+    joint_names: JointNames = None, start: ArrayLike | Mapping[str, float] | None = None, tolerance: float = 0.01,
+    strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
+) -> Sent:  # fmt: skip
+    """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller keeps its limits.
+
+    The motion, and what the controller makes of it, are certified with the motion's own scene, margin and tolerance.
 
     Parameters
     ----------
@@ -82,7 +77,8 @@ def to_ros(
     rate : float, optional
         Points per second [1/s], for a whole number of periods; by default points at the knots.
     interpolation : {"quintic", "cubic", "linear"}
-        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q.
+        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q. A limit on the jerk is not judged with
+        ``"cubic"``, nor one on the acceleration with ``"linear"``: such a controller cannot keep them.
     joint_names : mapping or sequence, optional
         Another order of the robot's joint names, or a mapping from them to the controller's.
     start : (n,) array or mapping, optional
@@ -95,6 +91,8 @@ def to_ros(
         Refuse to slow a motion whose tool speed was asked (``constant_speed`` with a speed).
     frame_id : str
         Of the message's header.
+    allow : str or several
+        Violations to permit, as for `planners.save`. The motion is not slowed for limits that may be exceeded.
 
     Returns
     -------
@@ -103,16 +101,18 @@ def to_ros(
 
     Raises
     ------
-    InvalidInput
-        An invalid argument, or a motion that a controller refuses; the message names it.
-    NoSolution
-        A plan that failed, or limits that the controller would leave.
-    OutputError
-        The file cannot be written.
+    InvalidInput, NoSolution, OutputError
+        An argument or a motion that a controller refuses; a plan that failed, or limits that slowing does not keep; a file that
+        cannot be written.
+    InvalidMotion
+        The motion, or what the controller makes of it, violates something that ``allow`` does not permit.
     """
     suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
     options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
-    message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, **options)
+    _form(motion, **options)
+    _checked_rate(motion, rate, strict, keep_speed)
+    motion.check_valid(allow)
+    message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
     _check_start(motion, start, tolerance, columns_of(motion.robot, joint_names))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
@@ -128,30 +128,19 @@ def ros_message(
     strict: bool = False,
     keep_speed: bool = True,
     frame_id: str = "",
+    allow: Allow = (),
 ) -> tuple[dict[str, Any], Sent]:
-    """Make the ``trajectory_msgs/JointTrajectory`` of a motion as plain data, slowed until the controller keeps its limits.
+    """Return the message of a motion as plain data, and its certificate as the controller executes it; see `to_ros`.
 
-    Parameters
-    ----------
-    motion, rate, interpolation, joint_names, strict, keep_speed, frame_id
-        As for `to_ros`.
-
-    Returns
-    -------
-    message : dict
-        The message; its stamp is 0, which is "now" to the controller.
-    sent : Sent
-        What the controller executes, and its certificate.
-
-    Raises
-    ------
-    InvalidInput, NoSolution
-        As `to_ros`.
+    The motion itself is not certified. The message's stamp is 0, which is "now" to the controller.
     """
     motion = motion_of(motion)
     form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
-    message, executed = fit(motion if keep_speed else replace(motion, speed=None), form, rate, strict)
-    return message, _report(motion, executed, len(message["points"]), _proved(motion, executed, form))
+    required = replace(motion, keeps=required_limits(motion.keeps, allow))
+    message, executed = fit(required if keep_speed else replace(required, speed=None), form, rate, strict)
+    certificate = replace(motion, trajectory=executed).certify()
+    _check_executed(certificate, judged_fields(required, form), form, allow)
+    return message, _report(motion, executed, len(message["points"]), certificate)
 
 
 def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNames = None) -> Trajectory:
@@ -279,17 +268,12 @@ def _check_start(motion: Motion, start: Any, tolerance: float, columns: dict[str
 # ---------------------------------------------------------------- proof and report
 
 
-def _proved(motion: Motion, executed: Trajectory, form: Form) -> Certificate:
-    """Certificate of the motion that the controller makes; raises NoSolution where a judged limit does not hold."""
-    certificate = certify(
-        motion.robot, motion.path, executed, motion.limits, law=motion.law, keeps=motion.keeps, span=motion.span
-    )
-    judged = replace(certificate, keeps=judged_fields(motion, form))
+def _check_executed(certificate: Certificate, required: tuple[str, ...], form: Form, allow: Allow) -> None:
+    """Raise InvalidMotion if the controller's motion violates a required limit, its path or its clearance."""
+    judged = replace(certificate, keeps=required)
     if form.interpolation == "linear":  # velocities of lines jump, also at the end
         judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
-    if judged.broken:
-        raise NoSolution(f"as the controller interpolates, {'; '.join(judged.broken)}", advice=ADVICE)
-    return certificate
+    check_valid(judged, allow, "as the controller interpolates, ", ADVICE)
 
 
 def _report(motion: Motion, executed: Trajectory, points: int, certificate: Certificate) -> Sent:

@@ -15,6 +15,7 @@ from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, heatmap, iterations, lean, line
 from benchmarks.report.run import Run
+from optik.arm.robot import Robot
 
 MAP_ITERATIONS = "iterations to 1e−6 m and rad"
 """What a map can show beside the errors."""
@@ -46,17 +47,21 @@ def maps(run: Run) -> dict[str, Any] | None:
         What the template shows; None where the run has no data for it.
     """
     found = [b for b in comparisons(run) if b.block.set == "graph_paper" and b.budgeted]
-    boards = [board for b in found for board in (positions(b, sheets_of(b)), _board(b))]
+    boards = [board for b in found for board in _both(b, run.robot(b.block.robot))]
     return {"boards": boards} if boards else None
 
 
-def _board(b: BudgetRows) -> Board:
+def _both(b: BudgetRows, robot: Robot) -> tuple[Board, Board]:
+    return positions(b, sheets_of(b), robot), _board(b, robot)
+
+
+def _board(b: BudgetRows, robot: Robot) -> Board:
     sheets = sheets_of(b)
     planes = list(dict.fromkeys(s.plane for s in sheets))
     offsets = sorted({s.offset for s in sheets})
     plots = []
     for plane in planes:
-        plot = sheet_plot("map", b, next(s for s in sheets if s.plane == plane))
+        plot = sheet_plot("map", b, next(s for s in sheets if s.plane == plane), robot)
         for sheet in (s for s in sheets if s.plane == plane):
             _sheet(plot, b, sheet)
         plots.append(plot)

@@ -34,7 +34,7 @@ def picture(run: Run) -> dict[str, Any] | None:
 def _board(pair: Pair, run: Run) -> Board:
     b = pair.rows
     sheet = min(sheets_of(b), key=lambda s: abs(s.offset))
-    plot = sheet_plot("picture", b, sheet)
+    plot = sheet_plot("picture", b, sheet, run.robot(b.block.robot))
     rows, squares = laid_out(b.last.filter(pl.col("method").is_in([pair.paper, pair.attempt])), sheet)
     rows = rows.with_columns(ok=succeeded(SUCCESS_LEVELS[-1]) & pl.col("known"))
     by = {True: pair.attempt, False: pair.paper}

@@ -12,6 +12,7 @@ from benchmarks.kinds.budgets.report.sheets import Sheet, sheet_plot
 from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, INK_COLOUR, iterations, lean, line
+from optik.arm.robot import Robot
 
 POSITION_METHODS = 2
 """Methods whose positions are shown: the paper's iteration and the default; more would only repeat them."""
@@ -20,7 +21,7 @@ POSITION_BUDGETS = 4
 """Budgets after which positions are shown."""
 
 
-def positions(b: BudgetRows, sheets: list[Sheet]) -> Board:
+def positions(b: BudgetRows, sheets: list[Sheet], robot: Robot) -> Board:
     """Spots on the graph paper, and the tool where a run stopped by its budget stands.
 
     Parameters
@@ -29,6 +30,8 @@ def positions(b: BudgetRows, sheets: list[Sheet]) -> Board:
         A block of graph paper.
     sheets : list of Sheet
         Its sheets.
+    robot : Robot
+        Its arm.
 
     Returns
     -------
@@ -39,7 +42,7 @@ def positions(b: BudgetRows, sheets: list[Sheet]) -> Board:
     plots = []
     for plane in dict.fromkeys(s.plane for s in sheets):
         of_plane = [s for s in sheets if s.plane == plane]
-        plot = sheet_plot("positions", b, of_plane[0])
+        plot = sheet_plot("positions", b, of_plane[0], robot)
         for sheet in of_plane:
             _sheet(plot, b.known.filter(pl.col("group") == sheet.group), sheet, methods, budgets)
         plots.append(plot)

@@ -12,7 +12,7 @@ from benchmarks.kinds.budgets.rows import BudgetRows
 from benchmarks.problems.base import start_of
 from benchmarks.report.board import Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
-from optik.arm.library import load
+from optik.arm.robot import Robot
 from optik.types import Array
 
 GREY = [[0, "var(--unknown)"], [1, "var(--unknown)"]]
@@ -71,24 +71,8 @@ def sheets_of(b: BudgetRows) -> list[Sheet]:
     return [s for g in b.rows["group"].unique(maintain_order=True) if (s := Sheet.of(g))]
 
 
-def sheet_plot(name: str, b: BudgetRows, sheet: Sheet) -> Plot:
-    """An empty plot of a plane, with the place of the tool at the start.
-
-    Parameters
-    ----------
-    name : str
-        First word of its id.
-    b : BudgetRows
-        The block.
-    sheet : Sheet
-        A sheet of the plane.
-
-    Returns
-    -------
-    Plot
-        Equal scales on both axes [mm].
-    """
-    robot = load(b.block.robot)
+def sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Plot:
+    """An empty plot of a plane with equal scales [mm], and the tool of the robot at the start."""
     tool = dict(zip("XYZ", 1e3 * robot.fk(start_of(robot, b.block.options["start_deg"]))[:3, 3], strict=True))
     plot = Plot(
         f"{name}-{b.block.id}-{sheet.u}{sheet.v}".lower(), f"{sheet.plane} sheet (offset along {sheet.normal.upper()})",

@@ -92,6 +92,11 @@ def tables(run: Run) -> Sequence[Table]:
     return [*found, *(table for b in cell_blocks(run, LawsBlock) for table in law_tables(b, run))]
 
 
+def _budget_words(budget: Any, along: bool) -> str:
+    """How many iterations were made, and where."""
+    return "the whole line" if budget is None else f"{budget} at each pose" if along else f"{budget} from the start"
+
+
 def spots_table(b: BlockRows) -> Table:
     """Spots by method and budget.
 
@@ -111,7 +116,7 @@ def spots_table(b: BlockRows) -> Table:
         ok, ends = within(part), part.filter(pl.col("position_error").is_not_null())
         low, high = wilson(int(ok.sum()), len(ok))
         row: dict[str, Cell] = {
-            "label": str(setting), "budget": "the whole line" if budget is None else str(budget), "count": len(part),
+            "label": str(setting), "budget": _budget_words(budget, part["along"][0]), "count": len(part),
             "within": (100.0 * float(ok.sum()) / len(ok), 100.0 * low, 100.0 * high), "failed": len(part) - len(ends),
         }  # fmt: skip
         if not ends.is_empty():

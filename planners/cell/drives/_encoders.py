@@ -1,0 +1,37 @@
+"""Unmoved: which encoders read the same while their set-points move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.types import Array
+
+
+class Unmoved:
+    """For each joint, since when its reading is bit by bit the same, and how far its set-point moved since then."""
+
+    def __init__(self) -> None:
+        self._read = self._low = self._high = self._since = np.array(np.nan)
+
+    def moved(self, read: Array, asked: Array, t: float) -> Array:
+        """Return by how much each set-point moved since the reading of its joint changed (n,) [rad, m].
+
+        Parameters
+        ----------
+        read, asked : (n,) arrays
+            Readings, and set-points at the same time [rad, m].
+        t : float
+            That time [s].
+        """
+        fresh = read != self._read  # NaN, too, is no reading that stays
+        self._read = read.copy()
+        self._since = np.where(fresh, t, self._since)
+        self._low = np.where(fresh, asked, np.minimum(self._low, asked))
+        self._high = np.where(fresh, asked, np.maximum(self._high, asked))
+        moved: Array = self._high - self._low
+        return moved
+
+    def seconds(self, t: float) -> Array:
+        """Return for how long each reading has been the same (n,) [s], at a time [s]."""
+        seconds: Array = t - self._since
+        return seconds

@@ -1,0 +1,158 @@
+"""Files that a viewer shows beside motions: what a drive did, and plans that failed. Neither can be executed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from optik.arm.plain import numbers, record, word
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import contact, nearest_pairs
+from optik.errors import InvalidInput, NoSolution
+from optik.scene import Scene
+from optik.types import Array
+from planners.cell.view._facts import certificate_facts, drive_words, motion_facts, unread_facts
+from planners.cell.view.show import Show, Track, executed_track, path_points, track_of
+from planners.files.base import from_plain
+from planners.paths import path_of
+from planners.plan import Plan
+
+EXECUTION = "optik-execution/1"
+"""Value of the key ``format`` in the file of an execution; a change of the keys needs another number."""
+FAILED_PLAN = "optik-failed-plan/1"
+"""Value of the key ``format`` in the file of a plan that failed: no reader of motions takes it."""
+JOINT_PATH_SAMPLES = 400
+"""Configurations that are written of the part of a path before the failure."""
+SHOWN_SPEED = 0.5
+"""Greatest joint speed [rad/s, m/s] at which a viewer plays a joint path, which has no times of its own."""
+
+
+def failed_plan_data(plan: Plan) -> dict[str, Any]:
+    """Return a failed plan as plain data: why it failed, the configurations before the failure, and the nearest pair there."""
+    assert plan.stop is not None
+    stop, t, q = plan.stop, *_before_failure(plan)
+    data: dict[str, Any] = {
+        "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": stop.s, "joint": stop.joint,
+        "reason": stop.reason, "advice": stop.advice, "ik": plan.ik, "law": plan.law, "robot": plan.robot.to_dict(),
+        "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
+    }  # fmt: skip
+    if plan.scene is not None:
+        data |= {"scene": plan.scene.to_dict(), "margin": plan.margin}
+        if len(q):
+            near = contact(plan.robot, plan.scene, _nearest(plan.robot, plan.scene, q), plan.margin)
+            data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
+    return data
+
+
+def _before_failure(plan: Plan) -> tuple[Array, Array]:
+    """Times (k,) [s] and configurations (k, n) [rad, m] of the invalid motion, or else of the joint path before the failure."""
+    try:
+        track = track_of(plan.trajectory)
+        return track.t, track.q
+    except NoSolution:
+        pass
+    if plan.prefix is None:
+        return np.zeros(0), np.zeros((0, plan.robot.n))
+    end = plan.prefix.end if plan.stop is None else min(plan.prefix.end, plan.stop.s)
+    q = np.asarray(plan.prefix(np.linspace(0.0, end, JOINT_PATH_SAMPLES) if end > 0.0 else np.zeros(1)))
+    steps = np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 1e-6)
+    return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
+
+
+def _nearest(robot: Robot, scene: Scene, q: Array) -> Array:
+    """The configuration, out of (k, n), with the least room between two shapes."""
+    return np.asarray(q[int(np.argmin(nearest_pairs(robot, scene, q)[0]))])
+
+
+def show_of_recorded(data: Mapping[str, Any]) -> Show:
+    """Show the content of a file of an execution or of a failed plan.
+
+    Parameters
+    ----------
+    data : mapping
+        What was read; its ``format`` is `EXECUTION` or `FAILED_PLAN`.
+
+    Returns
+    -------
+    Show
+        What was sent and what the arm did; or the part before the failure, with the reason and the nearest pair.
+
+    Raises
+    ------
+    InvalidInput
+        Missing keys or wrong values.
+    NoSolution
+        A plan that failed at the start of its path, so that there is nothing to show.
+    """
+    return _execution(data) if data.get("format") == EXECUTION else _failed_plan(data)
+
+
+def _execution(data: Mapping[str, Any]) -> Show:
+    if "plan" not in data or "setpoints" not in data:
+        expected = "one of a motion that was sent, written by `optik drive --out`"
+        raise InvalidInput("PLAN", "an execution without a motion", expected)
+    motion = from_plain(data["plan"])
+    n, sent = motion.robot.n, record(data["setpoints"], ("t", "q"), "setpoints")
+    t, q = _table(sent["t"], sent["q"], n, "setpoints")
+    done, did = _table(data.get("t"), data.get("q"), n, "q")
+    executed, unread = executed_track(done, did, _table(data.get("t"), data.get("dq"), n, "dq")[1])
+    drive = word(data.get("drive", ""), "drive")
+    status = word(data.get("status", ""), "status").replace("_", " ")
+    rows = [("Drive", drive_words(drive)), ("Execution", status)]
+    rows += [(name.capitalize(), word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
+    return Show(
+        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", _played(t, q),
+        path_points(motion.path), executed, motion.scene,
+        facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
+    )  # fmt: skip
+
+
+def _failed_plan(data: Mapping[str, Any]) -> Show:
+    missing = [key for key in ("robot", "path", "status", "reason", "advice", "t", "q") if key not in data]
+    if missing:
+        raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan … --out-failed`")
+    robot = Robot.from_dict(data["robot"])
+    path = path_of(data["path"], robot)
+    status, reason, advice = (word(data[key], key) for key in ("status", "reason", "advice"))
+    if not data["t"]:
+        raise NoSolution(f"the plan failed at the start of its path: {reason}", advice=advice)
+    t, q = _table(data["t"], data["q"], robot.n, "q")
+    rows = [("Plan", f"FAILED: {status.replace('_', ' ')}"), ("Reason", reason), ("Advice", advice)]
+    if isinstance(data.get("s"), float | int):
+        rows.append(("Failed at", f"s = {data['s']:.4g} of {path.end:.4g} {path.unit}"))
+    if isinstance(data.get("nearest"), Mapping):
+        near = record(data["nearest"], ("pair", "distance"), "nearest")
+        pair, distance = " and ".join(map(str, near["pair"])), float(numbers(near["distance"], (), "distance"))
+        rows.append(("Contact pair" if distance <= 0.0 else "Nearest pair", f"{pair}, {1e3 * distance:.3g} mm"))
+    scene = None if data.get("scene") is None else Scene.from_dict(data["scene"])
+    return Show(
+        robot,
+        f"{robot.name}: plan FAILED, {status.replace('_', ' ')}",
+        _played(t, q),
+        path_points(path),
+        None,
+        scene,
+        facts=tuple(rows),
+    )
+
+
+def _table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
+    """Times (k,) that increase and rows (k, n); None stands for what was not read."""
+    try:
+        times, rows = np.array(t, dtype=np.float64), np.array(q, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput(name, "something else", "lists of numbers") from None
+    if times.ndim != 1 or rows.shape != (times.size, n) or not times.size or not (np.diff(times) > 0.0).all():
+        raise InvalidInput(
+            name, f"shape {rows.shape} at {times.size} times", f"{n} numbers at each of some increasing times"
+        )
+    return times, rows
+
+
+def _played(t: Array, q: Array) -> Track:
+    """A track of configurations, its velocities by differences."""
+    if not np.isfinite(q).all():
+        raise InvalidInput("q", "numbers that are not finite", "finite set-points")
+    return Track(t, q, np.gradient(q, t, axis=0) if len(t) > 1 else np.zeros_like(q))

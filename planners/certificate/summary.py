@@ -1,0 +1,80 @@
+"""Summaries of plans and certificates for people: at most fifteen lines of plain text, the status first."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from planners.certificate.certificate import Certificate
+    from planners.plan import Plan
+
+MOST_LIMITS = 7
+"""Limits that a summary shows, those nearest to their bound."""
+
+
+def plan_summary(plan: Plan, proof: Certificate | None) -> str:
+    """Return a summary of a plan: its status, where and why planning failed, and its certificate if there is a motion."""
+    path = plan.path
+    what = f"{plan.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {plan.ik} + {plan.law}"
+    lines = [f"{plan.status}: {what}"]
+    if plan.stop is not None:
+        share = f" ({100.0 * plan.stop.s / path.end:.3g} % of the path)" if path.end > 0.0 else ""
+        joint = f", {plan.stop.joint}" if plan.stop.joint else ""
+        lines.append(f"stopped at s = {plan.stop.s:.3g} {path.unit}{share}{joint}")
+        lines.append(f"reason: {shortened(plan.stop.reason)}")
+        lines.append(f"try: {shortened(plan.stop.advice)}")
+    if proof is not None:
+        lines += certificate_lines(proof)[plan.stop is not None :]
+        if plan.slowed > 1.0:
+            lines.append(f"duration stretched by {100.0 * (plan.slowed - 1.0):.3g} % to meet the limits")
+    return "\n".join(lines)
+
+
+def certificate_lines(proof: Certificate) -> list[str]:
+    """Return a summary of a certificate, at most eleven lines: validity, limits, path, tool, clearance."""
+    if proof.holds:
+        enforced = ", ".join(name for name in proof.keeps if not np.isnan(proof.worst(name)[0]))
+        status = f"certificate valid; enforced: {enforced or 'joint ranges and path only'}"
+    else:
+        more = f" (and {len(proof.broken) - 1} more violations)" if len(proof.broken) > 1 else ""
+        status = f"certificate NOT valid: {shortened(proof.broken[0])}{more}"
+    return [status, f"duration {proof.duration:.3g} s", *_limit_lines(proof), *_tool_lines(proof)]
+
+
+def _limit_lines(proof: Certificate) -> list[str]:
+    """The peak of each limit over its bound, the largest ratios where there are many."""
+    from planners.limits import ALL_LIMITS
+
+    found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
+    bounded = sorted((name for name in found if not np.isnan(found[name][0])), key=lambda name: -found[name][0])
+    shown, lines = bounded[:MOST_LIMITS], []
+    for name in (name for name in found if name in shown):
+        ratio, subject, t = found[name]
+        enforced = "" if name in proof.keeps else ", not enforced"
+        lines.append(f"peak / limit, {name}: {ratio:.3g} ({subject} at {t:.3g} s{enforced})")
+    if len(bounded) > MOST_LIMITS:
+        lines[-1] += f"; {len(bounded) - MOST_LIMITS} more limits with smaller ratios"
+    return lines
+
+
+def _tool_lines(proof: Certificate) -> list[str]:
+    """The path error and speed of the tool, and the clearance."""
+    off, lines = proof.path_error, []
+    tool = f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g}"
+    if np.isfinite(off.distance):
+        tool = f"path error at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad, {tool}"
+    lines.append(tool)
+    if proof.clearance is not None and np.isfinite(proof.clearance.found):
+        near = proof.clearance
+        words = f"at least {1e3 * near.value:.3g} mm" if np.isfinite(near.value) else "not proved"
+        first, second = near.pair
+        lines.append(f"clearance {words}; found {1e3 * near.found:.3g} mm ({first} and {second} at {near.time:.3g} s)")
+    return lines
+
+
+def shortened(words: str, most: int = 300) -> str:
+    """Return text on one line, cut to a length."""
+    line = " ".join(words.split())
+    return line if len(line) <= most else f"{line[: most - 1]}…"

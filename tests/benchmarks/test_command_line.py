@@ -1,0 +1,227 @@
+"""The command line as people type it: vectors, the default start, orientations, meshes in packages, rates, the version."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+import planners
+from benchmarks.cli.shared import START_SAMPLES, sampled_start
+from optik.arm.library import home_of, robot_from_toml
+from optik.arm.shapes.contact import contact
+from optik.arm.units import per
+from optik.errors import InvalidInput
+
+
+def write(file: Path, text: str) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+    return file
+
+
+# ---------------------------------------------------------------- vectors
+
+
+@pytest.mark.parametrize("move", ["-0.12,0,0.2", "-0.12 0 0.2", "-0.12, 0, 0.2"])
+@pytest.mark.parametrize("joined", [True, False], ids=["--move=…", "--move …"])
+def test_a_vector_is_one_argument_with_commas_or_spaces(typed: Any, tmp_path: Path, move: str, joined: bool) -> None:
+    out = str(tmp_path / "line.json")
+    option = [f"--move={move}"] if joined else ["--move", move]
+    status, _, said = typed("plan", "line", *option, "--timing", "quintic", "--out", out)
+    assert status == 0, said
+    path = planners.load_motion(out).path
+    np.testing.assert_allclose(path.pose(path.end)[:3, 3] - path.pose(0.0)[:3, 3], [-0.12, 0.0, 0.2], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("words", "advice"),
+    [
+        (["plan", "line", "--move", "-0.12", "0", "0.2"], "--move -0.12,0,0.2"),
+        (["plan", "line", "--move=-0.12", "0", "0.2"], "--move -0.12,0,0.2"),
+        (["plan", "arc", "--centre", "0", "0", "0.2", "--angle-deg", "20"], "--centre 0,0,0.2"),
+        (["plan", "polyline", "--via", "0.1", "0.2", "0.3"], "--via 0.1,0.2,0.3"),
+        (["plan", "joints", "--to-deg", "1", "2", "3", "4", "5", "6"], "--to-deg 1,2,3,4,5,6"),
+        (["ik", "--xyz", "0.1", "-0.3", "0.2"], "--xyz 0.1,-0.3,0.2"),
+        (["fk", "20", "-35", "40", "25", "50", "-30"], "20,-35,40,25,50,-30"),
+        (["fk", "--robot", "irb910sc", "-10", "20", "30", "4"], "-10,20,30,4"),
+        (["cell", "--noise", "0.2", "0.5"], "--noise 0.2,0.5"),
+    ],
+)
+def test_several_arguments_are_refused_with_what_to_type(typed: Any, words: list[str], advice: str) -> None:
+    status, out, said = typed(*words)
+    assert (status, out) == (2, "")
+    assert f"one argument: {advice}; got" in said
+
+
+@pytest.mark.parametrize("text", ["", "a,b,c", "1,2", "1,2,3,4", "1,,x", "0.1;0.2;0.3"])
+def test_what_is_no_vector_is_named(typed: Any, text: str) -> None:
+    status, _, said = typed("ik", "--xyz", text)
+    assert status == 2
+    assert said.startswith("error: --xyz: expected 3 numbers in one argument")
+
+
+# ---------------------------------------------------------------- the default start
+
+
+@pytest.mark.parametrize("name", optik.robots())
+def test_every_arm_has_a_home_that_is_regular_and_free(name: str) -> None:
+    arm = optik.load(name)
+    home = home_of(name)
+    assert home is not None
+    q = home / per(arm)
+    room = np.minimum(q - arm.limits.lower, arm.limits.upper - q)
+    assert (room > 0.05 * np.minimum(arm.limits.upper - arm.limits.lower, 1.0) * ~arm.prismatic).all()
+    assert arm.singular_values(q)[-1] > 0.1
+    if arm.shapes is not None:
+        assert contact(arm, optik.Scene(), q).distance > 0.0
+
+
+def test_a_home_is_a_configuration_of_the_arm(tmp_path: Path) -> None:
+    text = 'convention = "dh"\njoints = [{ a_mm = 300, range_deg = [-90, 90] }, { type = "prismatic", range_mm = [0, 100] }]\n'
+    file = write(tmp_path / "arm.toml", f"home_deg = [10, 50]\n{text}")
+    assert home_of(file).tolist() == [10.0, 50.0]
+    assert home_of(write(tmp_path / "other.toml", text)) is None
+    for home in ("[10]", "[100, 50]", "[10, 101]", '"x"'):
+        with pytest.raises(InvalidInput, match="home_deg"):
+            robot_from_toml(write(tmp_path / "wrong.toml", f"home_deg = {home}\n{text}"))
+
+
+def test_the_default_start_is_printed_and_can_be_typed(typed: Any) -> None:
+    status, out, said = typed("ik", "-r", "panda", "--xyz", "0.4,0.1,0.5", "--json")
+    assert status == 0
+    found = re.search(r"start of panda, its home_deg: --start-deg (\S+)", said)
+    assert found
+    assert found[1] == "0,-45,0,-135,0,90,45"
+    _, again, quiet = typed("ik", "-r", "panda", "--xyz", "0.4,0.1,0.5", "--start-deg", found[1], "--json")
+    assert json.loads(again) == json.loads(out)
+    assert "start of" not in quiet
+
+
+def test_a_urdf_starts_at_the_best_conditioned_of_some_samples(typed: Any, tmp_path: Path) -> None:
+    arm = optik.load("ur5e")
+    arm.to_urdf(tmp_path / "arm.urdf")
+    _, _, said = typed("ik", "-r", str(tmp_path / "arm.urdf"), "--xyz", "0.3,0.2,0.4")
+    found = re.search(r"sampled: it has no home_deg: --start-deg (\S+)", said)
+    assert found
+    q = np.array([float(x) for x in found[1].split(",")]) / per(arm)
+    drawn = arm.limits.draw(np.random.default_rng(0), START_SAMPLES)
+    sigma = np.array([np.linalg.svd(J, compute_uv=False) for J in arm.jacobian(np.vstack([q, drawn]))])
+    conditioned = sigma[:, -1] / sigma[:, 0]
+    assert conditioned[0] > 0.99 * conditioned[1:].max()
+
+
+def test_the_sampled_start_is_free_of_self_contact_and_inside() -> None:
+    for name in ("panda", "ur5e", "iiwa14", "puma560"):
+        arm = optik.load(name)
+        q = sampled_start(arm)
+        assert arm.limits.contains(q)
+        assert contact(arm, optik.Scene(), q).distance > 0.0
+    assert optik.load("irb910sc").limits.contains(sampled_start(optik.load("irb910sc")))
+
+
+# ---------------------------------------------------------------- fk and ik
+
+
+@pytest.mark.parametrize("orientation", ["rpy-deg", "quat"])
+def test_ik_takes_what_fk_prints(typed: Any, orientation: str) -> None:
+    arm, rng = optik.load("ur5e"), np.random.default_rng(4)
+    for q in arm.limits.draw(rng, 4):
+        _, shown, _ = typed("fk", "-r", "ur5e", ",".join(map(str, np.degrees(q))))
+        options = dict(re.findall(r"--(xyz|rpy-deg|quat) (\S+)", shown))
+        status, out, _ = typed(
+            "ik", "-r", "ur5e", "--xyz", options["xyz"], f"--{orientation}={options[orientation]}", "--json"
+        )
+        assert status == 0
+        T = arm.fk(json.loads(out)["q"])
+        np.testing.assert_allclose(T, arm.fk(q), atol=3e-6)
+
+
+def test_fk_prints_the_same_for_programs(typed: Any) -> None:
+    from scipy.spatial.transform import Rotation
+
+    _, out, _ = typed("fk", "20,-35,40,25,50,-30", "--json")
+    data = json.loads(out)
+    R = np.array(data["pose"])[:3, :3]
+    np.testing.assert_allclose(Rotation.from_euler("xyz", data["rpy_deg"], degrees=True).as_matrix(), R, atol=1e-12)
+    np.testing.assert_allclose(Rotation.from_quat(data["quat"], scalar_first=True).as_matrix(), R, atol=1e-12)
+    assert data["xyz"] == [row[3] for row in data["pose"][:3]]
+
+
+def test_one_orientation_of_length_one(typed: Any) -> None:
+    assert "one orientation" in typed("ik", "--xyz", "0.1,0.3,0.2", "--quat", "1,0,0,0", "--rpy-deg", "0,0,0")[2]
+    assert "a unit quaternion" in typed("ik", "--xyz", "0.1,0.3,0.2", "--quat", "1,1,0,0")[2]
+
+
+# ---------------------------------------------------------------- meshes, rates, the version
+
+URDF = """<robot name="two">
+<link name="base"><collision><geometry><mesh filename="package://parts/bar.stl"/></geometry></collision></link>
+<link name="tool"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="tool"/><origin xyz="0 0 0.5"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+
+STL = "solid bar\n" + "".join(
+    "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners) + "endloop\nendfacet\n"
+    for corners in (
+        ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)), ((0, 0, 0), (0.1, 0, 0), (0, 0, 0.1)),
+        ((0, 0, 0), (0, 0.1, 0), (0, 0, 0.1)), ((0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)),
+    )
+) + "endsolid bar\n"  # fmt: skip
+
+
+def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, tmp_path: Path) -> None:
+    arm = write(tmp_path / "robot" / "arm.urdf", URDF)
+    write(tmp_path / "ws" / "parts" / "bar.stl", STL)
+    words = [
+        "plan", "joints", "-r", str(arm), "--start-deg=-20", "--to-deg", "30", "--acceleration", "5", "--jerk", "50",
+        "--scene", "self",
+    ]  # fmt: skip
+    status, _, said = typed(*words)
+    assert status == 2
+    assert f"--robot '{arm}#shapes=yes'" in said
+    assert "--package-dir FOLDER" in said
+    words[3] = f"{arm}#shapes=yes"
+    assert "on the command line --package-dir" in typed(*words)[2]
+    status, _, said = typed(*words, "--package-dir", str(tmp_path / "ws"))
+    assert status == 0, said
+    words[3] = str(arm)
+    assert typed(*words, "--package-dir", str(tmp_path / "ws"))[0] == 0
+    assert "is no URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
+
+
+@pytest.mark.parametrize("rate", [50.0, 333.0])
+def test_a_csv_at_a_rate_is_a_table_at_that_rate_and_the_same_motion(typed: Any, tmp_path: Path, rate: float) -> None:
+    out, exact = tmp_path / "line.csv", tmp_path / "line.npz"
+    assert typed("plan", "line", "--out", str(out), "--rate", str(rate))[0] == 0
+    assert typed("plan", "line", "--out", str(exact))[0] == 0
+    motion = planners.load_motion(out)
+    np.testing.assert_array_equal(motion.trajectory.coefficients, planners.load_motion(exact).trajectory.coefficients)
+    assert motion.certify().holds
+    rows = list(csv.reader(line for line in out.read_text().splitlines() if not line.startswith("# ")))[1:]
+    table = np.array(rows, dtype=float)
+    np.testing.assert_allclose(table[:-1, 0], np.arange(len(table) - 1) / rate)
+    assert table[-1, 0] == motion.trajectory.end
+    np.testing.assert_allclose(table[:, 1:7], motion.trajectory(table[:, 0]))
+
+
+def test_a_rate_is_for_tables(typed: Any, tmp_path: Path) -> None:
+    yaml = tmp_path / "line.yaml"
+    assert typed("plan", "line", "--out", str(yaml), "--rate", "100")[0] == 0
+    periods = np.diff(
+        [float(s) + 1e-9 * float(n) for s, n in re.findall(r"sec: (\d+)\s+nanosec: (\d+)", yaml.read_text())]
+    )
+    np.testing.assert_allclose(periods[periods > 0.0], 0.01, atol=2e-9)
+    for words in (["--rate", "100"], ["--rate", "100", "--out", "x.npz"], ["--rate", "nan", "--out", "x.csv"]):
+        assert "--rate" in typed("plan", "line", *words)[2]
+    assert "at most" in typed("plan", "line", "--out", str(tmp_path / "x.csv"), "--rate", "1e9")[2]
+
+
+def test_the_version_is_the_package_s(typed: Any) -> None:
+    assert typed("--version") == (0, f"optik {optik.__version__}\n", "")

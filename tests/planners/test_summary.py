@@ -1,0 +1,90 @@
+"""print(plan), print(certificate), print(result): at most fifteen short lines, the status first, three digits and a unit."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+import planners
+from optik.scene import Scene
+
+ARM, PANDA = optik.load("paper6r"), optik.load("panda")
+START = np.deg2rad([20, -35, 40, 25, 50, -30])
+
+
+def moved(arm: optik.Robot, q: Any, *by: float) -> Any:
+    goal = arm.fk(q).copy()
+    goal[:3, 3] += by
+    return goal
+
+
+def short(text: str) -> list[str]:
+    lines = text.splitlines()
+    assert 2 <= len(lines) <= 15
+    assert max(map(len, lines)) < 330
+    return lines
+
+
+def plans() -> dict[str, planners.Plan]:
+    middle = PANDA.limits.middle
+    tight = planners.MotionLimits(velocity=1.0, acceleration=5.0, jerk=50.0, tool_speed=0.2, torque=0.5)
+    return {
+        "solved": planners.plan(ARM, moved(ARM, START, -0.12, 0.0, 0.2), START),
+        "outside_limits": planners.plan(ARM, moved(ARM, START, 0.0, 0.0, 2.0), START),
+        "timing_infeasible": planners.plan(ARM, moved(ARM, START, -0.12, 0.0, 0.2), START, limits=tight),
+        "contact": planners.plan(PANDA, moved(PANDA, middle, 0.05, 0.1, -0.2), middle, scene=Scene(), margin=0.0),
+    }
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, planners.Plan]:
+    return plans()
+
+
+def test_a_plan_prints_its_status_its_certificate_or_its_reason(made: dict[str, planners.Plan]) -> None:
+    for plan in made.values():
+        lines = short(str(plan))
+        assert lines[0].startswith(f"{plan.status}: {plan.robot.name}, Line of ")
+        if plan.stop is None:
+            assert lines[1:] == str(plan.certificate).splitlines()
+        else:
+            assert f"reason: {plan.stop.reason}" in lines
+            assert f"try: {plan.stop.advice}" in lines
+    assert {str(plan.status) for plan in made.values()} >= {"solved", "outside_limits", "timing_infeasible"}
+
+
+def test_a_certificate_prints_its_validity_and_every_peak(made: dict[str, planners.Plan]) -> None:
+    proof = made["solved"].certificate
+    lines = short(str(proof))
+    assert lines[0].startswith("certificate valid")
+    ratio, joint, t = proof.worst("velocity")
+    assert f"peak / limit, velocity: {ratio:.3g} ({joint} at {t:.3g} s)" in lines
+    low = planners.certify(ARM, None, made["solved"].trajectory, planners.MotionLimits(velocity=0.5))
+    assert not low.holds
+    lines = short(str(low))
+    assert lines[0].startswith(f"certificate NOT valid: {low.broken[0]}")
+    assert "path error" not in str(low)
+
+
+def test_figures_have_three_digits(made: dict[str, planners.Plan]) -> None:
+    for plan in made.values():
+        ours = [line for line in str(plan).splitlines() if not line.startswith(("reason", "try"))]
+        assert not re.search(r"\d\.\d{4}", re.sub(r"0\.0*", "0.", "\n".join(ours)))
+
+
+def test_an_answer_of_inverse_kinematics_prints_its_status_first() -> None:
+    solved = optik.solve_ik(ARM, ARM.fk(START), START + 0.1)
+    lines = short(str(solved))
+    assert lines[0].startswith("solved: ")
+    assert f"{solved.q[0]:.3g}" in lines[1]
+    assert len(lines) == 3
+    failed = optik.solve_ik(ARM, moved(ARM, START, 0.0, 0.0, 2.2), START, max_restarts=2)
+    lines = short(str(failed))
+    assert lines[0].startswith("unreachable: ")
+    assert lines[-1] == f"try: {failed.status.advice}"
+    batch = optik.solve_ik_batch(ARM, np.stack([ARM.fk(START), moved(ARM, START, 0, 0, 2.2)]), np.stack([START, START]))
+    assert str(batch) == "1 of 2 solved: 1 unreachable"
