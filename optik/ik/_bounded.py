@@ -20,7 +20,7 @@ ends after so many iterations that do not bring ½|e|² below that fraction of i
 λ² = gain · ½|e|² + least damping; and the growth of λ² after a step that does not reduce ½|e|², which is then taken
 back. A growth of 1 accepts every step."""
 
-FREE, RELEASED, AT_LOWER, AT_UPPER, LOCKED = 0.0, 1.0, 2.0, 3.0, 4.0
+JOINT_FREE, JOINT_RELEASED, JOINT_LOW, JOINT_HIGH, JOINT_LOCKED = 0.0, 1.0, 2.0, 3.0, 4.0
 """States of a joint in one step. A joint that comes back to its bound after its release stays there."""
 
 LEAST_PULL = 1e-9
@@ -47,20 +47,20 @@ def solve_free(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bo
     for i in range(6):
         r[i] = e[i]
         for k in range(n):
-            if state[k] > RELEASED:
+            if state[k] > JOINT_RELEASED:
                 r[i] -= J[i, k] * dq[k]
         y[i] = r[i]
         for j in range(i + 1):
             s = 0.0
             for k in range(n):
-                if state[k] <= RELEASED:
+                if state[k] <= JOINT_RELEASED:
                     s += J[i, k] * J[j, k]
             A[i, j] = s
         A[i, i] += damping2
     if not cholesky_solve(A, y, 0.0):
         return False
     for k in range(n):
-        if state[k] <= RELEASED:
+        if state[k] <= JOINT_RELEASED:
             dq[k] = 0.0
             for i in range(6):
                 dq[k] += J[i, k] * y[i]
@@ -69,7 +69,7 @@ def solve_free(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bo
 
 @compiled
 def bounded_step(J: Array, e: Array, damping2: float, bounds: Range, q: Array, dq: Array, work: Work) -> bool:
-    """Minimise |J Δq − e|² + λ² |Δq|² with q + Δq inside bounds, by an active set; False where the system is singular.
+    """Nearly minimise |J Δq − e|² + λ² |Δq|² with q + Δq inside bounds; False where the system is singular.
 
     Joints that would leave their bounds end on them, and the others are solved again. A joint on its bound that the
     gradient pulls inside is released, once. So at most three systems are solved for each joint.
@@ -77,30 +77,30 @@ def bounded_step(J: Array, e: Array, damping2: float, bounds: Range, q: Array, d
     (low, high), y, state = bounds, work[1], work[3]
     n = q.shape[0]
     for k in range(n):
-        dq[k], state[k] = 0.0, FREE if low[k] < high[k] else LOCKED
+        dq[k], state[k] = 0.0, JOINT_FREE if low[k] < high[k] else JOINT_LOCKED
     while True:
         if not solve_free(J, e, damping2, dq, work):
             return False
         pushed, pulled, most = False, -1, LEAST_PULL
         for k in range(n):
-            if state[k] <= RELEASED and not low[k] <= q[k] + dq[k] <= high[k]:
-                below, again = q[k] + dq[k] < low[k], state[k] == RELEASED
+            if state[k] <= JOINT_RELEASED and not low[k] <= q[k] + dq[k] <= high[k]:
+                below, again = q[k] + dq[k] < low[k], state[k] == JOINT_RELEASED
                 dq[k] = (low[k] if below else high[k]) - q[k]
-                state[k] = LOCKED if again else (AT_LOWER if below else AT_UPPER)
+                state[k] = JOINT_LOCKED if again else (JOINT_LOW if below else JOINT_HIGH)
                 pushed = True
         if pushed:
             continue
         for k in range(n):
-            if state[k] == AT_LOWER or state[k] == AT_UPPER:
+            if state[k] == JOINT_LOW or state[k] == JOINT_HIGH:
                 pull = -dq[k]  # over λ²: y is (e − J Δq) / λ²
                 for i in range(6):
                     pull += J[i, k] * y[i]
-                pull = pull if state[k] == AT_LOWER else -pull
+                pull = pull if state[k] == JOINT_LOW else -pull
                 if pull > most:
                     pulled, most = k, pull
         if pulled < 0:
             return True
-        state[pulled] = RELEASED
+        state[pulled] = JOINT_RELEASED
 
 
 @compiled

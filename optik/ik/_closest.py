@@ -10,11 +10,11 @@ from optik.newton import GAIN, LEAST_DAMPING
 from optik.task import Task
 from optik.types import Array
 
-PATIENCE, PROGRESS = 12, 1.0 - 1e-12
+DESCENT_PATIENCE, DESCENT_PROGRESS = 12, 1.0 - 1e-12
 """The descent ends after so many steps in a row that do not reduce ½|e|² by 1e-12 of itself: their damping is then
 GROWTH¹² times that of the last step that did [1]."""
 
-GROWTH = 4.0
+DESCENT_GROWTH = 4.0
 """Growth of λ² after a step that does not reduce ½|e|² [1] (Marquardt 1963)."""
 
 
@@ -41,7 +41,16 @@ def nearest(robot: Robot, task: Task, target: Array, starts: Array, max_iteratio
     """
     q, best, least = robot.limits.clip(starts), starts[0], np.inf
     limits, goal = (robot.limits.lower, robot.limits.upper), (task.flags, target)
-    rule = (0.0, 0.0, float(max_iterations), float(PATIENCE), PROGRESS, GAIN, LEAST_DAMPING, GROWTH)
+    rule = (
+        0.0,
+        0.0,
+        float(max_iterations),
+        float(DESCENT_PATIENCE),
+        DESCENT_PROGRESS,
+        GAIN,
+        LEAST_DAMPING,
+        DESCENT_GROWTH,
+    )
     for one in q:
         _, _, p2, r2 = descend_inside(robot.chain, limits, goal, rule, 0, one, NO_TRACE)
         if p2 + r2 < least:

@@ -506,7 +506,7 @@ def test_limits_beyond_any_turn_are_refused_and_the_way_out_is_named():
 
 
 def test_the_text_of_an_error_is_bounded_and_its_end_is_kept():
-    with pytest.raises(RobotModelError, match="does not exist$") as caught:
+    with pytest.raises(RobotModelError, match=r"does not exist$") as caught:
         Robot.from_urdf(arm(joint(0, parent="x" * 10**6), links=2))
     assert len(str(caught.value)) <= 2000
     assert caught.value.problem.count("x") >= 10**6
