@@ -56,7 +56,7 @@ def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None
         raise RobotModelError(tree.name, str(error)) from None
 
 
-INFINITE = ("inf", "+inf", "infinity", "+infinity")
+INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
 """Texts of an infinite number, in small letters."""
 
 
@@ -87,7 +87,7 @@ def read_torques(robot: str, joints: list[Joint]) -> Array | None:
 def _effort(robot: str, joint: Joint) -> float:
     """Torque limit of a joint; infinite if the file has none, 0 or inf."""
     element = joint.element.get("limit")
-    if element is not None and element.get("effort", "").strip().lower() in INFINITE:
+    if element is not None and element.get("effort", "").strip().lower() in INFINITE_TEXTS:
         return np.inf
     return _positive(robot, joint, "limit", "effort") or np.inf
 

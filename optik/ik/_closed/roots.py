@@ -23,7 +23,7 @@ LIMIT_BAND = 1e-4
 FLAT_PIVOT = 1e-9
 """A pivot of JᵀJ below this share of its entry (3e-5 of a length) means that the configuration is singular."""
 
-ROUNDING, UNCHANGED = 1e-14, 1e-12
+ROOT_ROUNDING, NEAR_ROOT = 1e-14, 1e-12
 """Position and rotation error [m, rad] to which a root is refined, and with which a candidate is left as it is."""
 
 WHOLE_POSE = POSE.flags
@@ -44,9 +44,9 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
     """
     frame, T, _ = workspace(q.shape[0])
     p2, r2 = error_of_pose(chain, target, q, frame, T, np.empty(6))
-    if p2 + r2 < UNCHANGED * UNCHANGED:
+    if p2 + r2 < NEAR_ROOT * NEAR_ROOT:
         return 0, sqrt(p2), sqrt(r2)
-    rule = (ROUNDING, ROUNDING, float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
+    rule = (ROOT_ROUNDING, ROOT_ROUNDING, float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
     k, _, p2, r2 = descend_inside(chain, bounds, (WHOLE_POSE.copy(), target), rule, 0, q, np.empty((0, 6)))
     return k, sqrt(p2), sqrt(r2)
 
