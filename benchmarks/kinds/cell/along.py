@@ -1,4 +1,4 @@
-"""The paper's section 4.1 read pose by pose: k iterations at each pose of the line, each from the pose before, and a motion."""
+"""Section 4.1 of the paper read pose by pose: k iterations at each pose of the line, each from the pose before."""
 
 from __future__ import annotations
 
