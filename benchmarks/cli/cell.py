@@ -74,7 +74,7 @@ def cell(
     spot: Spot = "",
     start_deg: StartDeg = "",
     drive: Drive = "",
-    corrections: Annotated[int, typer.Option(help="How often the rest is measured and corrected.")] = 0,
+    corrections: Annotated[int, typer.Option(help="Number of correction passes, each by new readings.")] = 0,
     readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
     noise: Noise = TYPED_NOISE,
     miscalibration: Miscalibration = "0,0",
@@ -381,5 +381,9 @@ def print_outcome(outcome: Outcome, why: str) -> None:
         off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in outcome.rounds)
         floor = 1e3 * (outcome.floor or 0.0)
         out_console.print(f"error round by round: {off} mm; the readings' noise leaves {floor:.3g} mm (RMS)")
+        if 1e3 * np.linalg.norm(outcome.rounds[0].error) < floor:
+            out_console.print(
+                "the first error is below that noise, so corrections cannot reduce it; more --readings lower it"
+            )
     for note in outcome.notes:
         out_console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -115,11 +116,21 @@ def plan_polyline(
     arm: optik.Robot,
     q: Any,
     via: Annotated[
-        list[str], typer.Option(metavar=NUMBERS, help=f"A waypoint, once or more; the last is the end: {PLACE}")
-    ],
+        list[str] | None, typer.Option(metavar=NUMBERS, help=f"A waypoint, once or more; the last is the end: {PLACE}")
+    ] = None,
+    waypoints: Annotated[
+        Path | None,
+        typer.Option(
+            help="All waypoints, with a header line: x,y,z [m] or x_mm,y_mm,z_mm; alone (the tool keeps its "
+            "orientation) or with qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; i,j,k."
+        ),
+    ] = None,
     blend: Annotated[float, typer.Option(help="Largest distance from a corner [m].")] = 1e-3,
 ) -> Any:
     """Move the tool along straight lines from waypoint to waypoint, the corners blended.
+
+    With --via it begins at the start configuration; with --waypoints at the file's first waypoint, by default in the
+    configuration there that is best for the whole path.
 
     Parameters
     ----------
@@ -127,7 +138,7 @@ def plan_polyline(
         The arm.
     q : (n,) array
         Start [rad, m].
-    via, blend
+    via, waypoints, blend
         As ``--help`` says.
 
     Returns
@@ -138,14 +149,19 @@ def plan_polyline(
     Raises
     ------
     InvalidInput
-        A waypoint that is none.
+        A waypoint that is none; neither ``--via`` nor ``--waypoints``, or both.
     """
     import planners
 
-    waypoints = [arm.fk(q)]
-    for text in via:
-        waypoints.append(place(text, "--via", waypoints[-1]))
-    return planners.Polyline(np.stack(waypoints), blend=blend)
+    if bool(via) == (waypoints is not None):
+        came = "both" if via else "neither"
+        raise InvalidInput("polyline", came, "--via once or more, or --waypoints FILE.csv")
+    if waypoints is not None:
+        return planners.Polyline.from_csv(waypoints, orientation=arm.fk(q)[:3, :3], blend=blend)
+    poses = [arm.fk(q)]
+    for text in via or ():
+        poses.append(place(text, "--via", poses[-1]))
+    return planners.Polyline(np.stack(poses), blend=blend)
 
 
 @planning("joints")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
+import numpy as np
 import typer
 
 import optik
@@ -34,6 +35,7 @@ from benchmarks.cli.shared import (
     start_of,
     words_of,
 )
+from optik.arm.units import per
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.files import write_whole
@@ -42,6 +44,8 @@ from optik.registry import load_method, names, short_name
 
 plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 
+SILENT_START = 1e-4
+"""Largest distance [rad, m] of a motion's start from the given one that is not worth a line."""
 ROS = (".yaml", ".yml")
 """Endings of files that hold a ROS message."""
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
@@ -107,7 +111,11 @@ class Wish:
         float | None, typer.Option(help="Distance that arm and scene shall keep at every instant [m]; with --scene.")
     ] = None
     branch: Annotated[
-        str | None, typer.Option(help="start: keep the start's branch; best: choose for the whole path.")
+        str | None,
+        typer.Option(
+            help="start: keep the start's branch, the default; best: choose for the whole path, the default where it begins "
+            "elsewhere."
+        ),
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
     allow: Allowed = None
@@ -197,7 +205,7 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
     law = planners.make_law(wish.timing)
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
-        branch=wish.branch, duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
+        branch=wish.branch or branch_from(arm, path, q), duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
         margin=wish.margin or 0.0, allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip
     refused = forbidden(plan.certificate, allow) if plan.has_motion else ()
@@ -218,8 +226,18 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
         words = ",".join(words_for(refused, allow))
         out_console.print(f"--allow {words} permits this motion", highlight=False)
         raise typer.Exit(1)
+    begin = plan.trajectory(0.0)
+    if np.abs(begin - q).max() > SILENT_START:
+        out_console.print(f"begins at {', '.join(f'{x:.6g}' for x in begin * per(arm))} [degrees, mm]", highlight=False)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
+
+
+def branch_from(arm: optik.Robot, path: Any, q: Any) -> str:
+    """Return the default of ``--branch``: that of the start, or the best one of a path that begins elsewhere."""
+    from planners.following.follow import START_TOLERANCE
+
+    return "start" if np.abs(arm.errors(q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 
 def check_out(wish: Wish) -> None:
@@ -328,7 +346,7 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
     typed: dict[str, Any] = {f: getattr(wish, f) for f in joints if getattr(wish, f) is not None}
     torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
     speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
-    limits = replace(own, **typed, **torques, **speeds)
+    limits = planners.MotionLimits.of(arm, **typed, **torques, **speeds)
     by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
         if field in law.keeps and limits.value(field) is None and not (field == "acceleration" and by_torque):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -16,6 +17,10 @@ from benchmarks.cli.shared import AsJson, command, err_console, out_console, pri
 if TYPE_CHECKING:
     from benchmarks.records import RunFolder
     from benchmarks.report.compare import Comparison
+
+
+MOST_SETTINGS = 10
+"""Settings that differ of which `optik bench compare` prints so many without ``--all``."""
 
 
 class Format(StrEnum):
@@ -126,11 +131,18 @@ def bench_compare(
     worse = found.worse_than(threshold)
     if as_json:
         data = {"a": str(first), "b": str(second), "threshold": threshold, "worse_past_threshold": len(worse)}
-        print_json(data | {"differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out)})
+        data |= {"differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out)}
+        print_json(data | {"settings": [one._asdict() for one in found.settings]})
     else:
         _print_differences(found, len(worse), threshold, show_all)
     if worse:
         raise typer.Exit(1)
+
+
+def _setting(value: Any) -> str:
+    """A setting on one line, as JSON; "not set" for None."""
+    text = "not set" if value is None else json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 80 else f"{text[:79]}…"
 
 
 def _print_differences(found: Comparison, worse: int, threshold: float, show_all: bool) -> None:
@@ -147,6 +159,11 @@ def _print_differences(found: Comparison, worse: int, threshold: float, show_all
             table.add_row(*map(escape, cells), style=looks.get(d.verdict))
     if table.row_count:
         out_console.print(table)
+    for key, a, b in found.settings[: None if show_all else MOST_SETTINGS]:
+        words = f"setting {key}: {_setting(a)} in A, {_setting(b)} in B"
+        out_console.print(words, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if len(found.settings) > MOST_SETTINGS and not show_all:
+        out_console.print(f"{len(found.settings) - MOST_SETTINGS} more settings differ; --all shows them")
     for words in found.left_out:
         out_console.print(f"left out: {words}", highlight=False, markup=False, soft_wrap=True)
     counts = [f"{sum(d.verdict == v for d in found.differences)} {v}" for v in ("better", "worse", "within noise")]

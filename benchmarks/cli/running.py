@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,6 +39,9 @@ LINE_SECONDS = 10.0
 
 WIDE_ENOUGH = 70
 """Columns of a terminal from which there is room for the rate beside the bar and the time left."""
+
+FEWEST_PARTS, RATE_SECONDS = 4, 30.0
+"""Finished parts from which a rate is shown, and the time over which it is taken [s]."""
 
 Tell = Callable[[int, int, str], None]
 """As `benchmarks.run.session.Progress`."""
@@ -154,13 +158,15 @@ def _progress() -> Iterator[Tell]:
         yield _Lines().tell
         return
     with _bar() as bar:
-        task = bar.add_task("compiling", total=None)
-        yield lambda done, total, what: bar.update(task, completed=done, total=total, description=what)
+        task, rate = bar.add_task("compiling", total=None, rate=0.0), _Rate()
+        yield lambda done, total, what: bar.update(
+            task, completed=done, total=total, description=what, rate=rate.after(done, time.monotonic())
+        )
 
 
 def _bar() -> Progress:
     """The bar; narrow terminals get less beside it."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
     from rich.table import Column
     from rich.text import Text
 
@@ -168,30 +174,54 @@ def _bar() -> Progress:
         """Parts a second."""
 
         def render(self, task: Task) -> Text:
-            return Text(f"{task.speed:.3g}/s" if task.speed else "")
+            return Text(f"{task.fields['rate']:.3g}/s" if task.fields["rate"] else "")
+
+    class Left(ProgressColumn):
+        """Time left."""
+
+        def render(self, task: Task) -> Text:
+            rate = task.fields["rate"]
+            return Text(f"{_duration((task.total - task.completed) / rate)} left" if rate and task.total else "")
 
     what = TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1))
     wide = err_console.width >= WIDE_ENOUGH
     between = (BarColumn(20), MofNCompleteColumn(), Rate()) if wide else (MofNCompleteColumn(),)
-    return Progress(what, *between, TimeRemainingColumn(), console=err_console, transient=True, expand=True)
+    return Progress(what, *between, Left(), console=err_console, transient=True, expand=True)
+
+
+class _Rate:
+    """Parts a second over the last half minute, from the end of the first part on, which compiles."""
+
+    def __init__(self) -> None:
+        self._done: deque[tuple[float, int]] = deque()
+        self._first: int | None = None
+
+    def after(self, done: int, now: float) -> float:
+        """Return the rate; 0 before it is known from a few parts."""
+        if self._first is None:
+            self._first = done
+        if done > self._first and (not self._done or done > self._done[-1][1]):
+            self._done.append((now, done))
+        while len(self._done) > FEWEST_PARTS and now - self._done[0][0] > RATE_SECONDS:
+            self._done.popleft()
+        if len(self._done) < FEWEST_PARTS or now <= self._done[0][0]:
+            return 0.0
+        return (self._done[-1][1] - self._done[0][1]) / (now - self._done[0][0])
 
 
 class _Lines:
     """Lines of progress, where a bar cannot be drawn."""
 
     def __init__(self) -> None:
-        self._begin = self._last = time.monotonic()
-        self._first: int | None = None
+        self._last, self._rate = time.monotonic(), _Rate()
 
     def tell(self, done: int, total: int, what: str) -> None:
         now = time.monotonic()
-        if self._first is None:
-            self._first, self._begin = done, now
+        rate = self._rate.after(done, now)
         if now - self._last < LINE_SECONDS:
             return
         self._last = now
         words = f"{done} of {total} parts"
-        rate = (done - self._first) / (now - self._begin) if now > self._begin else 0.0
         if rate > 0.0:
             words += f", {rate:.3g}/s, {_duration((total - done) / rate)} left"
         err_console.print(f"{words}: {what}", markup=False, highlight=False, soft_wrap=True)

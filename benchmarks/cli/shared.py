@@ -226,7 +226,7 @@ def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list
     except ValueError:
         raise InvalidInput(option, repr(text), expected) from None
     if not values or (counts and len(values) not in counts):
-        raise InvalidInput(option, f"{text!r}, which is {len(values)} numbers", expected)
+        raise InvalidInput(option, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
     return values
 
 

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -75,12 +75,21 @@ class Difference:
     loss: float = 0.0
 
 
+class SettingDifference(NamedTuple):
+    """A setting of a suite that is not the same in two runs: its key, and its value in each; None where it is not set."""
+
+    key: str
+    a: Any
+    b: Any
+
+
 @dataclass(frozen=True)
 class Comparison:
-    """Two runs compared: differences, and what could not be compared and why."""
+    """Two runs compared: differences, what could not be compared and why, and the settings that differ."""
 
     differences: tuple[Difference, ...]
     left_out: tuple[str, ...]
+    settings: tuple[SettingDifference, ...] = ()
 
     def worse_than(self, threshold: float) -> list[Difference]:
         """What is worse beyond noise by more than a threshold.
@@ -123,9 +132,28 @@ def compare_runs(a: Run, b: Run) -> Comparison:
         why = "; ".join(left_out) or "no block of one is a block of the other"
         raise InvalidInput("runs", f"{a.folder.path} and {b.folder.path} ({why})", "two runs with a block in common")
     corrected = holm([d.p for d, _, _ in found])
-    return Comparison(
-        tuple(_judged(d, m, p, far) for (d, m, far), p in zip(found, corrected, strict=True)), tuple(left_out)
-    )
+    judged = tuple(_judged(d, m, p, far) for (d, m, far), p in zip(found, corrected, strict=True))
+    return Comparison(judged, tuple(left_out), tuple(different_settings(a, b)))
+
+
+def different_settings(a: Run, b: Run) -> list[SettingDifference]:
+    """Return the settings of two suites that differ; blocks and methods are matched by their id, label or name."""
+    first, second = (dict(_flat(run.manifest["settings"], "")) for run in (a, b))
+    keys = (key for key in {**first, **second} if first.get(key) != second.get(key))
+    return [SettingDifference(key, first.get(key), second.get(key)) for key in keys]
+
+
+def _flat(value: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """Keys such as ``speed[ik].methods[lm].options.max_restarts`` with their values."""
+    if isinstance(value, dict) and value:
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list) and any(isinstance(one, dict) for one in value):
+        for i, one in enumerate(value):
+            names = (one.get(k) for k in ("id", "label", "solver", "law", "peer")) if isinstance(one, dict) else ()
+            yield from _flat(one, f"{key}[{next((n for n in names if n), i)}]")
+    else:
+        yield key, value
 
 
 def _differences(a: Run, b: Run, left_out: list[str]) -> Iterator[tuple[Difference, Compared, bool]]:

@@ -7,6 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
+from benchmarks.experiments.counterparts import PAPER_TITLE
 from benchmarks.records import slug
 from benchmarks.report.run import Run
 from benchmarks.report.tables import target_row
@@ -31,7 +32,7 @@ def claims(run: Run) -> dict[str, Any] | None:
     """
     if not run.on_paper:
         return None
-    return {"findings": [(f, badge(f.verdict)) for f in run.findings]}
+    return {"paper": PAPER_TITLE, "findings": [(f, badge(f.verdict)) for f in run.findings]}
 
 
 def badge(verdict: str) -> str:

@@ -15,13 +15,13 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
 from planners.certificate.clearance import Clearance, clearance
-from planners.certificate.continuity import continuity_failures, continuous_order
+from planners.certificate.continuity import Jump, continuity_failures, continuous_order, largest_jump
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
 from planners.certificate.examined import Examined, examined
 from planners.certificate.failure import Failure, word_of_limit
 from planners.certificate.path_error import PathError
-from planners.certificate.position import position_failures, position_margins
+from planners.certificate.position import position_failures, position_margins, position_times
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
 from planners.certificate.summary import certificate_lines
@@ -86,6 +86,10 @@ class Certificate:
     clearance : Clearance or None
         Proved least distance between arm and scene and between links, for these shapes; None where no scene was given, and
         nothing is said of contact.
+    jump : Jump or None
+        The largest jump of the position, or else of the velocity.
+    t_position_margin : (n,) array
+        When the least distances to the position limits are reached [s].
     """
 
     joint_names: tuple[str, ...]
@@ -114,6 +118,8 @@ class Certificate:
     energy: Energy | None = None
     friction_steps: tuple[FrictionStep, ...] = ()
     clearance: Clearance | None = None
+    jump: Jump | None = None
+    t_position_margin: Array | None = None
 
     def __str__(self) -> str:
         return "\n".join(certificate_lines(self))
@@ -171,8 +177,8 @@ class Certificate:
         moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration, "limits")]
         return (
             *self._violations(),
-            *continuity_failures(self.continuous),
-            *position_failures(self.position_margin, self.joint_names),
+            *continuity_failures(self.continuous, self.jump, self.joint_names),
+            *position_failures(self.position_margin, self.joint_names, self.t_position_margin),
             *self.coverage.failures(self.tolerance, self.duration),
             *moving,
             *self.path_error.failures(self.tolerance),
@@ -318,6 +324,8 @@ def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tup
         binding=active_constraints(motion, limits, places),
         coverage=covered,
         continuous=continuous_order(motion.jumps),
+        jump=largest_jump(trajectory, motion.jumps),
+        t_position_margin=position_times(robot, trajectory),
         rest=motion.rest,
         clearance=None if scene is None else clearance(robot, trajectory, scene, margin),
         **{name: judged.pop(name) for name in ALL_LIMITS},

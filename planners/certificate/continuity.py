@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from optik.types import Array, Flags
@@ -14,6 +16,14 @@ STEP_ROUNDING = 1e-14
 """Rounding of a derivative: this share of q, over the shorter piece's duration to the power of the derivative's order."""
 AT_REST = 1e-9
 """Final velocity, as a share of the joint's largest one, below which it is at rest; rounding is added to it."""
+
+
+class Jump(NamedTuple):
+    """A step of a joint's position or velocity [rad, m, or per s], and when [s]."""
+
+    size: float
+    t: float
+    joint: int
 
 
 def jumps(trajectory: Trajectory) -> Flags:
@@ -104,19 +114,23 @@ def continuous_order(jumping: Flags) -> int:
     return next((order - 1 for order in range(4) if jumping[order].any()), 3)
 
 
-def continuity_failures(continuous: int) -> list[Failure]:
-    """What jumps that no motion may make.
+def largest_jump(trajectory: Trajectory, jumping: Flags) -> Jump | None:
+    """Return the largest jump of the position, or of the velocity if the position is continuous; None if both are."""
+    order = continuous_order(jumping) + 1
+    if order > 1:
+        return None
+    size = np.abs(steps(trajectory, order, rest(trajectory))) * jumping[order]
+    knot, joint = (int(k) for k in np.unravel_index(size.argmax(), size.shape))
+    return Jump(float(size[knot, joint]), float(trajectory.knots[knot]), joint)
 
-    Parameters
-    ----------
-    continuous : int
-        What `continuous_order` returned.
 
-    Returns
-    -------
-    list of Failure
-        Empty where position and velocity are continuous.
-    """
+def continuity_failures(continuous: int, jump: Jump | None, joint_names: tuple[str, ...]) -> list[Failure]:
+    """Return the jump of position or velocity that `largest_jump` found, which no motion may make."""
     if continuous >= 1:
         return []
-    return [Failure(f"the {'position' if continuous < 0 else 'velocity'} jumps", 0.0, "limits")]
+    what, unit = ("position", "rad or m") if continuous < 0 else ("velocity", "rad/s or m/s")
+    if jump is None:
+        return [Failure(f"the {what} jumps", 0.0, "limits")]
+    name = joint_names[jump.joint]
+    words = f"the {what} jumps by {jump.size:.3g} ({unit}) at t = {jump.t:.6g} s, joint {name}"
+    return [Failure(words, jump.t, "limits", name)]

@@ -30,24 +30,18 @@ def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
     return np.minimum(reach.least - robot.limits.lower, robot.limits.upper - reach.greatest)
 
 
-def position_failures(margins: Array, joint_names: tuple[str, ...]) -> list[Failure]:
-    """The violation of position limits that is the largest.
+def position_times(robot: Robot, trajectory: Trajectory) -> Array:
+    """Return when each joint has its least distance to its position limits (n,) [s]."""
+    reach = trajectory.extrema(0)
+    lower = reach.least - robot.limits.lower < robot.limits.upper - reach.greatest
+    return np.where(lower, reach.t_least, reach.t_greatest)
 
-    Parameters
-    ----------
-    margins : (n,) array
-        What `position_margins` returned [rad or m].
-    joint_names : tuple of str
-        Names of the joints.
 
-    Returns
-    -------
-    list of Failure
-        Empty where all limits are kept, within 1e-9.
-    """
+def position_failures(margins: Array, joint_names: tuple[str, ...], times: Array | None = None) -> list[Failure]:
+    """Return the largest violation of a position limit beyond 1e-9, from what the functions above return."""
     i = int(np.argmin(margins))
     if margins[i] >= -LIMIT_TOLERANCE:
         return []
-    return [
-        Failure(f"{joint_names[i]} passes its range by {-margins[i]:.3g} (rad or m)", 0.0, "limits", joint_names[i])
-    ]
+    t = 0.0 if times is None else float(times[i])
+    words = f"{joint_names[i]} passes its range by {-margins[i]:.3g} (rad or m) at t = {t:.6g} s"
+    return [Failure(words, t, "limits", joint_names[i])]

@@ -93,13 +93,17 @@ class MotionLimits:
         return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
 
     @staticmethod
-    def of(robot: Robot) -> MotionLimits:
-        """Return the robot's own limits.
+    def of(robot: Robot, **given: Any) -> MotionLimits:
+        """Return the robot's own limits, with those that are given in their place, as the command line does.
+
+        The constructor takes nothing from a robot: what is not given to it is free.
 
         Parameters
         ----------
         robot : Robot
             The arm.
+        **given
+            Arguments of `MotionLimits`; None frees a limit of the robot's.
 
         Returns
         -------
@@ -108,7 +112,7 @@ class MotionLimits:
         """
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
         own = {name: getattr(robot.limits, name) for name in names}
-        return MotionLimits(**own, robot_values=own)
+        return MotionLimits(**(own | given), robot_values=own)
 
     @property
     def kinds(self) -> tuple[Limit, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -15,6 +16,7 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
 from planners.paths._rotation import poses, shortest_turn
+from planners.paths._waypoints import waypoints_of
 from planners.paths.base import Path, fields
 
 METRES_PER_RADIAN = 0.1
@@ -121,6 +123,47 @@ class Polyline(Path):
         self._pieces = _pieces(self.waypoints, chords, turns, length, half)
         self._breaks: Array = np.append(_begins(self._pieces, length, half), self._end)
         self._turns = bool(turns.any())
+
+    @classmethod
+    def from_csv(
+        cls, file: str | os.PathLike[str], *, orientation: ArrayLike | None = None, blend: float = 1e-3,
+        blend_rotation: float = 1e-2,
+    ) -> Self:  # fmt: skip
+        """Return the polyline through the waypoints of a table of comma-separated values.
+
+        The first line is a header. Its names decide what the columns are, in any order, in upper or lower case:
+
+        - the position: ``x,y,z`` [m], or ``x_mm,y_mm,z_mm``;
+        - the orientation, if any: a quaternion ``qx,qy,qz,qw``; ``roll,pitch,yaw`` [rad] or ``roll_deg,pitch_deg,yaw_deg``
+          with R = Rz(yaw) Ry(pitch) Rx(roll); or a tool axis ``i,j,k``, which points away from the work, as in CAM files
+          and as surface normals do: the tool's z axis is −(i, j, k). Of all orientations with that axis, a waypoint has the
+          one nearest to the waypoint before.
+
+        Positions and orientations are those of the tool in the base frame. Empty lines and lines that begin with ``#`` are
+        skipped.
+
+        Parameters
+        ----------
+        file : str or path
+            The table.
+        orientation : (3, 3) array, optional
+            Rotation of the tool at all waypoints [1], for a file without an orientation; for a tool axis, the one to which the
+            first waypoint is nearest.
+        blend, blend_rotation : float
+            As of `Polyline` [m, rad].
+
+        Returns
+        -------
+        Polyline
+            Through all rows.
+
+        Raises
+        ------
+        InvalidInput
+            A file that cannot be read; other columns, or a value that is none, with its line and column; no ``orientation``
+            where the file needs one; waypoints that make no polyline.
+        """
+        return cls(waypoints_of(file, orientation), blend=blend, blend_rotation=blend_rotation)
 
     @property
     def end(self) -> float:

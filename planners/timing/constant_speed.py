@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -9,19 +10,20 @@ from scipy.interpolate import PPoly
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.types import Array
+from optik.types import Array, Flags, Indices
 from planners.curve import composed, passed_at
 from planners.fit import fitted, stretch
 from planners.following.follow import JointPath
-from planners.hermite import quintic, through
+from planners.hermite import through
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
+from planners.timing._optimal.derivatives import derivatives
+from planners.timing._optimal.start import spaced, sweep
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST_PHASE,
     Ramp,
     Table,
     Worst,
-    fine_enough,
     law_of,
     parts,
     phases_of,
@@ -33,18 +35,27 @@ from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
-DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 16, 0.1
-"""Least number of intervals of the path and of each of its pieces, and the largest change of ln |v| over one: the resolution of
-the spline s(x)."""
+DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
+"""Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over one, by slopes at ends."""
+LEAST_KNOTS = 32
+"""Least number of knots of s(t) on a path whose pieces are all curved; of a piece `DISTANCE_PER_PIECE`."""
+SAME_BREAK = 1e-6
+"""Fraction of the length within which two breaks are one: in shorter cells a spline's third derivative is rounding."""
+STRAIGHT_CELL = 1e-9
+"""Relative change of the tool's speed over a cell, at a constant ṡ, that is rounding."""
+KNOTS_APART = 2e-4
+"""Least time [s] between knots of s(t) in motions of a second and more, and its fraction of a shorter motion: a corner in which
+the joints reach their limits takes many times as long."""
 RAMP_SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
     (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
 """Shares of a ramp in which its acceleration rises and falls."""
-CRAWL = 1e-3
-"""Share of the speed that half of the path allows, below which a corner is not passed unless a speed is given: a motion
-of a second would take a quarter of an hour."""
-LIMIT_SHARES = (0.999, 0.99, 0.97, 0.9)
-"""Shares of the limits that ramps are made for, in turn, until the exact extrema agree."""
+RAMP_LENGTHS = (1.0, 0.9, 0.75)
+"""Lengths of the ramps to the greatest speed, over the longest ones."""
+CRAWL = 1e3
+"""Duration over that of a motion that slows at corners, above which no speed is chosen: a second becomes 17 minutes."""
+FIRST_ROOM, ROOM_LEFT, ROOMS = 0.999, 0.998, 3
+"""Fraction of the limits that ramps use at first, that of what an excess leaves, and how many fractions are tried."""
 
 
 class ConstantSpeed(TimeLaw):
@@ -57,8 +68,8 @@ class ConstantSpeed(TimeLaw):
     ----------
     speed : float, optional
         Tool speed [m/s; rad/s for a pure rotation]; by default the greatest that the limits allow everywhere, which the
-        sharpest corner decides: no motion where a corner allows less than a thousandth of what half of the path does. A
-        given speed may be arbitrarily low.
+        sharpest corner decides: no motion where that takes a thousand times as long as to slow at corners only. A given
+        speed may be arbitrarily low.
     ramp : float
         Largest share of the distance for each of the two ramps, up to a half.
     """
@@ -92,62 +103,85 @@ class ConstantSpeed(TimeLaw):
         InvalidInput
             Velocity, acceleration or jerk limits are missing.
         NoSolution
-            The speed breaks a limit (with s, the joint and the greatest speed that would work), none was given and a corner
-            would slow the whole motion a thousandfold, the tool's point stands still somewhere on the path, or no limit bounds
-            a joint that moves.
+            The speed exceeds a limit (with s, the joint and the greatest speed that is possible), none was given and a
+            corner would slow the whole motion a thousandfold, the tool's point stands still somewhere on the path, or no
+            limit bounds a joint that moves.
         """
         self.need(limits, joint_path.robot)
-        duration = least_duration(joint_path, limits)
+        shortest = min(SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
         distance = _distance(joint_path, limits)
-        slow = _widest(distance.table, self.ramp, min(SHORTEST_PHASE, 0.01 * duration))
-        built = _built(joint_path, limits, distance, slow)
+        if self.speed is not None:
+            motion = self._quickest(joint_path, limits, distance, self.speed, shortest)
+            if motion is not None:
+                return motion
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
+        widest = _widest(distance.table, self.ramp, shortest)
+        built = _built(joint_path, limits, distance, widest)
         fastest = fitted(joint_path.robot, built, limits, self.promises(limits), joint_path.path)
-        factor = fastest.duration / built.duration
-        greatest = slow[0].v1 / factor
+        greatest = widest[0].v1 * built.duration / fastest.duration
         if self.speed is None:
-            _check_corners(joint_path, limits, distance, slow, greatest)
-        speed = greatest * (1.0 - 1e-9) if self.speed is None else self.speed
-        if speed > greatest:
-            found = _worst(joint_path, limits, distance, slow, speed)
+            _check_crawl(joint_path, limits, distance, widest, greatest)
+            motion = self._quickest(joint_path, limits, distance, greatest, shortest)
+            return fastest if motion is None or motion.duration > fastest.duration else motion
+        if self.speed > greatest:
+            found, in_ramp = _worst(joint_path, limits, distance, widest, self.speed)
+            turns = "rotation" if distance.turning else "tool"
             raise NoSolution(
-                f"a tool speed of {speed:.6g} is {speed / greatest:.6g} times too fast: "
-                f"the limit on {found.limit} is passed at s = {found.s:.6g}",
-                s=found.s, joint=found.joint, advice=f"a speed of at most {_down(greatest):.6g}",
+                f"a tool speed of {self.speed:.6g} is {self.speed / greatest:.6g} times too fast: the limit on {found.limit} "
+                f"is exceeded at s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}",
+                s=found.s, joint=found.joint,
+                advice=f"a speed of at most {_down(greatest):.6g}; or timing='optimal' with {turns}_speed={self.speed:.6g}, "
+                "which slows at corners only",
             )  # fmt: skip
-        for room in LIMIT_SHARES:
-            ramps = _shortest(distance.table, speed, self.ramp, room, min(SHORTEST_PHASE, 0.01 * duration))
-            if ramps is not None:
-                trajectory = _built(joint_path, limits, distance, ramps)
-                if stretch(joint_path.robot, trajectory, limits, self.promises(limits), joint_path.path) <= 1.0:
-                    return trajectory
-        return fastest.slowed(greatest / speed)
+        return fastest.slowed(greatest / self.speed)
+
+    def _quickest(
+        self, joint_path: JointPath, limits: MotionLimits, distance: _Distance, speed: float, shortest: float
+    ) -> Trajectory | None:
+        """The motion with the shortest ramps to a speed; None where none of those tried keeps the limits."""
+        robot, promised, path = joint_path.robot, self.promises(limits), joint_path.path
+        room = FIRST_ROOM
+        for _ in range(ROOMS):
+            ramps = _shortest(distance.table, speed, self.ramp, room, shortest)
+            if ramps is None:
+                return None
+            motion = _built(joint_path, limits, distance, ramps)
+            excess = stretch(robot, motion, limits, promised, path)
+            if excess <= 1.0:
+                return motion
+            if self.speed is None and excess <= 1.0 / FIRST_ROOM:
+                return fitted(robot, motion, limits, promised, path)
+            room *= ROOM_LEFT / excess
+        return None
 
 
-def _check_corners(
-    joint_path: JointPath, limits: MotionLimits, distance: _Distance, slow: list[Ramp], greatest: float
+def _check_crawl(
+    joint_path: JointPath, limits: MotionLimits, distance: _Distance, widest: list[Ramp], greatest: float
 ) -> None:
-    """Raise NoSolution for a default speed that one corner makes a thousandth of what half of the path allows."""
-    size = np.abs(distance.table.parts).max(axis=2)
-    slowness = np.maximum(distance.table.slowness, np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
-    if slowness.max() <= np.median(slowness) / CRAWL:
+    """Raise NoSolution where the greatest speed makes a motion a thousand times as long as one that slows at corners."""
+    quick, slow = float(sweep(joint_path, limits)[1][0, -1]), float(distance.table.s[-1]) / greatest
+    if slow <= CRAWL * quick:
         return
-    found = _worst(joint_path, limits, distance, slow, 2.0 * greatest)
-    usual = 1.0 / float(np.median(slowness))
+    found, _ = _worst(joint_path, limits, distance, widest, 2.0 * greatest)
     raise NoSolution(
         f"a constant speed would be {greatest:.3g} at most: {found.joint or 'the tool'} is at its limit on {found.limit} at "
-        f"s = {found.s:.6g}, a corner where half of the path allows {usual:.3g} and more",
+        f"s = {found.s:.6g}; the motion would take {slow:.3g} s, one that slows at corners only about {quick:.3g} s",
         s=found.s, joint=found.joint,
-        advice=f"a larger blend there, a law that slows down for it, or speed={_down(greatest):.6g} to have that",
+        advice=f"a larger blend there, timing='optimal', or speed={_down(greatest):.6g} to have that",
     )  # fmt: skip
 
 
 class _Distance(NamedTuple):
-    """The path over the distance x that the tool travels (or turns): x at knots, s(x), and the limits on a grid of x."""
+    """The path over the distance x that the tool travels, or turns.
 
-    s_of_x: PPoly
+    At the table's places: s (m,), its derivatives over x (3, m), and which (m,) are knots of s(x): it is linear elsewhere.
+    """
+
+    s: Array
+    rates: Array
+    knots: Flags
     table: Table
-    uniform: bool
+    turning: bool
 
 
 def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
@@ -166,8 +200,8 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
         The tool's point stands still somewhere.
     """
     path, end = joint_path.path, joint_path.end
-    s = path.places(DISTANCE_CELLS, DISTANCE_PER_PIECE)
-    turning = path.turns_only or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9
+    s, knots = _places(path.breaks, end)
+    turning = bool(path.turns_only or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9)
     while True:
         c, c1, c2 = _rates(joint_path, s, turning)
         if c.min() <= 1e-6 * c.max():
@@ -175,29 +209,40 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
                 f"the tool's point stands still at s = {s[c.argmin()]:.6g}: no speed of it is constant along this path",
                 s=float(s[c.argmin()]), advice="another law, with tool_speed= or rotation_speed= as limits",
             )  # fmt: skip
-        steep = np.abs(np.diff(np.log(c))) > STEEP
+        h = np.diff(s)
+        slope = np.abs(c1) / c
+        steep = (np.maximum(slope[:-1], slope[1:]) * h > STEEP) & (h > SAME_BREAK * end)
         if not steep.any():
             break
-        s = np.sort(np.append(s, 0.5 * (s[:-1] + s[1:])[steep]))
-    uniform = bool(np.ptp(c) <= 1e-9 * c.max())
-    if uniform:
-        mean = float(c.mean())
-        s_of_x = PPoly(np.array([[1.0 / mean], [0.0]]), np.array([0.0, end * mean]), extrapolate=True)
-    else:
-        nodes, weights = np.polynomial.legendre.leggauss(5)
-        inner = (s[:-1, None] + np.diff(s)[:, None] * (0.5 + 0.5 * nodes)).ravel()
-        pieces = (_rates(joint_path, inner, turning)[0].reshape(-1, 5) * weights).sum(axis=1) * 0.5 * np.diff(s)
-        x = np.concatenate([[0.0], np.cumsum(pieces)])
-        s_of_x = through(x, s[:, None], 1.0 / c[:, None], (-c1 / c**3)[:, None])
-        s_of_x = PPoly(s_of_x.c[..., 0], x, extrapolate=True)
-    grid = np.linspace(0.0, s_of_x.x[-1], fine_enough(path) + 1)
-    at = np.clip(s_of_x(grid), 0.0, end)
-    if not uniform:
-        c, c1, c2 = _rates(joint_path, at, turning)
-    rates = [y[:, None] for y in (1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5)]
-    q, *derivatives = (joint_path(at, order) for order in range(4))
-    along = parts(limits, PathPoints(joint_path, at, (q, *composed(derivatives, rates))))
-    return _Distance(s_of_x, Table(grid, 1.0 / (speed_bound(joint_path, limits, at) * c), along), uniform)
+        s, knots = np.append(s, 0.5 * (s[:-1] + s[1:])[steep]), np.append(knots, np.ones(steep.sum(), np.bool_))
+        order = np.argsort(s)
+        s, knots = s[order], knots[order]
+    # the integral over each cell of the quintic through c, c' and c'' at both its ends
+    cells = 0.5 * h * (c[:-1] + c[1:]) - 0.1 * h**2 * np.diff(c1) + h**3 / 120.0 * (c2[:-1] + c2[1:])
+    wide = np.maximum(np.append(h, 0.0), np.append(0.0, h))
+    bent = np.maximum(np.abs(c1) * wide, np.abs(c2) * wide**2) > STRAIGHT_CELL * c
+    bent |= np.append(bent[1:], False) | np.append(False, bent[:-1])
+    rates = np.stack([1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5])
+    q, *orders = derivatives(joint_path, s)
+    along = parts(limits, PathPoints(joint_path, s, (q, *composed(orders, [y[:, None] for y in rates]))))
+    x = np.concatenate([[0.0], np.cumsum(cells)])
+    return _Distance(s, rates, bent & knots, Table(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along), turning)
+
+
+def _places(breaks: Array, end: float) -> tuple[Array, Flags]:
+    """Places from 0 to the end, equally spaced between breaks, and which of them are knots; breaks nearly equal are one."""
+    ends = [0.0]
+    for place in breaks[breaks < (1.0 - SAME_BREAK) * end]:
+        if place - ends[-1] > SAME_BREAK * end:
+            ends.append(place)
+    length = np.diff(ends, append=end)
+    cells, knots = (
+        np.maximum(np.ceil(length * (most / end)), DISTANCE_PER_PIECE).astype(np.int64)
+        for most in (DISTANCE_CELLS, LEAST_KNOTS)
+    )
+    within = np.arange(cells.sum()) - np.repeat(np.cumsum(cells) - cells, cells)
+    s = np.repeat(ends, cells) + np.repeat(length / cells, cells) * within
+    return np.append(s, end), np.append(within % np.repeat(cells // knots, cells) == 0, np.True_)
 
 
 def _rates(joint_path: JointPath, s: Array, turning: bool) -> tuple[Array, Array, Array]:
@@ -215,11 +260,20 @@ def _ramp(what: Table, last: bool, length: float, speed: float, shape: tuple[flo
     return Ramp(end - length, speed, end, 0.0, *shape) if last else Ramp(0.0, 0.0, length, speed, *shape)
 
 
-def _cruise(what: Table, start: float, end: float) -> float:
-    """Factor by which a constant speed of 1 from start to end is too fast."""
-    inside = (what.s >= start - what.s[1]) & (what.s <= end + what.s[1])
-    size = np.abs(what.parts[inside]).max(axis=(0, 2))
-    return float(max(what.slowness[inside].max(), np.sqrt(size[1]), np.cbrt(size[4])))
+def _cruising(what: Table, start: float, end: float) -> tuple[int, float]:
+    """Where a constant speed of 1 from start to end is most too fast, and by which factor."""
+    low, high = np.searchsorted(what.s, [start, end])
+    at = slice(max(low - 1, 0), high + 1)
+    size = np.abs(what.parts[at]).max(axis=2)
+    factor = np.maximum(what.slowness[at], np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
+    k = int(factor.argmax())
+    return at.start + k, float(factor[k])
+
+
+def _factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
+    """Factor by which a ramp must be slowed, at as many instants as there are places; infinite where above `most`."""
+    inside = int(np.searchsorted(what.s, ramp.s1) - np.searchsorted(what.s, ramp.s0))
+    return ratio_of(what, ramp, max(24, inside), most)
 
 
 def _quick(ramp: Ramp, slow: float, shortest: float) -> bool:
@@ -231,25 +285,30 @@ def _quick(ramp: Ramp, slow: float, shortest: float) -> bool:
 def _widest(what: Table, share: float, shortest: float) -> list[Ramp]:
     """Ramps to the greatest speed of all: of the lengths and shapes that need the least slowing from speed 1."""
     end = float(what.s[-1])
-    chosen = []
+    cruising = _cruising(what, share * end, (1.0 - share) * end)[1]
+    chosen: list[tuple[float, Ramp]] = []
     for last in (False, True):
-        found = [
-            (ratio_of(what, ramp), ramp)
-            for length in end * share * np.array([1.0, 0.9, 0.75])
-            for shape in RAMP_SHAPES
-            for ramp in [_ramp(what, last, length, 1.0, shape)]
-        ]
-        found = [(ratio, ramp) for ratio, ramp in found if not _quick(ramp, ratio, shortest)] or found
-        chosen.append(found)
-    cruising = _cruise(what, share * end, (1.0 - share) * end)
-    first, second = (min(found, key=lambda each: max(each[0], cruising)) for found in chosen)
-    slow = max(first[0], second[0], _cruise(what, first[1].s1, second[1].s0))
-    return [first[1]._replace(v1=1.0 / slow), second[1]._replace(v0=1.0 / slow)]
+        best: dict[bool, tuple[float, Ramp]] = {}  # of ramps that are too quick, and of others
+        for length in end * share * np.array(RAMP_LENGTHS):
+            for shape in RAMP_SHAPES:
+                ramp = _ramp(what, last, length, 1.0, shape)
+                factor = _factor(what, ramp, max(b[0] for b in best.values()) if best else np.inf)
+                quick = _quick(ramp, factor, shortest)
+                if quick not in best or max(factor, cruising) < best[quick][0]:
+                    best[quick] = max(factor, cruising), ramp
+            if best.get(False, (np.inf,))[0] == cruising:
+                break
+        chosen.append(best.get(False) or best[True])
+    (one, first), (other, second) = chosen
+    slow = max(one, other, _cruising(what, first.s1, second.s0)[1])
+    return [first._replace(v1=1.0 / slow), second._replace(v0=1.0 / slow)]
 
 
 def _shortest(what: Table, speed: float, share: float, room: float, shortest: float) -> list[Ramp] | None:
     """The shortest ramps to a speed that keep that share of the limits; None where the longest ones do not."""
     end, out = float(what.s[-1]), []
+    if _cruising(what, share * end, (1.0 - share) * end)[1] * speed > 1.0 + 1e-3:
+        return None
     for last in (False, True):
         best: Ramp | None = None
         for shape in RAMP_SHAPES:
@@ -266,11 +325,11 @@ def _shortest(what: Table, speed: float, share: float, room: float, shortest: fl
         if best is None:
             return None
         out.append(best)
-    return out if _cruise(what, out[0].s1, out[1].s0) * speed <= 1.0 + 1e-3 else None
+    return out if _cruising(what, out[0].s1, out[1].s0)[1] * speed <= 1.0 + 1e-3 else None
 
 
 def _good(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
-    return not _quick(ramp, 1.0, shortest) and ratio_of(what, ramp) <= room
+    return not _quick(ramp, 1.0, shortest) and _factor(what, ramp, room) <= room
 
 
 def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
@@ -280,29 +339,52 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
     if second.s0 > first.s1:
         chain.insert(1, Ramp(first.s1, first.v1, second.s0, second.v0, 0.49, 0.49))
     x_law = law_of(chain, [phases_of(ramp) for ramp in chain])
-    if distance.uniform:
-        return PPoly(x_law.c * distance.s_of_x.c[0, 0], x_law.x, extrapolate=True)
-    low = passed_at(x_law, distance.s_of_x.x[1:-1:4], float(x_law.x[-1]))
-    apart = 1e-3 * x_law.x[-1]
-    low = low[np.abs(low[:, None] - x_law.x).min(axis=1) > apart]
-    t = np.sort(np.concatenate([x_law.x, low]))
-    x, v, a = (x_law(t, order) for order in (0, 1, 2))
-    s, *derivatives = (distance.s_of_x(x, order) for order in (0, 1, 2))
-    state = tuple(y[:, None] for y in (s, *composed(derivatives, (v, a))))
-    law = quintic(t, tuple(y[:-1] for y in state), tuple(y[1:] for y in state))
-    return PPoly(law.c[..., 0], t, extrapolate=True)
+    places, switches, end = distance.table.s, x_law.x, float(x_law.x[-1])
+    inner = np.flatnonzero(distance.knots[1:-1]) + 1
+    t, apart = passed_at(x_law, places[inner], end), KNOTS_APART * min(1.0, end)
+    after = np.clip(np.searchsorted(switches, t), 1, switches.size - 1)
+    kept = np.minimum(t - switches[after - 1], switches[after] - t) > apart
+    inner, t = inner[kept], t[kept]
+    kept = spaced(t, end, apart)
+    inner, t = inner[kept], np.concatenate([switches, t[kept]])
+    s_of_x = through(places, *(y[:, None] for y in (distance.s, *distance.rates[:2])))
+    at_switches = (s_of_x(x_law(switches), order)[:, 0] for order in range(3))
+    order = np.argsort(t)
+    s, *over_x = (
+        np.append(a, b[inner])[order][:, None]
+        for a, b in zip(at_switches, (distance.s, *distance.rates[:2]), strict=True)
+    )
+    t = t[order]
+    velocity, acceleration = composed(over_x, [x_law(t, order)[:, None] for order in (1, 2)])
+    return PPoly(through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
 
 
 def _built(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp]) -> Trajectory:
     return refit(joint_path, _law(distance, ramps), limits.arrays(joint_path.robot.n)["jerk"])
 
 
-def _worst(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp], speed: float) -> Worst:
-    """Where the motion with the widest ramps would break a limit at this speed."""
-    first, second = ramps
-    return worst(
-        joint_path, limits, *states(_law(distance, [first._replace(v1=speed), second._replace(v0=speed)]), 200)
-    )
+def _worst(
+    joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp], speed: float
+) -> tuple[Worst, bool]:
+    """What the motion with these ramps, at this speed, exceeds most, and whether that is in a ramp."""
+    what, (first, second) = distance.table, ramps
+    k = np.array([_cruising(what, first.s1, second.s0)[0]])
+    found = _judged(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
+    in_ramp = False
+    for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
+        x, *rates = states(law_of([ramp], [phases_of(ramp)]), 200)
+        near = np.searchsorted(0.5 * (what.s[1:] + what.s[:-1]), x)
+        other = _judged(joint_path, limits, distance, near, rates)
+        if other.factor > found.factor:
+            found, in_ramp = other, True
+    return found, in_ramp
+
+
+def _judged(
+    joint_path: JointPath, limits: MotionLimits, distance: _Distance, at: Indices, rates: Sequence[Array]
+) -> Worst:
+    """What the motion exceeds most at places of the table, with its speed, acceleration and jerk over the distance."""
+    return worst(joint_path, limits, distance.s[at], *composed(list(distance.rates[:, at]), list(rates)))
 
 
 def _down(x: float) -> float:

@@ -120,6 +120,25 @@ def test_plan_polyline_passes_its_corner_within_the_blend(tmp_path: Path) -> Non
     np.testing.assert_allclose(tool[-1], end, atol=1e-8)
 
 
+def test_plan_polyline_begins_at_the_first_waypoint_of_a_table(tmp_path: Path) -> None:
+    robot, q = optik.load("paper6r"), np.deg2rad([float(v) for v in START.split(",")])
+    T, x = robot.fk(q), np.linspace(0.02, 0.06, 30)
+    points = T[:3, 3] + np.stack([x, 0.2 * np.abs(x - 0.04), 0.0 * x], axis=1)
+    table, file = tmp_path / "seam.csv", tmp_path / "seam.json"
+    axis = ",".join(f"{-v:.6f}" for v in T[:3, 2])
+    rows = "".join(f"{','.join(f'{1e3 * v:.4f}' for v in p)},{axis}\n" for p in points)
+    table.write_text(f"X_mm,Y_mm,Z_mm,I,J,K\n{rows}")
+    done = inside("plan", "polyline", "--waypoints", str(table), "--timing", "constant_speed", "--out", str(file))
+    assert done.exit_code == 0, done.output
+    assert "begins at" in done.output
+    motion = planners.load_motion(file)
+    np.testing.assert_allclose(motion.path.pose(0.0)[:3, 3], points[0], atol=1e-7)
+    tool = robot.fk(motion.trajectory.sample(1000)[1])
+    np.testing.assert_allclose(tool[-1, :3, 3], points[-1], atol=1e-6)
+    assert np.linalg.norm(tool[:, None, :3, 3] - points, axis=2).min(axis=0).max() < 1e-3
+    assert np.abs(tool[:, :3, 2] - T[:3, 2]).max() < 1e-5
+
+
 def test_plan_polyline_keeps_a_speed_for_each_segment() -> None:
     p = optik.load("paper6r").fk(np.deg2rad([float(v) for v in START.split(",")]))[:3, 3]
     words = [",".join(f"{v:.9f}" for v in p + np.array(move)) for move in ([0.03, 0.0, 0.0], [0.03, 0.0, 0.03])]
@@ -185,6 +204,9 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
         (["plan", "arc", "--via", "1,2,3"], "--via and --to, or --centre"),
         (["plan", "arc", "--via", "1,2,3", "--to", "1,2"], "3 or 6 numbers"),
         (["plan", "polyline", "--via", "a,b,c"], "--via"),
+        (["plan", "polyline"], "neither"),
+        (["plan", "polyline", "--via", "1,2,3", "--waypoints", "a.csv"], "both"),
+        (["plan", "polyline", "--waypoints", "no_such.csv"], "no_such.csv"),
         (["plan", "joints", "--to-deg", "0,0,0,0,0,190"], "--to-deg"),
         (["plan", "line", "--turn-deg", "0,0,360"], "180"),
         (["plan", "line", "--move", "1e300,0,0"], "1e6 m"),

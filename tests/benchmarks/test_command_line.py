@@ -13,11 +13,13 @@ import pytest
 
 import optik
 import planners
+from benchmarks.cli.running import FEWEST_PARTS, _Rate
 from benchmarks.cli.shared import START_SAMPLES, sampled_start
 from optik.arm.library import home_of, robot_from_toml
 from optik.arm.shapes.contact import contact
 from optik.arm.units import per
 from optik.errors import InvalidInput
+from tests.oracles import REPOSITORY
 
 
 def write(file: Path, text: str) -> Path:
@@ -225,3 +227,46 @@ def test_a_rate_is_for_tables(typed: Any, tmp_path: Path) -> None:
 
 def test_the_version_is_the_package_s(typed: Any) -> None:
     assert typed("--version") == (0, f"optik {optik.__version__}\n", "")
+
+
+# ---------------------------------------------------------------- the time left, the cell
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_time_left_is_within_a_third_of_the_truth_though_the_first_part_compiles(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    total, now, rate, shown = 120, 0.0, _Rate(), []
+    rate.after(0, now)
+    ends = 25.0 + np.cumsum(rng.uniform(0.2, 0.6, total))  # 25 s of compiling, then 48 s of work
+    for done, now in enumerate(ends, 1):
+        if found := rate.after(done, now):
+            shown.append(((total - done) / found, ends[-1] - now))
+    estimates, truths = np.array(shown[:-10]).T
+    assert len(shown) > total - FEWEST_PARTS
+    assert np.abs(estimates / truths - 1.0).max() < 0.6
+    assert np.median(np.abs(estimates / truths - 1.0)) < 0.1
+
+
+def test_a_run_that_goes_on_is_not_fast_for_what_was_done_before() -> None:
+    rate = _Rate()
+    found = [
+        rate.after(done, now) for done, now in ((1000, 0.0), (1001, 9.0), (1002, 10.0), (1003, 11.0), (1004, 12.0))
+    ]
+    assert found == [0.0, 0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_corrections_of_the_readme_reduce_the_error(typed: Any, tmp_path: Path, seed: int) -> None:
+    line = next(line for line in (REPOSITORY / "README.md").read_text().splitlines() if line.startswith("optik cell "))
+    words = line.partition("#")[0].split()[1:]
+    out = str(tmp_path / "cell.html")
+    status, printed, said = typed(*words, "--drive", "ideal", "--seed", str(seed), "--out", out, "--json")
+    assert status == 0, said
+    errors = [float(np.linalg.norm(each["error"])) for each in json.loads(printed)["rounds"]]
+    assert errors[-1] < 0.1 * errors[0]
+
+
+def test_corrections_below_the_noise_say_so(typed: Any, tmp_path: Path) -> None:
+    words = ("cell", "--drive", "ideal", "--corrections", "1", "--readings", "10", "--out", str(tmp_path / "c.html"))
+    assert "corrections cannot reduce it" in typed(*words)[1]
+    assert "corrections cannot reduce it" not in typed(*words, "--miscalibration", "3,5")[1]

@@ -18,7 +18,8 @@ import polars as pl
 import pytest
 
 from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.plans.report.laws import broken_limits, ratio_words, worst
+from benchmarks.kinds.plans.report.laws import _limit_words, broken_limits, ratio_words, worst
+from benchmarks.kinds.plans.report.look import law_control
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.board import strict
@@ -336,3 +337,14 @@ def test_provenance_names_every_block_s_problems_by_their_hash(copied: RunFolder
     assert files
     for file in files:
         assert f"SHA-256 {json.loads(file.read_text(encoding='utf-8'))['sha256'][:16]}…" in text
+
+
+def test_controls_of_laws_open_on_the_default_law() -> None:
+    assert law_control(["quintic", "optimal", "toppra"], "all laws").value == "optimal"
+    assert law_control(["quintic", "toppra"]).value == "quintic"
+
+
+def test_limits_are_listed_joint_by_joint_with_repeats() -> None:
+    assert _limit_words({"torque": [87.0, 87.0, 12.0]}).startswith("torque 87, 87, 12 ")
+    assert _limit_words({"velocity": [2.0, 2.0]}).startswith("velocity 2 ")
+    assert _limit_words({"velocity": [[-1.0, -1.0], [2.0, 2.0]]}).startswith("velocity -1 to 2 ")

@@ -178,3 +178,26 @@ def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, tmp_path:
         compare_runs(Run(small_run), Run(folder))
     with pytest.raises(InvalidInput, match="optik bench run"):
         compare_runs(Run(small_run), Run(RunFolder(tmp_path)))
+
+
+def test_settings_that_differ_are_shown(small_run: RunFolder, tmp_path: Path, typed: Any) -> None:
+    assert compare(small_run.path, small_run.path)[1]["settings"] == []
+    changed = RunFolder(tmp_path / "changed")
+    shutil.copytree(small_run.path, changed.path)
+    manifest = changed.manifest()
+    block = manifest["settings"]["blocks"][1]
+    block["methods"][1]["options"] = {"damping": 0.02}
+    block["title"] = "other"
+    manifest["settings"]["seed"] = 8
+    del manifest["settings"]["line"]["samples"]
+    changed.write_json("run.json", manifest)
+    _, found = compare(small_run.path, changed.path)
+    assert {(one["key"], one["a"], one["b"]) for one in found["settings"]} == {
+        ("blocks[misprint].methods[corrected].options.damping", None, 0.02),
+        ("blocks[misprint].title", None, "other"),
+        ("seed", 7, 8),
+        ("line.samples", 31, None),
+    }
+    _, out, _ = typed("bench", "compare", str(small_run.path), str(changed.path))
+    assert "setting seed: 7 in A, 8 in B" in out
+    assert "setting line.samples: 31 in A, not set in B" in out

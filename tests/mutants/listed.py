@@ -303,6 +303,36 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
     (
+        "planners/timing/_optimal/start.py",
+        "kept = np.append(True, farthest[1:] > farthest[:-1])",
+        "kept = np.append(False, farthest[1:] > farthest[:-1])",
+    ): "the first place is a fixed one, which is kept anyway",
+    (
+        "planners/certificate/torque_slowing.py",
+        "if not low < x < high:",
+        "if (low < x < high):",
+    ): "bisection alone ends at the same factor, within the steps that it has",
+    (
+        "planners/certificate/torque_slowing.py",
+        "x = (low * f_high - high * f_low) / (f_high - f_low)",
+        "x = (low * f_high - high * f_low) * (f_high - f_low)",
+    ): "bisection alone ends at the same factor, within the steps that it has",
+    (
+        "optik/distance.py",
+        "elif _dot(d, right) <= 0.0:",
+        "elif _dot(d, right) < 0.0:",
+    ): "a slope of exactly 0 at the end: the search between the ends ends there too",
+    (
+        "planners/certificate/path_error.py",
+        "out, self._fall = np.empty((2, left.t.size, 2))",
+        "out, self._fall = np.empty((2, left.t.size, 3))",
+    ): "a column that nothing reads",
+    (
+        "planners/certificate/path_error.py",
+        "length, bend = 0.0, 0.0",
+        "length, bend = 1.0, 0.0",
+    ): "the first look is finer; what it proves is the same",
+    (
         "planners/certificate/singularity.py",
         "GRID_INSTANTS, FINER_INSTANTS = 121, 9",
         "GRID_INSTANTS, FINER_INSTANTS = 121, 8",

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 import optik
 from optik import se3
 from optik.arm.shapes.enclosure import around_cylinder, box_triangles, clipped, enclosing
+from optik.arm.shapes.excess import Capsule, farthest
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
 from optik.errors import InvalidInput, RobotModelError
 from tests.oracles.shapes import distances
@@ -33,6 +35,37 @@ def bent():
 def inside(points, capsules):
     """How far the farthest point is outside all capsules; negative inside."""
     return np.min([distances(points, c.a, c.b, c.radius) for c in capsules], axis=0).max()
+
+
+def surface(capsule, s, phi):
+    """Points of a capsule by the length along its meridian and the angle, from its definition."""
+    axis = capsule.b - capsule.a
+    length, cap = np.linalg.norm(axis), 0.5 * np.pi * capsule.radius
+    u = axis / length
+    v = np.cross(u, (0.3, -0.5, 0.8))
+    v /= np.linalg.norm(v)
+    bend = np.where(s < cap, s, np.where(s > cap + length, s - length, cap)) / capsule.radius
+    along = np.clip(s - cap, 0.0, length) - capsule.radius * np.cos(bend)
+    around = np.cos(phi)[:, None] * v + np.sin(phi)[:, None] * np.cross(u, v)
+    return capsule.a + along[:, None] * u + (capsule.radius * np.sin(bend))[:, None] * around
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_excess_of_a_capsule_is_the_farthest_of_its_surface_from_points_anywhere(seed):
+    """Against a dense grid, refined around its best points; the points lie to one side of the axis."""
+    rng = np.random.default_rng(seed)
+    capsule = Capsule(*rng.normal(size=(2, 3)), rng.uniform(0.2, 0.6))
+    tree = cKDTree(capsule.a + rng.uniform(0.0, 1.0, (9, 1)) * (capsule.b - capsule.a) + 0.2 * rng.normal(size=(9, 3)))
+    end = np.linalg.norm(capsule.b - capsule.a) + np.pi * capsule.radius
+    s, phi = (x.ravel() for x in np.meshgrid(np.linspace(0.0, end, 120), np.linspace(0.0, 2.0 * np.pi, 120)))
+    ds, dphi = end / 120, 2.0 * np.pi / 120
+    for _ in range(12):
+        best = np.argsort(tree.query(surface(capsule, s, phi))[0])[-20:]
+        s = np.append(np.clip(s[best, None] + ds * rng.uniform(-1.0, 1.0, (20, 60)), 0.0, end), s[best])
+        phi = np.append(phi[best, None] + dphi * rng.uniform(-1.0, 1.0, (20, 60)), phi[best])
+        ds, dphi = 0.6 * ds, 0.6 * dphi
+    true = tree.query(surface(capsule, s, phi))[0].max()
+    assert true <= farthest(capsule, [], tree) <= 1.01 * true
 
 
 # ---------------------------------------------------------------- files

@@ -9,12 +9,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 from typer.testing import CliRunner
 
 from benchmarks.cli.app import app, main
 from optik.errors import InvalidInput, InvalidMotion
-from planners import Line, MotionLimits, Plan, PlanStatus, load_motion, plan, replan, save, to_ros
+from planners import (
+    Line,
+    MotionLimits,
+    Plan,
+    PlanStatus,
+    Trajectory,
+    certify,
+    load_motion,
+    plan,
+    replan,
+    save,
+    to_ros,
+)
 from planners.cell.drives.ideal import IdealDrive
+from planners.cell.setpoints import whole_periods
 from planners.cell.stored import plan_of
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.failure import ALLOWANCES
@@ -240,3 +254,40 @@ def test_the_refusal_says_what_by_how_much_and_where() -> None:
         drawn("path", 0).plan.motion.check_valid()
     assert "off its path at t = " in caught.value.reason and "the tolerance is 1e-05 m" in caught.value.reason
     assert isinstance(drawn("path", 0).plan.path, Line) and 0.0 < caught.value.s < drawn("path", 0).plan.path.end  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_a_jump_is_named_with_its_size_joint_and_time(order: int) -> None:
+    """Two pieces of 0.4 s and 0.6 s; joint 3 steps between them."""
+    c = np.zeros((2, 2, 6))
+    c[1] = START
+    if order == 0:
+        c[1, 1, 2] += 0.02
+    else:  # it starts to move at the second piece, and is still moving at the end
+        c[0, 1, 2] = 0.5
+    trajectory = Trajectory(PPoly(c, [0.0, 0.4, 1.0]))
+    broken = certify(paper6r(), None, trajectory, MotionLimits()).broken
+    what, size = (("position", 0.02), ("velocity", 0.5))[order]
+    assert f"the {what} jumps by {size} " in broken[0]
+    assert broken[0].endswith("at t = 0.4 s, joint joint3")
+
+
+def test_a_range_that_is_left_is_named_with_its_time() -> None:
+    c = np.zeros((3, 1, 6))
+    c[2, 0] = START
+    top = paper6r().limits.upper[4] + 0.03  # a parabola that has its top there, at t = 0.7 s
+    rise = top - START[4]
+    c[:2, 0, 4] = -rise / 0.49, 2.0 * rise / 0.7
+    proof = certify(paper6r(), None, Trajectory(PPoly(c, [0.0, 1.0])), MotionLimits())
+    failure = next(f for f in proof.failures if "passes its range" in f.words)
+    assert failure.words.startswith("joint5 passes its range by 0.03 (rad or m) at t = 0.7")
+    assert (failure.allow, failure.joint) == ("limits", "joint5") and failure.t == pytest.approx(0.7)
+
+
+def test_a_plan_whose_certificate_is_of_other_limits_is_not_executed() -> None:
+    made = line(duration=1.0)
+    drive = IdealDrive(paper6r())
+    stale = replace(made, limits=MotionLimits(velocity=1e-3))
+    assert stale and whole_periods(stale, drive.period) is stale, "nothing else would certify it again"
+    refused = drive.execute(stale)
+    assert refused.status == "refused" and "velocity" in refused.reason and "'limits'" in refused.advice

@@ -10,7 +10,7 @@ import pytest
 import optik
 from optik import se3
 from optik.errors import InvalidInput
-from planners.cell.iso9283 import NO_NOISE, Cube, crossings, cube_poses, path_figures, pose_figures
+from planners.cell.iso9283 import NO_NOISE, POSE_MARGIN, Cube, crossings, cube_poses, path_figures, pose_figures
 
 START = np.deg2rad([20, -35, 40, 25, 50, -30])
 
@@ -134,6 +134,18 @@ def test_the_five_poses_stand_in_a_diagonal_plane_of_the_largest_cube_the_arm_se
     assert (cube.q <= robot.limits.upper - 0.02).all()
     assert cube.edge >= 0.1
     assert f"{1e3 * cube.edge:.0f} mm" in cube.words
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("joint", range(3))
+def test_the_five_configurations_keep_the_margin_on_both_sides_of_every_range(joint: int, side: int) -> None:
+    robot = optik.load("paper6r")
+    lower, upper = np.array(robot.limits.lower), np.array(robot.limits.upper)
+    (lower if side < 0 else upper)[joint] = START[joint] + 0.1 * side
+    narrow = robot.with_limits(lower=lower, upper=upper)
+    found = cube_poses(narrow, START, most_edge=0.4)
+    assert (found.q >= lower + POSE_MARGIN).all() and (found.q <= upper - POSE_MARGIN).all()
+    assert abs(found.q[:, joint] - (lower if side < 0 else upper)[joint]).min() < 0.05
 
 
 @pytest.mark.parametrize(

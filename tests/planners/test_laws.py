@@ -12,7 +12,7 @@ import ruckig
 import toppra
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import PPoly
+from scipy.interpolate import PPoly, make_interp_spline
 
 import planners.timing._ruckig as ruckig_call
 import planners.timing._sectional.stop as stop_law
@@ -657,7 +657,8 @@ def test_a_speed_beyond_the_limits_is_refused_with_the_greatest_that_works(which
         make_law("constant_speed", speed=30.0).run(joint_path, LIMITS)
     assert info.value.s is not None and 0.0 <= info.value.s <= joint_path.end
     assert info.value.joint in paper6r().joint_names
-    greatest = float(info.value.advice.split()[-1])
+    greatest = float(info.value.advice.removeprefix("a speed of at most ").split(";")[0])
+    assert "timing='optimal' with tool_speed=30," in info.value.advice
     trajectory = make_law("constant_speed", speed=greatest).run(joint_path, LIMITS)
     middle = np.array([0.5 * trajectory.duration])
     assert speed_of_tool(trajectory, middle)[0] == pytest.approx(greatest, rel=1e-8)
@@ -682,8 +683,8 @@ def corner(blend: float) -> JointPath:
 
 
 def test_a_corner_that_makes_all_a_crawl_is_named_unless_that_speed_is_asked() -> None:
-    joint_path = corner(1e-6)
-    with pytest.raises(NoSolution, match="a corner where half of the path allows") as info:
+    joint_path = corner(1e-7)
+    with pytest.raises(NoSolution, match="one that slows at corners only about") as info:
         make_law("constant_speed").run(joint_path, LIMITS)
     assert info.value.s == pytest.approx(0.05, abs=1e-5)
     assert info.value.joint in paper6r().joint_names
@@ -712,9 +713,10 @@ def test_the_speed_is_the_tools_also_where_s_is_no_distance() -> None:
     straight = make_law("constant_speed", speed=0.1).run(default_joint_path(), LIMITS)
     assert trajectory.duration == pytest.approx(straight.duration, rel=1e-3)
     one, other = (distance_of(path, LIMITS).table for path in (joint_path, default_joint_path()))
-    np.testing.assert_allclose(one.s, other.s, rtol=1e-9)
-    np.testing.assert_allclose(one.slowness, other.slowness, rtol=1e-6)
-    off = np.abs(one.parts - other.parts).max(axis=(0, 2)) / np.abs(other.parts).max(axis=(0, 2))
+    assert one.s[-1] == pytest.approx(other.s[-1], rel=1e-9)
+    slowness, rows = (make_interp_spline(other.s, y)(one.s) for y in (other.slowness, other.parts))
+    np.testing.assert_allclose(one.slowness, slowness, rtol=1e-4)  # the joint that bounds it changes
+    off = np.abs(one.parts - rows).max(axis=(0, 2)) / np.abs(rows).max(axis=(0, 2))
     assert (off <= [1e-6, 1e-3, 1e-6, 1e-3, 3e-2]).all()
 
 

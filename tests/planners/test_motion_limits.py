@@ -229,3 +229,20 @@ def test_a_motion_promises_only_what_its_limits_have() -> None:
     found = plan(paper6r(), default_line(), START, limits=OUR)
     with pytest.raises(InvalidInput, match="keeps"):
         Motion(paper6r(), default_line(), OUR, found.trajectory, keeps=("weighted_speed",))
+
+
+def test_the_robot_s_limits_with_changes_are_those_of_the_command_line() -> None:
+    from benchmarks.cli.planning import Wish, limits_of
+    from optik.arm.library import load
+    from planners import make_law
+
+    panda = load("panda")
+    own = MotionLimits.of(panda)
+    assert own.torque is not None
+    given = MotionLimits.of(panda, acceleration=5.0, jerk=50.0)
+    assert given == limits_of(panda, Wish(acceleration=5.0, jerk=50.0), make_law("optimal"))
+    np.testing.assert_array_equal(given.torque, own.torque)
+    assert MotionLimits.of(panda, torque=None).torque is None
+    assert MotionLimits(acceleration=5.0).torque is None
+    with pytest.raises(TypeError):
+        MotionLimits.of(panda, torques=1.0)

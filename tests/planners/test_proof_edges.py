@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 from math import factorial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,8 +30,10 @@ from planners.certificate.examined import Examined
 from planners.certificate.path_error import PathError
 from planners.certificate.torque_bounds import direction, fourth_bounds, sizes
 from planners.hermite import through
+from planners.limits import DERIVATIVES, LOADED, PathPoints, kind_of
+from planners.limits.base import Limit
 from tests.planners.contacts import pose
-from tests.planners.torques import proved, values
+from tests.planners.torques import proved, random_loaded, swing, values
 
 SEEDS = pytest.mark.parametrize("seed", range(6))
 ROUNDING = 1e-12
@@ -285,7 +289,8 @@ def test_ratios_at_the_ends_of_pieces_are_of_the_side_of_the_torque(seed: int) -
     """With friction by the sense of the motion, small torques and large ones, and unequal limits on both sides."""
     rng = np.random.default_rng(seed)
     robot = slider(rng.uniform(0.5, 3.0), rng.uniform(0.1, 2.0)).with_inertia(coulomb=0.3)
-    motion = polynomial((0.7, rng.normal(size=(6, 1))), (0.4, rng.normal(size=(6, 1))))
+    size = (0.01, 1.0)[seed % 2]
+    motion = polynomial((0.7, size * rng.normal(size=(6, 1))), (0.4, size * rng.normal(size=(6, 1))))
     bound = np.array([[-rng.uniform(0.5, 2.0)], [rng.uniform(3.0, 9.0)]])
     torques = Examined(robot, motion).torques
     mass, viscous = torques.models[0][1].bodies[0][0], torques.models[0][1].viscous[0]
@@ -299,6 +304,36 @@ def test_ratios_at_the_ends_of_pieces_are_of_the_side_of_the_torque(seed: int) -
                 values_.append(mass * j + viscous * a if rate else mass * a + viscous * v + 0.3 * np.sign(v))
             expected = max(x / bound[1, 0] if x > 0.0 else x / bound[0, 0] for x in values_)
             assert found[k, 0] == pytest.approx(expected, rel=1e-9)
+
+
+# ---------------------------------------------------------------- limits of some joints
+
+
+@pytest.mark.parametrize("name", [*DERIVATIVES, *LOADED])
+def test_a_joint_without_a_limit_frees_no_other_joint(name: str) -> None:
+    """A free joint is as good as one with a limit that nothing reaches."""
+    rng = np.random.default_rng(len(name))
+    robot, kind = random_loaded(rng, 3, prismatic=True, coulomb=0.2), kind_of(name)
+    motion = swing(rng, 3, 2, 0.7)
+    bound = rng.uniform(1e3, 3e3, 3)
+    free, far = bound.copy(), bound.copy()
+    free[1], far[1] = np.inf, 1e15
+    limited = [0, 2]
+    mine, theirs = (kind.judge(Examined(robot, motion), x) for x in (free, far))
+    assert (mine.ratio[limited] > 1e-6).all() and np.isnan(mine.ratio[1])
+    np.testing.assert_allclose(mine.ratio[limited], theirs.ratio[limited], rtol=1e-4)
+    np.testing.assert_allclose(mine.value[limited], theirs.value[limited], rtol=1e-4)
+    for slowing in (kind.slowing, *([partial(Limit.slowing, kind)] if kind.homogeneous else [])):
+        one, other = (slowing(Examined(robot, motion), x) for x in (free, far))
+        assert one > 0.0 and one == pytest.approx(other, rel=1e-4)
+    one, other = (kind.piece_ratios(Examined(robot, motion), x) for x in (free, far))
+    np.testing.assert_allclose(one[:, limited], other[:, limited], rtol=1e-9)
+    assert one[:, limited].max() > 0.0
+    q = rng.normal(size=(4, 5, 3))
+    points = [PathPoints(SimpleNamespace(robot=robot, end=4.0), np.arange(5.0), tuple(q)) for _ in range(2)]  # type: ignore[arg-type]
+    rows, others = (kind.rows(at, x) for at, x in zip(points, (free, far), strict=True))
+    assert rows.shape == others.shape and np.abs(rows).max() > 0.0
+    np.testing.assert_allclose(rows, others, rtol=1e-9, atol=1e-9 * np.abs(rows).max())
 
 
 # ---------------------------------------------------------------- energy

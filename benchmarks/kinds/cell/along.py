@@ -1,4 +1,4 @@
-"""Section 4.1 of the paper read pose by pose: k iterations at each pose of the line, each from the pose before."""
+"""The paper's section 4.1 read pose by pose: k iterations at each pose of the line, from the pose before, and a motion."""
 
 from __future__ import annotations
 

@@ -71,12 +71,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     NoSolution
         No limit bounds a joint that moves.
     """
-    along = _along(joint_path, limits)
-    m = along.s.size
-    top, motion, share = np.empty(m), np.empty((4, m)), np.empty(m)
-    _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE, top)
-    _sweep.swept(along, top, SWEEP_ROUNDS, SWEEP_EXCESS, motion)
-    t = motion[0]
+    along, motion = sweep(joint_path, limits)
+    t, share = motion[0], np.empty(along.s.size)
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
     least = min(briefest(jerk), t[-1] / FEWEST)
     even, per_change = EVEN, PER_CHANGE
@@ -96,6 +92,15 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     when, (s, v, a) = when[kept], found[:, kept]
     units = 2.0 * joint_path.end / when.size, 2.0 * float(t[-1]) / when.size  # an interval is about half of either
     return numbers(joint_path, limits, s, v, a, np.diff(when), units, None)
+
+
+def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
+    """The path at places (m,), and the motion (4, m) of `_sweep.swept` along it from rest to rest."""
+    along = _along(joint_path, limits)
+    top, motion = np.empty(along.s.size), np.empty((4, along.s.size))
+    _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE, top)
+    _sweep.swept(along, top, SWEEP_ROUNDS, SWEEP_EXCESS, motion)
+    return along, motion
 
 
 def _with(

@@ -247,7 +247,7 @@ def ramp_ratio(
     return worst
 
 
-def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:
+def ratio_of(what: Table, ramp: Ramp, count: int = 24, most: float = np.inf) -> float:
     """Factor by which a ramp must be slowed to keep the limits.
 
     Parameters
@@ -258,15 +258,17 @@ def ratio_of(what: Table, ramp: Ramp, count: int = 24) -> float:
         The ramp.
     count : int
         Samples of each phase, less one.
+    most : float
+        Factor above which the exact value is not of interest [1].
 
     Returns
     -------
     float
-        The factor [1].
+        The factor [1]; infinite where it is above `most`.
     """
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     shape = (duration, peak, ramp.rise, ramp.fall)
-    return float(ramp_ratio(what, ramp.s0, ramp.v0, shape, count, np.inf))
+    return float(ramp_ratio(what, ramp.s0, ramp.v0, shape, count, most))
 
 
 def phases_of(ramp: Ramp) -> Array:

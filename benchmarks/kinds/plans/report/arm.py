@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.plans.report.look import line_plans
-from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.kinds.plans.report.look import law_control, line_plans
+from benchmarks.report.board import Board, Json, Key, Plot
 from benchmarks.report.figures import GRID_COLOUR, HOVER, MUTED_COLOUR, lean, line_3d
 from benchmarks.report.run import Run
 from optik.types import Array
@@ -64,7 +64,7 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
     )  # fmt: skip
     up = _words(-robot.gravity)
     board = Board(
-        "arm-board", (_straight(start, goal, line.block.samples), plot), (Control.of("law", "Time law", laws),), legend,
+        "arm-board", (_straight(start, goal, line.block.samples), plot), (law_control(laws),), legend,
         f"Fig. 5: the line with its {line.block.samples} samples; Fig. 6: the arm along it. "
         f"Base frame, equal scales for the arm, {up} up (against the robot's gravity). Points are the origins of the joint "
         "frames and the tool. Played at half the real speed. Drag to turn.",

@@ -286,13 +286,11 @@ def _limit_words(limits: dict[str, Any]) -> str:
         if not isinstance(limits.get(field), list):
             continue
         given = limits[field]
-        sides = zip(*given, strict=True) if isinstance(given[0], list) else ((None, v) for v in given)
-        values = list(dict.fromkeys(sides))
+        values = list(zip(*given, strict=True)) if isinstance(given[0], list) else [(None, v) for v in given]
+        same = len(set(values)) == 1
         text = ", ".join(
-            "free" if high is None else f"{high:g}" if low is None else f"{low:g} to {high:g}" for low, high in values
+            "free" if high is None else f"{high:g}" if low is None else f"{low:g} to {high:g}"
+            for low, high in values[: 1 if same else None]
         )
-        words.append(
-            f"{field.replace('_', ' ')} {text} {unit}"
-            + (" on every joint" if len(values) == 1 else " (joint by joint, repeats left out)")
-        )
+        words.append(f"{field.replace('_', ' ')} {text} {unit}" + (" on every joint" if same else " (joint by joint)"))
     return "; ".join(words)

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from benchmarks.kinds.plans.rows import LinePlans
+from benchmarks.report.board import Control
 from benchmarks.report.run import Run
+
+DEFAULT_LAW = "optimal"
+"""The law with which a control opens: the default of `planners.plan`."""
+
+
+def law_control(laws: Sequence[str], *more: str) -> Control:
+    """Return the control of laws, which opens on the default law where the run has it."""
+    return Control.of("law", "Time law", (*laws, *more), DEFAULT_LAW if DEFAULT_LAW in laws else "")
 
 
 def line_plans(run: Run) -> LinePlans | None:

@@ -10,7 +10,7 @@ import polars as pl
 
 from benchmarks.kinds._active import ACTIVE, active_plot, limit_colour
 from benchmarks.kinds.plans.report.laws import worst
-from benchmarks.kinds.plans.report.look import line_plans
+from benchmarks.kinds.plans.report.look import law_control, line_plans
 from benchmarks.kinds.plans.rows import LinePlans
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, MUTED_COLOUR, NOISE, axis, colour, lean, line, log_axis
@@ -94,7 +94,7 @@ def _active_board(found: LinePlans) -> Board:
     used = [name for name in ALL_LIMITS if name in set(near["limit"])]
     return Board(
         "active-board", (active_plot("motion-active", near, laws, 1e3, "mm"),),
-        (Control.of("law", "Time law", laws),) if laws[1:] else (),
+        (law_control(laws),) if laws[1:] else (),
         tuple(Key(name.replace("_", " "), limit_colour(name)) for name in used),
         f"Where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, or beyond it, from the certificate.",
     )  # fmt: skip
@@ -150,7 +150,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
         _time_ranges(plot, rows, laws)
         plots.append(plot)
     controls = (
-        Control.of("law", "Time law", (*laws, ALL_LAWS)),
+        law_control(laws, ALL_LAWS),
         Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
         Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
         Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),

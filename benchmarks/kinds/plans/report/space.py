@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.plans.report.look import line_plans
+from benchmarks.kinds.plans.report.look import law_control, line_plans
 from benchmarks.kinds.plans.run import NEAREST
-from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.board import Board, Json, Key, Plot
 from benchmarks.report.figures import (
     BAND_COLOUR,
     GRID_COLOUR,
@@ -116,7 +116,7 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
         Key("contact" if not margin else "nearer to the scene than the margin", BAND_COLOUR, "fill"),
     ]  # fmt: skip
     return Board(
-        "clearance-time-board", (plot,), (Control.of("law", "Time law", laws),) if laws[1:] else (), tuple(legend),
+        "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (), tuple(legend),
         "Least distance of the examined pairs at instants, for the shapes of arm and scene; the certificate's bound "
         "holds for every instant.",
     )  # fmt: skip
@@ -160,7 +160,7 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
         Key("the nearest pair and its nearest points", MARK_COLOUR),
     )  # fmt: skip
     return Board(
-        "clearance-space-board", (plot,), (Control.of("law", "Time law", laws),) if laws[1:] else (), legend,
+        "clearance-space-board", (plot,), (law_control(laws),) if laws[1:] else (), legend,
         "At the instant of the least distance between arm and scene. Base frame, equal scales; capsules by rings and "
         "lengthwise lines. Drag to turn.",
     )  # fmt: skip

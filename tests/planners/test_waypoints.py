@@ -1,0 +1,123 @@
+"""Waypoints from tables of comma-separated values: every accepted header, and errors that name line and column."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners import Polyline
+
+HEAD = "x,y,z\n0,0,0\n"
+
+
+def table(file: Path, columns: dict[str, Array], order: Array, words: str = "") -> Path:
+    """Write columns in an order, with all digits."""
+    names = [list(columns)[i] for i in order]
+    rows = np.stack([columns[name] for name in names], axis=1)
+    text = "\n".join(", ".join(map(repr, map(float, row))) for row in rows)
+    file.write_text(f"{words}{', '.join(names)}\n{text}\n", encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("tables")
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from(["x,y,z", "X_mm,Y_mm,Z_mm"]),
+       st.sampled_from(["", "qx,qy,qz,qw", "Roll,Pitch,Yaw", "roll_deg,pitch_deg,yaw_deg", "i,j,k"]))  # fmt: skip
+def test_every_header_gives_the_poses_that_were_written(
+    folder: Path, seed: int, position: str, orientation: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    p, first = rng.normal(size=(6, 3)), Rotation.random(random_state=rng)
+    turned = first if not orientation else Rotation.from_rotvec(0.5 * rng.normal(size=(6, 3))) * first
+    values = {
+        "": lambda: np.empty((6, 0)), "qx,qy,qz,qw": lambda: turned.as_quat(),
+        "Roll,Pitch,Yaw": lambda: turned.as_euler("ZYX")[:, ::-1],
+        "roll_deg,pitch_deg,yaw_deg": lambda: turned.as_euler("ZYX", degrees=True)[:, ::-1],
+        "i,j,k": lambda: -turned.as_matrix()[:, :, 2],
+    }[orientation]()  # fmt: skip
+    scale = 1e3 if "mm" in position else 1.0
+    names = [*position.split(","), *filter(None, orientation.split(","))]
+    columns = dict(zip(names, np.hstack([scale * p, values]).T, strict=True))
+    words = rng.choice(["", "\ufeff", "# by a scanner\n\n"])
+    file = table(folder / "poses.csv", columns, rng.permutation(len(names)), str(words))
+    found = Polyline.from_csv(file, orientation=first.as_matrix()).waypoints
+    np.testing.assert_allclose(found[:, :3, 3], p, rtol=0.0, atol=1e-14)
+    if orientation == "i,j,k":
+        np.testing.assert_allclose(found[:, :3, 2], turned.as_matrix()[:, :, 2], atol=1e-13)
+        before = np.concatenate([first.as_matrix()[None], found[:-1, :3, :3]])
+        turn = (Rotation.from_matrix(found[:, :3, :3]) * Rotation.from_matrix(before).inv()).magnitude()
+        cosine = (found[:, :3, 2] * before[:, :, 2]).sum(axis=1)  # no rotation about the axis itself
+        np.testing.assert_allclose(np.cos(turn), cosine, atol=1e-12)
+    else:
+        expected = np.broadcast_to(turned.as_matrix(), (6, 3, 3))
+        np.testing.assert_allclose(found[:, :3, :3], expected, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["no line", "header"]),
+        ("0,0,0\n1,0,0\n", ["line 1", "'0,0,0'"]),
+        ("x,y\n0,0\n", ["line 1", "x_mm,y_mm,z_mm"]),
+        ("x;y;z\n0;0;0\n", ["line 1", "'x;y;z'"]),
+        ("x,y,z,feed\n0,0,0,1\n", ["line 1", "'feed'"]),
+        ("x,y,z,rx,ry,rz\n0,0,0,1,0,0\n", ["line 1", "'rx', 'ry', 'rz'"]),
+        ("x,y,z,x_mm,y_mm,z_mm\n", ["line 1"]),
+        ("x,y,z,x\n", ["line 1"]),
+        ("x,y,z,i,j,k,qx,qy,qz,qw\n", ["line 1"]),
+        ("x,y,z,qx,qy,qz\n", ["line 1", "'qx'"]),
+        (HEAD + "1,2\n", ["line 3", "3, one for each column", "2 values"]),
+        (HEAD + "1,2,3,4\n", ["line 3", "4 values"]),
+        (HEAD + "\n# a remark\n1,,3\n", ["line 5, column y", "''"]),
+        (HEAD + "1,2,nan\n", ["line 3, column z", "'nan'"]),
+        (HEAD + "1,2,0x3\n", ["line 3, column z"]),
+        (HEAD, ["1 rows", "at least two"]),
+        (HEAD + "0,0,0\n", ["equal poses"]),
+        ("x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,2\n", ["line 3, columns i,j,k", "length 2"]),
+        ("x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,-1\n", ["line 3, columns i,j,k", "opposite"]),
+        ("x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,0,0,0,0,0,0\n", ["line 3, columns qx,qy,qz,qw", "length 0"]),
+    ],
+)  # fmt: skip
+def test_a_wrong_table_is_refused_with_line_and_column(tmp_path: Path, text: str, words: list[str]) -> None:
+    file = tmp_path / "wrong.csv"
+    file.write_text(text)
+    down = np.diag([1.0, -1.0, -1.0])
+    with pytest.raises(InvalidInput) as info:
+        Polyline.from_csv(file, orientation=down)
+    for word in words:
+        assert word in str(info.value), str(info.value)
+
+
+AXES = "x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,1\n"
+
+
+@pytest.mark.parametrize("orientation", [None, np.eye(4), 2.0 * np.eye(3), "up"])
+@pytest.mark.parametrize("text", [HEAD + "1,0,0\n", AXES])
+def test_a_file_without_a_whole_orientation_needs_one(tmp_path: Path, orientation: Any, text: str) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text(text)
+    with pytest.raises(InvalidInput) as info:
+        Polyline.from_csv(file, orientation=orientation)
+    assert info.value.argument == "orientation"
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"missing\.csv"):
+        Polyline.from_csv(tmp_path / "missing.csv")
+    with pytest.raises(InvalidInput, match="a path of a CSV file"):
+        Polyline.from_csv(3)  # type: ignore[arg-type]
+    (tmp_path / "bytes.csv").write_bytes(b"x,y,z\n\xff")
+    with pytest.raises(InvalidInput, match="UTF-8"):
+        Polyline.from_csv(tmp_path / "bytes.csv")
