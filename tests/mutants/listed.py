@@ -303,6 +303,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
     (
+        "planners/certificate/sampled_jerk.py",
+        "first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])",
+        "first = np.concatenate([np.linspace(0, periods - 2, PERIODS), np.clip(around.ravel(), 0, periods - 1)])",
+    ): "the last period is beside the last knot, and looked at anyway",
+    (
         "planners/timing/_optimal/start.py",
         "kept = np.append(True, farthest[1:] > farthest[:-1])",
         "kept = np.append(False, farthest[1:] > farthest[:-1])",
