@@ -303,6 +303,16 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
     (
+        "optik/arm/shapes/enclosure.py",
+        "while len(parts) < most:",
+        "while len(parts) <= most:",
+    ): "a cut into one part gains nothing, and is not made",
+    (
+        "optik/arm/shapes/excess.py",
+        "extent = 0.5 * ds + 0.5 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)",
+        "extent = 0.5 * ds + 5.0 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)",
+    ): "larger extents are divided until they are as small: the same bound from more cells",
+    (
         "planners/certificate/sampled_jerk.py",
         "first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])",
         "first = np.concatenate([np.linspace(0, periods - 2, PERIODS), np.clip(around.ravel(), 0, periods - 1)])",
