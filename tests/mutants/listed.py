@@ -78,7 +78,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/limits/_sides.py": (SIDES,),
     "planners/limits/_segments.py": (SEGMENTS,),
     "planners/certificate/segment_speed.py": (SEGMENTS,),
-    "planners/limits/_motion_limits.py": (LIMITS, "tests/planners/test_plan.py"),
+    "planners/limits/_motion_limits.py": (LIMITS, SEGMENTS, "tests/planners/test_plan.py"),
     "planners/curve.py": (LIMITS, *LAWS[::-1]),
     "planners/fit.py": (LIMITS, *LAWS[::-1]),
     "planners/certificate/bounds.py": CERTIFICATE,
@@ -302,6 +302,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))",
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
+    (
+        "planners/limits/_sides.py",
+        "return isinstance(first, Real) and bool(first < 0.0)",
+        "return isinstance(first, Real) and bool(first <= 0.0)",
+    ): "a bound of 0 is refused either way",
     (
         "optik/arm/shapes/enclosure.py",
         "while len(parts) < most:",
