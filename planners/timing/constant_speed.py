@@ -28,7 +28,6 @@ from planners.timing._sectional.ramps import (
     parts,
     phases_of,
     ratio_of,
-    states,
     worst,
 )
 from planners.timing.base import TimeLaw, refit, speed_bound
@@ -126,12 +125,13 @@ class ConstantSpeed(TimeLaw):
         if self.speed > greatest:
             found, in_ramp = _worst(joint_path, limits, distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
+            longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
             raise NoSolution(
                 f"a tool speed of {self.speed:.6g} is {self.speed / greatest:.6g} times too fast: the limit on {found.limit} "
                 f"is exceeded at s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}",
                 s=found.s, joint=found.joint,
-                advice=f"a speed of at most {_down(greatest):.6g}; or timing='optimal' with {turns}_speed={self.speed:.6g}, "
-                "which slows at corners only",
+                advice=f"a speed of at most {_down(greatest):.6g}; {longer}or timing='optimal' with "
+                f"{turns}_speed={self.speed:.6g}, which slows at corners only",
             )  # fmt: skip
         return fastest.slowed(greatest / self.speed)
 
@@ -372,8 +372,10 @@ def _worst(
     found = _judged(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
     in_ramp = False
     for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
-        x, *rates = states(law_of([ramp], [phases_of(ramp)]), 200)
-        near = np.searchsorted(0.5 * (what.s[1:] + what.s[:-1]), x)
+        law = law_of([ramp], [phases_of(ramp)])
+        near = np.arange(np.searchsorted(what.s, ramp.s0), np.searchsorted(what.s, ramp.s1))
+        t = passed_at(law, what.s[near], float(law.x[-1]))
+        rates = [law(t, order) for order in (1, 2, 3)]
         other = _judged(joint_path, limits, distance, near, rates)
         if other.factor > found.factor:
             found, in_ramp = other, True

@@ -91,3 +91,16 @@ def test_a_speed_is_chosen_only_where_it_is_no_crawl_beside_a_sweep() -> None:
     optimal = plan(ROBOT, path, START, limits=LIMITS)
     assert quick == pytest.approx(optimal.trajectory.duration, rel=0.5)
     assert plan(ROBOT, seam(zigzag(30, 90.0, 1e-3)), START, timing="constant_speed", limits=LIMITS)
+
+
+def test_a_refusal_by_a_ramp_says_so_and_a_longer_ramp_allows_more() -> None:
+    path = seam(np.outer(np.linspace(0.0, 0.01, 20), [0.6, 0.8]))
+    named = []
+    for ramp in (0.25, 0.5):
+        refused = plan(ROBOT, path, START, timing=make_law("constant_speed", speed=1.0, ramp=ramp), limits=LIMITS)
+        assert refused.stop is not None and f"in a ramp of {ramp:g} of the distance" in refused.stop.reason
+        assert ("a longer ramp=" in refused.stop.advice) == (ramp < 0.5)
+        named.append(float(refused.stop.advice.removeprefix("a speed of at most ").split(";")[0]))
+        law = make_law("constant_speed", speed=0.95 * named[-1], ramp=ramp)
+        assert plan(ROBOT, path, START, timing=law, limits=LIMITS)
+    assert named[1] > 1.3 * named[0]
