@@ -303,6 +303,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
     (
+        "planners/timing/_optimal/limited.py",
+        "nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))",
+        "nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 3))",
+    ): "columns of no rows",
+    (
         "planners/limits/_sides.py",
         "return isinstance(first, Real) and bool(first < 0.0)",
         "return isinstance(first, Real) and bool(first <= 0.0)",
