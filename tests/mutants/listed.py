@@ -78,7 +78,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/limits/_sides.py": (SIDES,),
     "planners/limits/_segments.py": (SEGMENTS,),
     "planners/certificate/segment_speed.py": (SEGMENTS,),
-    "planners/limits/_motion_limits.py": (LIMITS, "tests/planners/test_plan.py"),
+    "planners/limits/_motion_limits.py": (LIMITS, SEGMENTS, "tests/planners/test_plan.py"),
     "planners/curve.py": (LIMITS, *LAWS[::-1]),
     "planners/fit.py": (LIMITS, *LAWS[::-1]),
     "planners/certificate/bounds.py": CERTIFICATE,
@@ -302,6 +302,31 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))",
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
     ): "a row of times that nothing reads",
+    (
+        "planners/timing/_optimal/limited.py",
+        "nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))",
+        "nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 3))",
+    ): "columns of no rows",
+    (
+        "planners/limits/_sides.py",
+        "return isinstance(first, Real) and bool(first < 0.0)",
+        "return isinstance(first, Real) and bool(first <= 0.0)",
+    ): "a bound of 0 is refused either way",
+    (
+        "optik/arm/shapes/enclosure.py",
+        "while len(parts) < most:",
+        "while len(parts) <= most:",
+    ): "a cut into one part gains nothing, and is not made",
+    (
+        "optik/arm/shapes/excess.py",
+        "extent = 0.5 * ds + 0.5 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)",
+        "extent = 0.5 * ds + 5.0 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)",
+    ): "larger extents are divided until they are as small: the same bound from more cells",
+    (
+        "planners/certificate/sampled_jerk.py",
+        "first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])",
+        "first = np.concatenate([np.linspace(0, periods - 2, PERIODS), np.clip(around.ravel(), 0, periods - 1)])",
+    ): "the last period is beside the last knot, and looked at anyway",
     (
         "planners/timing/_optimal/start.py",
         "kept = np.append(True, farthest[1:] > farthest[:-1])",

@@ -10,7 +10,7 @@ import pytest
 import optik
 from optik.arm.inertia import Inertia
 from optik.errors import InvalidInput, MissingDependency, RobotModelError
-from planners.cell._masses import with_masses
+from planners.cell._masses import ROD_DENSITY, _rod, with_masses
 from planners.cell.mjcf import mujoco_model, to_mjcf
 from tests.robots import each_robot
 
@@ -150,6 +150,21 @@ def test_capsules_are_drawn_and_touch_nothing():
     assert model.ngeom == robot.shapes.m
     assert not model.geom_contype.any() and not model.geom_conaffinity.any()
     assert np.isclose(mujoco.mj_getTotalmass(model), robot.inertia.mass.sum(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_assumed_rod_has_the_moments_of_its_discs(seed):
+    rng = np.random.default_rng(seed)
+    end, thickness = rng.normal(size=3) * (0.01, 1.0)[seed % 2], rng.uniform(0.05, 0.2)
+    length = np.linalg.norm(end)
+    mass, com, tensor = _rod(end, float(length), thickness)
+    long, radius = max(length, thickness), 0.5 * thickness
+    z = np.linspace(-0.5 * long, 0.5 * long, 20_001)
+    across = np.trapezoid(0.25 * radius**2 + z**2, z) * ROD_DENSITY * np.pi * radius**2
+    assert mass == pytest.approx(ROD_DENSITY * np.pi * radius**2 * long, rel=1e-12)
+    np.testing.assert_allclose(com, 0.5 * end)
+    assert end @ tensor @ end / length**2 == pytest.approx(0.5 * mass * radius**2, rel=1e-9)
+    assert np.trace(tensor) == pytest.approx(2.0 * across + 0.5 * mass * radius**2, rel=1e-6)
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.3])

@@ -79,6 +79,13 @@ def test_a_corner_has_the_lesser_limit_of_both_its_segments() -> None:
     assert default_line().least_on_pieces(np.array([0.4])).tolist() == [0.4]
 
 
+@pytest.mark.parametrize("speeds", [SPEEDS, (0.1, 0.1, 0.3), (0.2, 0.2, 0.2), 0.3])
+def test_the_speed_changes_at_the_breaks_at_which_its_limits_differ(speeds: tuple[float, ...] | float) -> None:
+    least = bent().least_on_pieces(np.broadcast_to(speeds, 3).astype(float))
+    expected = bent().breaks[1:-1][np.diff(least) != 0.0]
+    assert limits(speeds).tool_changes(bent()).tolist() == expected.tolist()
+
+
 def test_rows_have_the_limit_of_their_place_and_at_a_break_the_lesser() -> None:
     path, joints = bent(), along_bent()
     rows = limits().rows("tool_speed", PathPoints(joints, path.breaks))[:, 0, 0]
