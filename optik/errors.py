@@ -6,9 +6,18 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+LONGEST_MESSAGE = 2000
+"""Longest text of an error: a longer one, such as a name of a million letters in a file, is shortened in its middle."""
+
 
 class OptikError(Exception):
     """Base class of all errors raised by optik, planners and benchmarks."""
+
+    def __init__(self, message: str = "") -> None:
+        if len(message) > LONGEST_MESSAGE:
+            half = LONGEST_MESSAGE // 2 - 20
+            message = f"{message[:half]} ... {len(message) - 2 * half:,} letters ... {message[-half:]}"
+        super().__init__(message)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The constructors take data, not a message: rebuild from the finished state instead.

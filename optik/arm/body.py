@@ -26,6 +26,9 @@ TENSOR_ROUNDING = 1e-6
 """Asymmetry of an inertia tensor, and negative part of its smallest moment, relative to its largest entry [1]: what
 products that were rounded to seven digits leave."""
 
+NO_INERTIA = 1e-15
+"""Entries of an inertia tensor that count as 0 [kg·m²]: a milligram at a millimetre has a thousand times more."""
+
 Body = tuple[float, Array, Array]
 """A rigid body: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the axes of one frame."""
 
@@ -118,7 +121,9 @@ def checked_body(body: Body, where: str) -> Body:
 def _checked_tensor(mass: float, tensor: Array, where: str) -> Array:
     """Return an inertia tensor that a body of this mass can have, exactly symmetric."""
     argument, scale = f"inertia of {where}", float(np.abs(tensor).max())
-    if mass == 0.0 and scale > 0.0:
+    if scale < NO_INERTIA:
+        return np.zeros((3, 3))
+    if mass == 0.0:
         raise InvalidInput(argument, f"up to {scale:.3g} kg·m² with a mass of 0", "0 for a link without mass")
     if np.abs(tensor - tensor.T).max() > TENSOR_ROUNDING * scale:
         raise InvalidInput(argument, "a tensor that is not symmetric", "xy = yx, xz = zx and yz = zy")

@@ -21,6 +21,10 @@ LIMIT_TOLERANCE = 1e-9
 """Numerical slack on position limits [rad or m]: rounding in a solver's result is no limit violation."""
 
 
+LARGEST_LIMIT = 1e5
+"""Largest finite position limit [rad, m]: sines are exact to the last bits up to there, and no arm turns or slides so far."""
+
+
 def frozen(value: ArrayLike, argument: str) -> Array:
     """Return a read-only copy as float64.
 
@@ -90,6 +94,14 @@ class JointLimits:
             i = int(np.argmax(lower > upper))
             raise InvalidInput(
                 "limits", f"lower {lower[i]:.6g} above upper {upper[i]:.6g} at joint {i + 1}", "lower ≤ upper"
+            )
+        far = np.isfinite(lower) & (lower < -LARGEST_LIMIT) | np.isfinite(upper) & (upper > LARGEST_LIMIT)
+        if far.any():
+            i = int(np.argmax(far))
+            raise InvalidInput(
+                "limits",
+                f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}",
+                f"at most {LARGEST_LIMIT:g} rad or m; infinity where a joint is free (type continuous in a URDF)",
             )
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)

@@ -37,7 +37,7 @@ def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None
     RobotModelError
         A number that is none, or masses that no body has; the link is named.
     """
-    chain = [joint for joint, _T in placed]
+    chain = {joint.child for joint, _T in placed}
     groups: list[list[Body]] = []
     for joint, T in placed:
         if joint.kind != "fixed":
@@ -48,12 +48,16 @@ def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None
     if not any(body[0] for group in groups for body in group):
         return None
     mass, com, tensor = (np.array(part) for part in zip(*map(joined, groups), strict=True))
-    moving = [joint for joint in chain if joint.kind != "fixed"]
+    moving = [joint for joint, _T in placed if joint.kind != "fixed"]
     motor, viscous, coulomb = (_dynamics(tree.name, moving, name) for name in ("armature", "damping", "friction"))
     try:
         return Inertia(mass, com, tensor, motor, viscous, coulomb, f"URDF {tree.name!r}")
     except InvalidInput as error:  # of the links together: each of them was checked
         raise RobotModelError(tree.name, str(error)) from None
+
+
+INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
+"""Texts of an infinite number, in small letters."""
 
 
 def read_torques(robot: str, joints: list[Joint]) -> Array | None:
@@ -69,15 +73,23 @@ def read_torques(robot: str, joints: list[Joint]) -> Array | None:
     Returns
     -------
     (n,) array or None
-        Limits [N·m, N], infinite where the file has none or 0; None where all are unknown.
+        Limits [N·m, N], infinite where the file has none, 0 or inf; None where all are.
 
     Raises
     ------
     RobotModelError
         An effort that is negative or no number.
     """
-    efforts = np.array([_positive(robot, joint, "limit", "effort") for joint in joints])
-    return np.where(efforts > 0.0, efforts, np.inf) if efforts.any() else None
+    efforts = np.array([_effort(robot, joint) for joint in joints])
+    return efforts if np.isfinite(efforts).any() else None
+
+
+def _effort(robot: str, joint: Joint) -> float:
+    """Torque limit of a joint; infinite if the file has none, 0 or inf."""
+    element = joint.element.get("limit")
+    if element is not None and element.get("effort", "").strip().lower() in INFINITE_TEXTS:
+        return np.inf
+    return _positive(robot, joint, "limit", "effort") or np.inf
 
 
 def _dynamics(robot: str, joints: list[Joint], name: str) -> Array:

@@ -98,15 +98,15 @@ class Tree:
         """
         return list(self.links[link].findall(self.prefix + tag))
 
-    def carried(self, link: str, chain: list[Joint]) -> Iterator[tuple[str, Array]]:
+    def carried(self, link: str, chain: set[str]) -> Iterator[tuple[str, Array]]:
         """Links that move with a link of a chain: itself, and what hangs on it beside the chain, whose joints stand at 0.
 
         Parameters
         ----------
         link : str
             The link of the chain.
-        chain : list of Joint
-            Joints that are not followed.
+        chain : set of str
+            Links of the chain: joints to them are not followed.
 
         Yields
         ------
@@ -115,13 +115,12 @@ class Tree:
         pose : (4, 4) array
             Pose of its frame in that of the first link [1, m].
         """
-        left = {joint.child for joint in chain}
         todo = [(link, np.eye(4))]
         while todo:
             name, T = todo.pop()
             yield name, T
             for child in self.below.get(name, ()):
-                if child not in left:
+                if child not in chain:
                     todo.append((child, T @ joint_origin(self.name, self.above[child])))
 
 

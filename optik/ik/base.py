@@ -244,12 +244,12 @@ class IKSolver(ABC):
         """Attempts from the start and then from others, each judged, until one succeeds or none is left."""
         end = None if self.time_limit is None else time.perf_counter() + self.time_limit
         out = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
-        best, iterations = None, 0
+        best, outcome, iterations = None, None, 0
         for restart in range(1 if out >= 0.0 else self.max_restarts + 1):
             left = None if end is None else end - time.perf_counter()
             if restart and left is not None and left <= 0.0 and best is not None:
                 return best._replace(status=IKStatus.TIME_LIMIT)
-            outcome = self._attempt(restart, target, q0, trace, left)
+            outcome = self._attempt(restart, target, q0, trace, left, outcome)
             iterations += outcome.iterations
             result = self._judge(outcome, target)
             if result and restart == 0:
@@ -262,8 +262,10 @@ class IKSolver(ABC):
         assert best is not None  # the loop runs at least once
         return self._proved(best, target) if out >= 0.0 and not best else best
 
-    def _attempt(self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Attempt from the given start, then from others."""
+    def _attempt(
+        self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None, last: Attempt | None
+    ) -> Attempt:  # fmt: skip
+        """Attempt from the given start, then from others; `last` is the attempt before."""
         start = q0 if restart == 0 else restart_configuration(self.robot, target, q0, restart)
         return self.attempt(target, start, trace, seconds)
 

@@ -154,7 +154,7 @@ class ClosedForm(IKSolver):
         target = self.robot.fk(q)
         self.attempt(target, q, False, None)
         self._enumerate(target, q, False)
-        branches.slide(self.robot, target, q, q)
+        branches.slide(self.robot, target, q, q, self._tight)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -229,7 +229,7 @@ class ClosedForm(IKSolver):
         if 0 < count < MOST_ROOTS and not doubt:
             candidates = np.vstack([candidates, start, *self._beside(target, 2)])
             count, solved, doubt = roots_of.regular_answer(*problem, candidates, start, q)
-        if count == 0 or doubt:
+        if count == 0 or doubt or (count < MOST_ROOTS and not solved):
             return self._nearest(target, start, self._all(target, start, candidates, few=True))
         status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
         return Attempt(q, status, 0, None, f"{self._label}: {count} branches, limits aside")
@@ -259,11 +259,13 @@ class ClosedForm(IKSolver):
         except Refused:
             return none
 
-    def _distinct(self, target: Array, candidates: Array) -> tuple[Array, Flags]:
+    def _distinct(
+        self, target: Array, candidates: Array, tolerances: tuple[tuple[float, float], ...] = ()
+    ) -> tuple[Array, Flags]:
         """Roots (k, n) among candidates (m, n), each once, and which of them are singular."""
         # where none meets the target to rounding (a target just out of reach), those within the tolerance
         roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
-        for errors in (self._tight, self._errors):
+        for errors in tolerances or (self._tight, self._errors):
             count = roots_of.distinct(self._chain, self._free, target, errors, candidates, roots, singular)
             if count:
                 break
@@ -294,15 +296,20 @@ class ClosedForm(IKSolver):
         """Find all roots and branches of a target: by the closed form, beside the target, and by search; or a few branches."""
         roots, singular = self._distinct(target, candidates)
         told, exact = [self._label], self._closed is not None and not self._redundant
-        trusted = exact and bool(len(roots) and not singular.any())
+        trusted, (wide, flat) = exact and bool(len(roots) and not singular.any()), (roots, singular)
         if exact and (len(roots) < MOST_ROOTS or singular.any()):
             beside = self._beside(target, len(self._nudges))
             roots, singular = self._distinct(target, np.vstack([roots, *beside]))
             if len(roots):
                 roots, singular = self._distinct(target, np.vstack([roots, near]))
-            trusted = trusted and not singular.any()
+            # almost at a singularity a closed form may be off by more than rounding, within the tolerance nevertheless
+            wide, flat = self._distinct(target, np.vstack([roots, candidates]), (self._errors,))
+            trusted = trusted and not (singular.any() or flat.any())
             told += [] if trusted else ["asked beside the target too"]
-        rows, free = self._expand(target, near, roots, singular, few)
+        rows, free = self._expand(target, near, roots, singular, few, self._tight)
+        if exact and not (trusted or len(rows)):
+            rows, free = self._expand(target, near, wide, flat, few, self._errors)
+            roots = roots if len(roots) else wide
         steps, searched = 0, trusted or self._out_of_reach(target)
         for clamped in () if searched else (False, True):
             enough = self._closed is not None or (few if self._redundant else clamped)
@@ -312,7 +319,7 @@ class ClosedForm(IKSolver):
             steps += taken
             told += [ENUMERATION] if ENUMERATION not in told else []
             roots, singular = self._distinct(target, np.vstack([roots, more]))
-            rows, free = self._expand(target, near, roots, singular, few)
+            rows, free = self._expand(target, near, roots, singular, few, self._tight)
         if self._redundant:
             told.append("samples of infinitely many")
         elif free.any():
@@ -322,16 +329,19 @@ class ClosedForm(IKSolver):
         return _Found(roots, rows, free, backend, trusted and not self._too_many, steps, message)
 
     def _expand(
-        self, target: Array, near: Array, roots: Array, singular: Flags, few: bool
+        self, target: Array, near: Array, roots: Array, singular: Flags, few: bool, errors: tuple[float, float]
     ) -> tuple[Array, Flags]:  # fmt: skip
-        """Windings inside the limits of roots (k, n), a few or all: branches (m, n), and which are points of curves."""
+        """Windings inside the limits of roots (k, n), a few or all: branches (m, n), and which are points of curves.
+
+        `errors` are those within which the points of a curve meet the target.
+        """
         robot, every = self.robot, np.ones(self.robot.n, dtype=np.bool_)
         plain, curved = [np.empty((0, robot.n))], np.empty((0, robot.n))
         for root, lost in zip(roots, singular, strict=True):
             if lost and not self._redundant:
-                moves = branches.goes_on(robot, target, self._free, root)
+                moves = branches.goes_on(robot, target, self._free, root, errors)
                 if moves.any():
-                    more = branches.pieces(robot, target, self._errors, root, moves, near, curved, few)
+                    more = branches.pieces(robot, target, errors, root, moves, near, curved, few)
                     curved = np.vstack([curved, more])
                     continue
             each = 2 if few else branches.MOST_WINDINGS
@@ -340,7 +350,7 @@ class ClosedForm(IKSolver):
         if self._redundant:
             curved, rows = np.vstack([self._nearer(target, near, roots, rows), rows]), rows[:0]
         if few and len(roots) and not len(rows) + len(curved):
-            return self._expand(target, near, roots, singular, False)
+            return self._expand(target, near, roots, singular, False, errors)
         curved = branches.unique(curved)
         return np.vstack([rows, curved]), np.repeat([False, True], [len(rows), len(curved)])
 
@@ -351,7 +361,7 @@ class ClosedForm(IKSolver):
             turned = roots + 2.0 * np.pi * np.round((near - roots) / (2.0 * np.pi)) * ~self.robot.prismatic
             out = np.abs(turned - self.robot.limits.clip(turned)).max(axis=1, initial=0.0)
             tries = turned[out.argsort()[:16]]
-        slid = [branches.slide(self.robot, target, q, near) for q in (near, *tries)]
+        slid = [branches.slide(self.robot, target, q, near, self._tight) for q in (near, *tries)]
         return branches.inside(self.robot, target, self._errors, np.array(slid).reshape(-1, self.robot.n))
 
     def _out_of_reach(self, target: Array) -> bool:

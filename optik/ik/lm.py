@@ -17,7 +17,7 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.ik._lm import kernels
 from optik.ik._lm.general import attempt_task
-from optik.ik._lm.packed import AT_ATTEMPTS, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
+from optik.ik._lm.packed import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
 from optik.ik._preference import Preference
 from optik.ik._problem import check_start
 from optik.ik._status import SOLVED, STATUS_OF_CODE
@@ -102,6 +102,10 @@ class LM(IKSolver):
         self._numbers = np.array(
             [tolerance.position, tolerance.rotation, gain, LEAST_DAMPING, max_iterations, 0, max_restarts + 1, PATIENCE,
              PROGRESS]
+        )  # fmt: skip
+        self._rule = (
+            tolerance.position, tolerance.rotation, float(max_iterations), float(PATIENCE), PROGRESS, self.gain,
+            LEAST_DAMPING, 1.0,
         )  # fmt: skip
         self._n = robot.n
         self._kernel = _single(robot.n)
@@ -189,11 +193,16 @@ class LM(IKSolver):
         position, rotation, _ = self._measure(q, target)
         return result._replace(q=q, position_error=position, rotation_error=rotation)
 
-    def _attempt(self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None) -> Attempt:
+    def _attempt(
+        self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None, last: Attempt | None
+    ) -> Attempt:  # fmt: skip
         if not self.task.is_pose:
-            return super()._attempt(restart, target, q0, trace, seconds)
+            return super()._attempt(restart, target, q0, trace, seconds, last)
         arm, n = self._arm.copy(), self.robot.n
         arm[AT_FIRST], arm[AT_ATTEMPTS] = restart, restart + 1
+        if last is not None:  # a failed attempt ends with the best iterate of all so far
+            position, rotation, _ = self._measure(last.q, target)
+            arm[AT_BEST_E], arm[AT_BEST : AT_BEST + n] = 0.5 * (position**2 + rotation**2), last.q
         out = np.empty(n + (6 * (self.max_iterations + 1) if trace else 0))
         code, iterations, *_ = self._kernel(arm, np.array(target, order="C"), np.array(q0, order="C"), out)
         status = STATUS_OF_CODE[code]
@@ -223,13 +232,13 @@ class LM(IKSolver):
             The last iterate, and how the attempt ended.
         """
         if self.task.is_pose:
-            return self._attempt(0, target, start, trace, seconds)
+            return self._attempt(0, target, start, trace, seconds, None)
         robot, limits = self.robot, self.robot.limits
         # with motion to spare the limits are kept from the start: a free attempt drifts out of them (measured)
         q, errors = limits.clip(start), np.empty((self.max_iterations + 1 if trace else 0, 6))
         iterations, code = attempt_task(
             robot.chain, (limits.lower, limits.upper), (self.task.flags, target),
-            self._numbers, self.task.size < robot.n, q, errors,
+            self._rule, self.task.size < robot.n, q, errors,
         )  # fmt: skip
         status = STATUS_OF_CODE[code]
         return Attempt(q, status, iterations, errors[: iterations + 1] if trace else None, _MESSAGE.get(status, ""))

@@ -524,3 +524,40 @@ def test_a_curve_of_solutions_that_leaves_between_two_lost_directions_is_free(el
         )  # two solutions in one: rounding of 1e-11 in the pose is 4e-6 in q
         assert near.any()
         assert (found.free[near] == (elbow != "stands")).all()
+
+
+def test_a_curve_of_solutions_of_an_arm_with_rounded_numbers_is_no_list_of_isolated_points():
+    """Universal Robots' description rounds half π to nine digits: points of the curve meet the target to 1e-10 only."""
+    robot, rng = optik.load("ur5e"), np.random.default_rng(31)
+    fixed = robot.fixed.copy()
+    for i in range(1, 6):
+        fixed[i] = fixed[i] @ oracles.rot_x(2.05e-10 * rng.choice([-1.0, 1.0]))
+    solver = ClosedForm(Robot("rounded", fixed, robot.prismatic, robot.tool, robot.limits))
+    for wrist in (PI, -PI, 0.0):
+        q = rng.uniform(-3.0, 3.0, 6)
+        q[4] = wrist
+        found = solver.branches(solver.robot.fk(q), q)
+        isolated = np.unique(np.round(turned(found.q[~found.free] + 1e-3), 3), axis=0)
+        assert found.free.any()
+        assert among(q, found.q[found.free], 1e-3)
+        assert len(isolated) <= 8
+
+
+@pytest.mark.parametrize("limit", [1e-6, 1e-7, -1e-7, 1e-8])
+def test_an_almost_straight_wrist_at_a_limit_has_its_branch(limit):
+    """The closed form takes such a wrist for straight: its roots miss the target by more than rounding."""
+    pytest.importorskip("eaik.IK_HP")
+    robot, arm, rng = optik.load("paper6r"), oracles.table("paper6r"), np.random.default_rng(32)
+    lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
+    lower[[1, 2]], upper[[1, 2]], lower[4] = 0.4 * lower[[1, 2]], 0.4 * upper[[1, 2]], limit
+    solver = ClosedForm(Robot("wrist", robot.fixed, robot.prismatic, robot.tool, JointLimits(lower, upper)))
+    for _ in range(20):
+        q = np.where(rng.random(6) < 0.5, np.where(rng.random(6) < 0.5, lower, upper), rng.uniform(lower, upper))
+        q[4] = limit
+        target = oracles.fk(arm, q)
+        found, start = solver.branches(target), rng.uniform(lower, upper)
+        assert len(found.q)
+        assert (
+            np.abs(oracles.error(oracles.fk(arm, found.q), np.broadcast_to(target, (len(found.q), 4, 4)))).max() < 1e-6
+        )
+        assert solver.solve(target, start)

@@ -482,3 +482,31 @@ def test_the_written_arm_is_not_the_read_one_with_another_tool():
     )
     slower = replace(robot.limits, velocity=1.0)
     assert replace(robot, limits=slower).to_urdf() != robot.to_urdf()
+
+
+@pytest.mark.parametrize(
+    "geometry", ['<box size="1 1e300 1"/>', '<sphere radius="1e300"/>', '<cylinder radius="1" length="1e200"/>',
+                 f'<mesh filename="{"a" * 5000}.stl"/>', '<mesh filename="cube.obj" scale="1e300 1 1"/>']
+)  # fmt: skip
+def test_shapes_without_bound_are_refused_by_name(tmp_path, geometry):
+    (tmp_path / "cube.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
+    file = tmp_path / "arm.urdf"
+    rest = f'<link name="end"><collision><geometry>{geometry}</geometry></collision></link>'
+    file.write_text(arm(joint(0), joint(1, child="end"), links=2, rest=rest))
+    with pytest.raises(OptikError, match="end") as caught:
+        Robot.from_urdf(file, shapes=True)
+    assert len(str(caught.value)) < 2100
+
+
+def test_limits_beyond_any_turn_are_refused_and_the_way_out_is_named():
+    for size in ("1e300", "1.1e5"):
+        with pytest.raises(OptikError, match="continuous"):
+            Robot.from_urdf(one(f'<limit lower="-{size}" upper="{size}" velocity="1"/>'))
+    assert Robot.from_urdf(one('<limit lower="-1e5" upper="1e5" velocity="1"/>')).n == 1
+
+
+def test_the_text_of_an_error_is_bounded_and_its_end_is_kept():
+    with pytest.raises(RobotModelError, match=r"does not exist$") as caught:
+        Robot.from_urdf(arm(joint(0, parent="x" * 10**6), links=2))
+    assert len(str(caught.value)) <= 2000
+    assert caught.value.problem.count("x") >= 10**6

@@ -150,3 +150,19 @@ def test_a_negative_effort_is_left_out_with_one_line() -> None:
 def test_a_payload_of_any_mass_is_not_written() -> None:
     with pytest.raises(RobotModelError, match=r"1 to 2 kg.*one mass"):
         optik.load("panda").with_payload((1.0, 2.0)).to_urdf()
+
+
+def test_a_negligible_inertia_drops_no_masses() -> None:
+    """Exporters leave entries of 1e-20 on links without mass, and on one axis of small parts."""
+    for second in ('<mass value="0"/><inertia ixx="1e-20"/>', '<mass value="1e-9"/><inertia ixy="1e-20"/>'):
+        robot = optik.Robot.from_urdf(arm(second=f"<inertial>{second}</inertial>"))
+        assert robot.inertia is not None
+        assert robot.inertia.mass[0] == 2.0
+
+
+@pytest.mark.parametrize("effort", ["inf", "Infinity", "+INF"])
+def test_an_infinite_effort_is_an_unknown_one_and_the_others_are_kept(effort: str) -> None:
+    text = arm().replace('effort="0.0"', f'effort="{effort}"')
+    robot = optik.Robot.from_urdf(text)
+    assert robot.limits.torque is not None
+    assert robot.limits.torque.tolist() == [5.0, np.inf]

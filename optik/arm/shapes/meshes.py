@@ -98,11 +98,14 @@ class MeshFolders:
         candidates = self._in_packages(path) if scheme in ("package", "model") and separator else self._plain(path)
         outside = False
         for root, candidate in candidates:
-            found = candidate.resolve()
-            if not found.is_relative_to(root.resolve()):
-                outside = True
-            elif found.is_file():
-                return found
+            try:
+                found = candidate.resolve()
+                if not found.is_relative_to(root.resolve()):
+                    outside = True
+                elif found.is_file():
+                    return found
+            except (OSError, RuntimeError):  # a name that no file can have, or links in a circle
+                continue
         if outside:
             expected = "a mesh below the folder of the description or below package_dirs"
             raise InvalidInput(what, f"the mesh {name[:120]!r}, which lies elsewhere", expected)

@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.arm.shapes.enclosure import around_cylinder, box_triangles, enclosing, fitted
 from optik.arm.shapes.excess import Capsule
-from optik.arm.shapes.meshes import MeshFolders, read_mesh
+from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh
 from optik.arm.shapes.model import Shapes
 from optik.arm.urdf_tree import Joint, Tree, joint_origin, number, origin_pose, triple
 from optik.errors import RobotModelError
@@ -170,15 +170,23 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
 
     def length(name: str) -> float:
         value = number(tree.name, where, shape.get(name, ""), f"{kind} {name}")
-        if value <= 0.0:
-            raise RobotModelError(tree.name, f"{where}: {kind} {name} {value:.6g}, expected a length above 0")
+        if not 0.0 < value <= FARTHEST_CORNER:
+            expected = f"a length above 0 of at most {FARTHEST_CORNER:g} m"
+            raise RobotModelError(tree.name, f"{where}: {kind} {name} {value:.6g}, expected {expected}")
         return value
+
+    def enclosed(triangles: Array) -> list[Capsule]:
+        farthest = float(np.abs(triangles).max())
+        if not farthest <= FARTHEST_CORNER:
+            problem = f"{where}: the {kind} extends to {farthest:.6g} m, expected at most {FARTHEST_CORNER:g} m"
+            raise RobotModelError(tree.name, problem)
+        return enclosing(triangles)
 
     if kind == "box":
         edges = triple(tree.name, where, shape.get("size", ""), "box size")
         if (edges <= 0.0).any():
             raise RobotModelError(tree.name, f"{where}: box size {edges.tolist()}, expected lengths above 0")
-        return enclosing(box_triangles(edges))
+        return enclosed(box_triangles(edges))
     if kind == "sphere":
         return [Capsule(np.zeros(3), np.zeros(3), length("radius"), 0.0)]
     if kind == "cylinder":
@@ -188,5 +196,6 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         return [Capsule(-end, end, length("radius"), 0.0)]
     if kind == "mesh":
         scale = triple(tree.name, where, shape.get("scale", "1 1 1"), "mesh scale")
-        return enclosing(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
+        with np.errstate(over="ignore"):
+            return enclosed(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
     raise RobotModelError(tree.name, f"{where}: {kind[:40]!r}, expected a box, sphere, cylinder, capsule or mesh")

@@ -24,7 +24,7 @@ from optik.ik._closed.roots import (
     keep_inside,
     refine,
 )
-from optik.ik._null_space import descend
+from optik.ik._null_space import SHARE_OF_TOLERANCE, descend
 from optik.kinematics import Range
 from optik.task import POSE
 from optik.types import Array, Flags
@@ -43,9 +43,6 @@ LOOK_AHEAD = 0.05
 
 LOOKS = 8
 """Directions tried from one lost direction: each is nearer to the curve's than the one before."""
-
-SLIDE_TOLERANCE = (1e-10, 1e-10)
-"""Position and rotation error [m, rad] that a point keeps while it slides along a curve of roots."""
 
 NEAREST_WISH = np.array([1.0, 0.0, 0.0])
 """Weights [1] of the preference that sliding minimises: the distance to the reference alone."""
@@ -165,7 +162,7 @@ def lost_directions(robot: Robot, q: Array) -> Array:
     return out
 
 
-def goes_on(robot: Robot, target: Array, free: Range, q: Array) -> Flags:
+def goes_on(robot: Robot, target: Array, free: Range, q: Array, tolerance: tuple[float, float]) -> Flags:
     """Joints that move along the curve of roots through a configuration; none where it is an isolated root.
 
     Where more than one direction is lost, the curve leaves along some mixture of them: a root met off the direction in
@@ -181,6 +178,9 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array) -> Flags:
         Bounds of the joints, locked ones included.
     q : (n,) array
         Root [rad, m].
+    tolerance : (float, float)
+        Largest position and rotation error of a point of the curve [m, rad]: that of roots, since rounded numbers of an
+        arm or an almost singular configuration leave curves that meet the target only so far.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array) -> Flags:
                 x = ahead.copy()
                 _, position, rotation = refine(robot.chain, free, target, POLISHING_STEPS, x)
                 went = float(np.linalg.norm(x - q))
-                if max(position, rotation) > 1e-11 or not 0.2 * LOOK_AHEAD < went < 5.0 * LOOK_AHEAD:
+                if position > tolerance[0] or rotation > tolerance[1] or not 0.2 * LOOK_AHEAD < went < 5.0 * LOOK_AHEAD:
                     break  # no root, the way back, or another branch
                 if np.linalg.norm(x - ahead) < 0.2 * LOOK_AHEAD:
                     moves |= np.abs(x - q) > 1e-3 * LOOK_AHEAD
@@ -206,7 +206,7 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array) -> Flags:
     return moves
 
 
-def slide(robot: Robot, target: Array, q: Array, reference: Array) -> Array:
+def slide(robot: Robot, target: Array, q: Array, reference: Array, tolerance: tuple[float, float]) -> Array:
     """Bring a configuration inside the limits, and along its curve of roots to where it is nearest to a reference.
 
     Parameters
@@ -219,6 +219,8 @@ def slide(robot: Robot, target: Array, q: Array, reference: Array) -> Array:
         Configuration [rad, m].
     reference : (n,) array
         Configuration to come near to [rad, m].
+    tolerance : (float, float)
+        Position and rotation error that it keeps on the way [m, rad].
 
     Returns
     -------
@@ -227,7 +229,8 @@ def slide(robot: Robot, target: Array, q: Array, reference: Array) -> Array:
     """
     limits, x = (robot.limits.lower, robot.limits.upper), robot.limits.clip(q)
     refine(robot.chain, limits, target, CLAMPED_STEPS, x)
-    descend(robot.chain, limits, (POSE.flags, target), SLIDE_TOLERANCE, (NEAREST_WISH, reference), x)
+    within = tolerance[0] / SHARE_OF_TOLERANCE, tolerance[1] / SHARE_OF_TOLERANCE
+    descend(robot.chain, limits, (POSE.flags, target), within, (NEAREST_WISH, reference), x)
     refine(robot.chain, limits, target, CLAMPED_STEPS, x)
     return x
 
@@ -266,12 +269,11 @@ def pieces(
         The configurations [rad, m].
     """
     each = 2 if few else MOST_WINDINGS
-    tolerance = min(tolerance[0], ROOT_ERROR), min(tolerance[1], ROOT_ERROR)
     starts = windings(robot, q, reference, moves, slack=pi + LIMIT_BAND, each=each)[: FEW_POINTS if few else None]
     still = windings(robot, q, reference, ~moves, each=each)
     found = np.empty((0, robot.n))
     for first, start in enumerate(starts if len(still) else ()):
-        point = slide(robot, target, np.where(moves, start, still[0]), reference)[None]
+        point = slide(robot, target, np.where(moves, start, still[0]), reference, tolerance)[None]
         point = inside(robot, target, tolerance, point)
         if first == 0 and len(point) and is_among(point[0], known):
             break

@@ -7,9 +7,11 @@ from math import floor, pi, sqrt
 import numpy as np
 
 from optik.compiled import compiled
+from optik.ik._bounded import descend_inside
 from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, workspace
-from optik.linear import cholesky_solve, copy_vector, damped_step
+from optik.linear import cholesky_solve, copy_vector
 from optik.newton import GAIN, LEAST_DAMPING
+from optik.task import POSE
 from optik.types import Array, Flags
 
 SAME_ROOT = 1e-5
@@ -21,6 +23,12 @@ LIMIT_BAND = 1e-4
 FLAT_PIVOT = 1e-9
 """A pivot of JᵀJ below this share of its entry (3e-5 of a length) means that the configuration is singular."""
 
+ROOT_ROUNDING, NEAR_ROOT = 1e-14, 1e-12
+"""Position and rotation error [m, rad] to which a root is refined, and with which a candidate is left as it is."""
+
+WHOLE_POSE = POSE.flags
+"""Flags of the task that roots solve."""
+
 POLISHING_STEPS = 40
 """Steps of a candidate onto the target at most: near misses of a closed form take many beside a singularity."""
 
@@ -29,91 +37,18 @@ CLAMPED_STEPS = 20
 
 
 @compiled
-def push(J: Array, e: Array, damping2: float, bounds: Range, q: Array, dq: Array) -> bool:
-    """Damped least-squares step, without the joints that it would push through their bounds.
-
-    Parameters
-    ----------
-    J : (6, n) array
-        Jacobian [m/rad, 1]; columns of joints left out are set to 0.
-    e : (6,) array
-        Error [m, rad].
-    damping2 : float
-        λ² [m², rad²].
-    bounds : Range
-        Bounds of the joints.
-    q : (n,) array
-        Configuration inside them [rad, m].
-    dq : (n,) array
-        The step [rad, m]; overwritten.
-
-    Returns
-    -------
-    bool
-        False where the system is singular.
-    """
-    A, y = np.empty((6, 6)), np.empty(6)
-    n, (low, high) = q.shape[0], bounds
-    for _ in range(n):
-        if not damped_step(J, e, damping2, A, y, dq, 0.0):
-            return False
-        pushed = False
-        for i in range(n):
-            if (dq[i] < 0.0 and q[i] <= low[i]) or (dq[i] > 0.0 and q[i] >= high[i]):
-                dq[i] = 0.0
-                for r in range(6):
-                    pushed = pushed or J[r, i] != 0.0
-                    J[r, i] = 0.0
-        if not pushed:
-            return True
-    return True
-
-
-@compiled
 def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
-    """Damped Gauss–Newton steps onto a target, inside bounds, to rounding or until they make no progress.
+    """Move q (n,) inside bounds onto a target pose, to rounding; a candidate that is there to 1e-12 is not changed.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bounds : Range
-        Bounds of the joints.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    steps : int
-        Most steps.
-    q : (n,) array
-        Initial guess [rad, m]; overwritten by the configuration of least error.
-
-    Returns
-    -------
-    k : int
-        Steps taken.
-    position, rotation : float
-        Errors left, both scalars [m, rad].
+    Returns the number of steps, and the position and rotation errors left [m, rad].
     """
-    n, (low, high) = q.shape[0], bounds
-    (frame, T, J), e, dq, best = workspace(n), np.empty(6), np.empty(n), q.copy()
-    least, position, rotation, stalls, k = np.inf, np.inf, np.inf, 0, 0
-    while True:
-        p2, r2 = error_of_pose(chain, target, q, frame, T, e)
-        size = p2 + r2
-        stalls = 0 if size < 0.5 * least else stalls + 1
-        if size < least:
-            least, position, rotation = size, sqrt(p2), sqrt(r2)
-            copy_vector(q, best)
-        # to 1e-14; a candidate that comes with 1e-12 is not changed
-        if least < 1e-28 or (k == 0 and least < 1e-24) or stalls == 4 or k == steps or not size < np.inf:
-            copy_vector(best, q)
-            return k, position, rotation
-        jacobian_from(chain, frame, T, J)
-        if not push(J, e, 0.5 * GAIN * size + LEAST_DAMPING, bounds, q, dq):
-            copy_vector(best, q)
-            return k, position, rotation
-        for i in range(n):
-            q[i] = min(max(q[i] + dq[i], low[i]), high[i])
-        k += 1
+    frame, T, _ = workspace(q.shape[0])
+    p2, r2 = error_of_pose(chain, target, q, frame, T, np.empty(6))
+    if p2 + r2 < NEAR_ROOT * NEAR_ROOT:
+        return 0, sqrt(p2), sqrt(r2)
+    rule = (ROOT_ROUNDING, ROOT_ROUNDING, float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
+    k, _, p2, r2 = descend_inside(chain, bounds, (WHOLE_POSE.copy(), target), rule, 0, q, np.empty((0, 6)))
+    return k, sqrt(p2), sqrt(r2)
 
 
 @compiled

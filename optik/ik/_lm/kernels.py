@@ -16,6 +16,7 @@ from optik.ik._lm.lanes import (
     ENDING,
     GEOMETRY,
     GOAL,
+    HELD_JOINTS,
     ITERATION,
     LOOK,
     MOVED,
@@ -144,7 +145,7 @@ def note(w: Array, trace: Array) -> None:
         Error twists, six numbers each [m, rad]; overwritten at the lane's iteration.
     """
     face_about(w, 0)
-    if w[ENDING, 0] == 0.0:
+    if w[ENDING, 0] <= 0.0:
         for i in range(6):
             trace[6 * int(w[ITERATION, 0]) + i] = w[e + i, 0]
 
@@ -189,15 +190,16 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
         if answers.trace.shape[0] > 0:
             note(w, answers.trace)
         tick(arm, w)
-        stepping = False
+        stepping, holding = False, False
         for l in range(L):
             if w[LOOK, l] == 0.0 or w[PROBLEM, l] == IDLE:
                 stepping = stepping or w[PROBLEM, l] != IDLE
                 continue
             p = int(w[PROBLEM, l])
-            status = advance(arm, w, n, targets[p], starts[p], l)
+            status = advance(arm, w, g, n, targets[p], starts[p], l)
             if status == STEP:
                 stepping = True
+                holding = holding or w[HELD_JOINTS, l] != 0.0
             elif status != HELD:
                 answer(w, n, answers, l, status)
                 if waiting < N:
@@ -207,7 +209,7 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
                     w[PROBLEM, l] = IDLE
                     busy -= 1
         if stepping:
-            steps(arm, w, g, J, n)
+            steps(arm, w, g, J, n, holding)
 
 
 def single(n: int) -> Any:

@@ -206,7 +206,21 @@ def hold(w: Array, J: Array, n: int) -> None:
 
 
 @inlined
-def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
+def joint_column(arm: Array, w: Array, g: Array, i: int, l: int) -> tuple[float, float, float, float, float, float]:
+    """Return a joint's column (v, ω) of a lane's Jacobian; 0 where the joint is locked."""
+    slides, moves = arm[AT_SLIDES + i], arm[AT_MOVES + i]
+    turns = (1.0 - slides) * moves
+    slides = slides * moves
+    zx, zy, zz = g[Z + 3 * i, l], g[Z + 3 * i + 1, l], g[Z + 3 * i + 2, l]
+    rx, ry, rz = w[P, l] - g[O + 3 * i, l], w[P + 1, l] - g[O + 3 * i + 1, l], w[P + 2, l] - g[O + 3 * i + 2, l]
+    return (
+        turns * (zy * rz - zz * ry) + slides * zx, turns * (zz * rx - zx * rz) + slides * zy,
+        turns * (zx * ry - zy * rx) + slides * zz, turns * zx, turns * zy, turns * zz,
+    )  # fmt: skip
+
+
+@inlined
+def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """Geometric Jacobian of every lane; the columns of locked and held joints are 0.
 
     Parameters
@@ -221,23 +235,15 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
         Jacobians, by columns [m/rad, 1]; overwritten.
     n : int
         Number of joints.
+    holding : bool
+        Whether some lane may hold joints; always so with more than six.
     """
-    L = w.shape[1]
     for i in range(n):
-        # a joint turns the tool, slides it, or is locked and does neither
-        slides, moves = arm[AT_SLIDES + i], arm[AT_MOVES + i]
-        turns = (1.0 - slides) * moves
-        slides = slides * moves
-        for l in range(L):
-            zx, zy, zz = g[Z + 3 * i, l], g[Z + 3 * i + 1, l], g[Z + 3 * i + 2, l]
-            rx, ry, rz = w[P, l] - g[O + 3 * i, l], w[P + 1, l] - g[O + 3 * i + 1, l], w[P + 2, l] - g[O + 3 * i + 2, l]
-            J[6 * i, l] = turns * (zy * rz - zz * ry) + slides * zx
-            J[6 * i + 1, l] = turns * (zz * rx - zx * rz) + slides * zy
-            J[6 * i + 2, l] = turns * (zx * ry - zy * rx) + slides * zz
-            J[6 * i + 3, l] = turns * zx
-            J[6 * i + 4, l] = turns * zy
-            J[6 * i + 5, l] = turns * zz
-    if n > 6:  # with fewer joints none is to spare
+        for l in range(w.shape[1]):
+            (J[6 * i, l], J[6 * i + 1, l], J[6 * i + 2, l], J[6 * i + 3, l], J[6 * i + 4, l], J[6 * i + 5, l]) = (
+                joint_column(arm, w, g, i, l)
+            )
+    if n > 6 or holding:
         hold(w, J, n)
 
 
@@ -378,7 +384,7 @@ def substitute(w: Array, A: Array, J: Array, n: int) -> None:
 
 
 @inlined
-def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
+def steps(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
 
     Parameters
@@ -393,8 +399,10 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int) -> None:
         Jacobians, by columns [m/rad, 1]; overwritten.
     n : int
         Number of joints.
+    holding : bool
+        Whether some lane may hold joints; always so with more than six.
     """
-    jacobians(arm, w, g, J, n)
+    jacobians(arm, w, g, J, n, holding)
     # the geometry is not needed any more: its rows take the matrix
     normal_matrix(arm, w, g, J, n)
     factorise(g)

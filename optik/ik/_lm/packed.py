@@ -26,9 +26,10 @@ AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER,
 COMPARED_SEEDS, SEEDS = 256, 1024
 """Seeds whose poses are compared with the target, and seeds in all."""
 
-AT_SEEDS = 162
-"""Position of the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n): of those anywhere inside the limits,
-then, where joints are to spare, of those with joints at limits."""
+AT_BEST_E, AT_BEST, AT_SEEDS = 162, 163, 175
+"""Position of ½|e|² and configuration of the best iterate of earlier attempts, where AT_FIRST is not the first attempt;
+then of the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n): of those anywhere inside the limits, then,
+where joints are to spare, of those with joints at limits."""
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:
@@ -54,7 +55,8 @@ def pack(robot: Robot, reach: Array, options: Array) -> Array:
     first, tool = robot.fixed[0], robot.tool
     frames = (first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3])
     seeds = (*_seeds(robot, 0), *(_seeds(robot, spare) if spare else ()))
-    parts = (options, reach, *frames, np.array([float(spare)]), joints, *seeds)
+    best = np.full(1 + MOST_JOINTS, np.inf)
+    parts = (options, reach, *frames, np.array([float(spare)]), joints, best, *seeds)
     return np.concatenate([part.ravel() for part in parts])
 
 

@@ -22,6 +22,7 @@ from optik.ik._lm.lanes import (
     BEST_E,
     CLAMPED,
     ENDING,
+    HELD_JOINTS,
     HIGH,
     ITERATION,
     LEAST_E,
@@ -36,7 +37,9 @@ from optik.ik._lm.lanes import (
     E,
     Q,
     S,
+    e,
     face_about,
+    joint_column,
 )  # fmt: skip
 from optik.ik._lm.packed import (
     AT_ATTEMPTS,
@@ -50,10 +53,14 @@ from optik.ik._lm.packed import (
     AT_TOLERANCE_R,
     AT_UPPER,
 )  # fmt: skip
-from optik.ik._lm.starts import begin, put
+from optik.ik._lm.starts import BOUNDED, FREE, begin, put
 from optik.ik._lm.winding import inside_winding
 from optik.ik._status import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED, UNREACHABLE
 from optik.types import Array
+
+BOUNDED_PATIENCE = 2.0
+"""Patience of attempts that hold joints at limits: 95 % of those that succeed need no more, the others end in half the
+iterations."""
 
 STEP, HELD = -1, -2
 """Codes besides those of `IKStatus`: the lane takes a step; it was put elsewhere and must be measured first."""
@@ -206,12 +213,14 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
         if w[CLAMPED, l] != 0.0 or wrap_inside(arm, w, n, start, l):
             return SOLVED
         w[OUTSIDE, l], w[CLAMPED, l], w[LEAST_E, l], w[STALL, l] = 1.0, 1.0, np.inf, 0.0
+        w[ENDING, l] = BOUNDED if w[ATTEMPT, l] >= FREE else 0.0
         for i in range(n):
             put(arm, w, l, i, w[Q + i, l])
         return HELD
     if w[ITERATION, l] >= arm[AT_ITERATIONS]:
         return MAX_ITERATIONS
-    return STALLED if w[STALL, l] >= arm[AT_PATIENCE] or not w[E, l] < np.inf else STEP
+    patience = min(arm[AT_PATIENCE], BOUNDED_PATIENCE) if w[ENDING, l] == BOUNDED else arm[AT_PATIENCE]
+    return STALLED if w[STALL, l] >= patience or not w[E, l] < np.inf else STEP
 
 
 @inlined
@@ -253,7 +262,20 @@ def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: f
 
 
 @inlined
-def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -> int:
+def hold_pushed(arm: Array, w: Array, g: Array, n: int, l: int) -> None:
+    """Hold the joints of a lane that stand at a limit and that Jᵀ e pushes out of it (Bertsekas 1982)."""
+    w[HELD_JOINTS, l] = 0.0
+    for i in range(n):
+        v0, v1, v2, w0, w1, w2 = joint_column(arm, w, g, i, l)
+        down = v0 * w[e, l] + v1 * w[e + 1, l] + v2 * w[e + 2, l]
+        down += w0 * w[e + 3, l] + w1 * w[e + 4, l] + w2 * w[e + 5, l]
+        q = w[Q + i, l]
+        if (down < 0.0 and q <= arm[AT_LOWER + i]) or (down > 0.0 and q >= arm[AT_UPPER + i]):
+            w[HELD_JOINTS, l] += float(1 << i)
+
+
+@inlined
+def advance(arm: Array, w: Array, g: Array, n: int, target: Array, start: Array, l: int) -> int:
     """Decide how a flagged lane goes on.
 
     Parameters
@@ -262,6 +284,8 @@ def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -
         The arm [as `pack` writes it].
     w : (ROWS, L) array
         Lanes [as the rows say]; overwritten.
+    g : (GEOMETRY, L) array
+        Joint origins and axes [m, 1].
     n : int
         Number of joints.
     target : (4, 4) array
@@ -277,12 +301,14 @@ def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -
         STEP, HELD, or the code of its status where the problem is answered.
     """
     face_about(w, l)
-    if w[ENDING, l] != 0.0:
+    if w[ENDING, l] > 0.0:
         return int(w[ENDING, l])
     status = look(arm, w, n, start, l)
     if status == STEP:
         w[ITERATION, l] += 1.0
         w[TOTAL, l] += 1.0
+        if w[ENDING, l] == BOUNDED:
+            hold_pushed(arm, w, g, n, l)
     elif status in (MAX_ITERATIONS, STALLED):
         proved = outside_reach(arm[AT_REACH : AT_REACH + 8], target, arm[AT_TOLERANCE_P], arm[AT_TOLERANCE_R]) >= 0.0
         if next_attempt(arm, w, n, start, l, 0.0 if proved else arm[AT_ATTEMPTS]):

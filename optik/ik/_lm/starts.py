@@ -15,7 +15,9 @@ from optik.ik._lm.lanes import (
     ATTEMPT,
     BEGINS,
     BEST,
+    BEST_E,
     CLAMPED,
+    ENDING,
     GOAL,
     HELD_JOINTS,
     ITERATION,
@@ -26,15 +28,34 @@ from optik.ik._lm.lanes import (
     PICKS,
     STALL,
 )
-from optik.ik._lm.packed import AT_LOWER, AT_MOVES, AT_SEEDS, AT_SPARE, AT_UPPER, COMPARED_SEEDS, SEEDS
+from optik.ik._lm.packed import (
+    AT_BEST,
+    AT_BEST_E,
+    AT_FIRST,
+    AT_LOWER,
+    AT_MOVES,
+    AT_SEEDS,
+    AT_SPARE,
+    AT_UPPER,
+    COMPARED_SEEDS,
+    SEEDS,
+)  # fmt: skip
 from optik.ik._lm.stack import stack
+from optik.ik._lm.winding import WHOLE_TURN
 from optik.types import Array
 
 NEAREST_SEEDS = 16
 """Seeds that are tried in the order of the distance of their poses; the others follow in a fixed order."""
 
 FREE = 9
-"""Attempts before the first that holds joints: with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
+"""Attempts before the first that takes bounded steps: with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
+
+NEAR_BEST = 100
+"""Attempts before the first that starts on the way from the best iterate to a seed. On the panda a tenth of these solve what
+is singular with joints at a limit, where one of a hundred from a seed does; on regular targets they are worse."""
+
+BOUNDED = -1.0
+"""Value of ENDING where a lane keeps the limits and holds the joints that are pushed out of them."""
 
 FROM_START = 7
 """Attempts from the caller's start that hold joints: each leaves out one more of the joints nearest to their limits."""
@@ -68,7 +89,9 @@ def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
 def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
     """Put a lane at the start of its attempt: the caller's configuration, the nearest seeds, then the others in turn.
 
-    Where joints are to spare, later attempts hold some: several from the caller's start, then those from every second seed.
+    Attempt FREE is again from the caller's start. Where joints are to spare, several from there hold some of them, and
+    then every second attempt from a seed. From attempt NEAR_BEST on, two of three others start on the way from the best
+    iterate so far to a seed.
 
     Parameters
     ----------
@@ -83,28 +106,37 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
     l : int
         Lane.
     """
-    attempt = int(w[ATTEMPT, l])
+    attempt, spare = int(w[ATTEMPT, l]), arm[AT_SPARE] != 0.0
+    if attempt > 0 and attempt == int(arm[AT_FIRST]):
+        w[BEST_E, l] = arm[AT_BEST_E]
+        for i in range(n):
+            w[BEST + i, l] = arm[AT_BEST + i]
     w[ITERATION, l], w[LEAST_E, l], w[STALL, l], w[CLAMPED, l] = 0.0, np.inf, 0.0, 0.0
-    w[BEGINS, l], w[HELD_JOINTS, l] = 0.0, 0.0
-    late = attempt - FREE if arm[AT_SPARE] != 0.0 else -1
-    if attempt == 0 or 0 <= late < FROM_START:
+    w[BEGINS, l], w[HELD_JOINTS, l], w[ENDING, l] = 0.0, 0.0, 0.0
+    late, again = attempt - FREE, FROM_START if spare else 1
+    if attempt == 0 or 0 <= late < again:
         for i in range(n):
             put(arm, w, l, i, start[i])
         if attempt == 0:
             for i in range(n):
                 w[BEST + i, l] = w[NEXT + i, l]
-        else:
+        elif spare:
             hold_nearest(arm, w, n, start, late, l)
+        return
+    turn = late - again
+    if late < 0:
+        from_seed(arm, w, n, INSIDE, attempt - 1, 1.0, l)
+    elif spare and turn % 2 == 0:
+        from_seed(arm, w, n, ON_LIMITS, turn // 2, 1.0, l)
     else:
-        turn = late - FROM_START
-        kind = ON_LIMITS if late >= 0 and turn % 2 == 0 else INSIDE
-        k = attempt - 1 if late < 0 else turn // 2
-        from_seed(arm, w, n, kind, k + (FREE - 1 if late >= 0 and kind == INSIDE else 0), l)
+        k = turn // 2 if spare else turn
+        on_the_way = attempt >= NEAR_BEST and w[BEST_E, l] < np.inf
+        from_seed(arm, w, n, INSIDE, k + FREE - 1, 0.5 ** (k % 3) if on_the_way else 1.0, l)
 
 
 @inlined
 def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) -> None:
-    """Hold as many joints as are to spare at the limits that they are nearest to at the start.
+    """Hold as many joints as are to spare at the limits that they are nearest to at the start, relative to their ranges.
 
     Parameters
     ----------
@@ -125,19 +157,21 @@ def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) 
     for k in range(skip + int(arm[AT_SPARE])):
         nearest, least = -1, np.inf
         for i in range(n):
+            width = arm[AT_UPPER + i] - arm[AT_LOWER + i]
             distance = min(start[i] - arm[AT_LOWER + i], arm[AT_UPPER + i] - start[i])
+            distance /= width if width < np.inf else WHOLE_TURN
             if distance < least and arm[AT_MOVES + i] != 0.0 and not seen >> i & 1:
                 nearest, least = i, distance
         if nearest >= 0:
             seen |= 1 << nearest
             if k >= skip:
-                at_lower = start[nearest] - arm[AT_LOWER + nearest] <= least
+                at_lower = start[nearest] - arm[AT_LOWER + nearest] <= arm[AT_UPPER + nearest] - start[nearest]
                 put(arm, w, l, nearest, arm[AT_LOWER + nearest] if at_lower else arm[AT_UPPER + nearest])
                 w[HELD_JOINTS, l] += float(1 << nearest)
 
 
 @inlined
-def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, l: int) -> None:
+def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, way: float, l: int) -> None:
     """Start at a seed, holding the joints that it has at a limit.
 
     Parameters
@@ -152,6 +186,8 @@ def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, l: int) -> None:
         INSIDE or ON_LIMITS.
     k : int
         Which seed of that kind, the nearest first.
+    way : float
+        How far from the best iterate to the seed to start [1].
     l : int
         Lane.
     """
@@ -162,7 +198,7 @@ def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, l: int) -> None:
     row = int(w[PICKS + kind * NEAREST_SEEDS + k, l]) if k < NEAREST_SEEDS else ((k + 1) * 7919) % SEEDS
     for i in range(n):
         q = arm[table + 13 * COMPARED_SEEDS + row * n + i]
-        put(arm, w, l, i, q)
+        put(arm, w, l, i, q if way == 1.0 else w[BEST + i, l] + way * (q - w[BEST + i, l]))
         if kind == ON_LIMITS and arm[AT_MOVES + i] != 0.0 and (q == arm[AT_LOWER + i] or q == arm[AT_UPPER + i]):
             w[HELD_JOINTS, l] += float(1 << i)
 

@@ -1,0 +1,147 @@
+"""Damped Gauss–Newton iteration inside joint limits: a step that solves for the free joints and holds the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.compiled import compiled, inlined
+from optik.ik._status import MAX_ITERATIONS, SOLVED, STALLED
+from optik.kinematics import Chain, Range, workspace
+from optik.linear import cholesky_solve, copy_vector
+from optik.task import Goal, goal_error, goal_jacobian
+from optik.types import Array
+
+Work = tuple[Array, Array, Array, Array]
+"""Scratch of `bounded_step`: matrix (6, 6) [m²], right-hand sides (6,) and (6,) [m, rad], state of each joint (n,) [1]."""
+
+Rule = tuple[float, float, float, float, float, float, float, float]
+"""Settings of `descend_inside`: position and rotation tolerance [m, rad]; iterations; patience and progress, since it
+ends after so many iterations that do not bring ½|e|² below that fraction of its least [1]; gain and least damping of
+λ² = gain · ½|e|² + least damping; and the growth of λ² after a step that does not reduce ½|e|², which is then taken
+back. A growth of 1 accepts every step."""
+
+JOINT_FREE, JOINT_RELEASED, JOINT_LOW, JOINT_HIGH, JOINT_LOCKED = 0.0, 1.0, 2.0, 3.0, 4.0
+"""States of a joint in one step. A joint that comes back to its bound after its release stays there."""
+
+LEAST_PULL = 1e-9
+"""How far a joint must want to leave its bound to be released [rad, m]: smaller values are rounding."""
+
+NO_TRACE = np.empty((0, 6))
+"""Argument `trace` of `descend_inside` where the errors are not kept."""
+
+LEAST_SCALE = 1e-9
+"""Smallest factor on the gain that the growth leads to [1]: a step is then undamped."""
+
+
+@inlined
+def step_workspace(n: int) -> Work:
+    """Allocate the scratch of `bounded_step` for n joints."""
+    return np.empty((6, 6)), np.empty(6), np.empty(6), np.empty(n)
+
+
+@inlined
+def solve_free(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bool:
+    """Solve for the step of the free joints, given that of the others; False where the system is singular."""
+    A, y, r, state = work
+    n = dq.shape[0]
+    for i in range(6):
+        r[i] = e[i]
+        for k in range(n):
+            if state[k] > JOINT_RELEASED:
+                r[i] -= J[i, k] * dq[k]
+        y[i] = r[i]
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(n):
+                if state[k] <= JOINT_RELEASED:
+                    s += J[i, k] * J[j, k]
+            A[i, j] = s
+        A[i, i] += damping2
+    if not cholesky_solve(A, y, 0.0):
+        return False
+    for k in range(n):
+        if state[k] <= JOINT_RELEASED:
+            dq[k] = 0.0
+            for i in range(6):
+                dq[k] += J[i, k] * y[i]
+    return True
+
+
+@compiled
+def bounded_step(J: Array, e: Array, damping2: float, bounds: Range, q: Array, dq: Array, work: Work) -> bool:
+    """Nearly minimise |J Δq − e|² + λ² |Δq|² with q + Δq inside bounds; False where the system is singular.
+
+    Joints that would leave their bounds end on them, and the others are solved again. A joint on its bound that the
+    gradient pulls inside is released, once. So at most three systems are solved for each joint.
+    """
+    (low, high), y, state = bounds, work[1], work[3]
+    n = q.shape[0]
+    for k in range(n):
+        dq[k], state[k] = 0.0, JOINT_FREE if low[k] < high[k] else JOINT_LOCKED
+    while True:
+        if not solve_free(J, e, damping2, dq, work):
+            return False
+        pushed, pulled, most = False, -1, LEAST_PULL
+        for k in range(n):
+            if state[k] <= JOINT_RELEASED and not low[k] <= q[k] + dq[k] <= high[k]:
+                below, again = q[k] + dq[k] < low[k], state[k] == JOINT_RELEASED
+                dq[k] = (low[k] if below else high[k]) - q[k]
+                state[k] = JOINT_LOCKED if again else (JOINT_LOW if below else JOINT_HIGH)
+                pushed = True
+        if pushed:
+            continue
+        for k in range(n):
+            if state[k] == JOINT_LOW or state[k] == JOINT_HIGH:
+                pull = -dq[k]  # over λ²: y is (e − J Δq) / λ²
+                for i in range(6):
+                    pull += J[i, k] * y[i]
+                pull = pull if state[k] == JOINT_LOW else -pull
+                if pull > most:
+                    pulled, most = k, pull
+        if pulled < 0:
+            return True
+        state[pulled] = JOINT_RELEASED
+
+
+@compiled
+def descend_inside(
+    chain: Chain, bounds: Range, goal: Goal, rule: Rule, first: int, q: Array, trace: Array
+) -> tuple[int, int, float, float]:
+    """Iterate from q (n,) inside bounds until the task is met or ½|e|² stops decreasing; q becomes the best iterate.
+
+    `first` is the number of the first iteration. `trace` (iterations + 1, 6) takes the error of each, unless it is empty.
+    Returns the number of the last iteration, SOLVED, MAX_ITERATIONS or STALLED, and the squared errors at q [m², rad²].
+    """
+    tolerance_p, tolerance_r, iterations, patience, progress, gain, damping, growth = rule
+    n, (flags, target), (low, high) = q.shape[0], goal, bounds
+    (frame, T, J), work, best = workspace(n), step_workspace(n), q.copy()
+    e, w, dq = np.empty(6), np.empty(3), np.empty(n)
+    least, best_p2, best_r2, stalls, scale, iteration = np.inf, np.inf, np.inf, 0, 1.0, first
+    while True:
+        p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
+        if trace.shape[0] > 0:
+            copy_vector(e, trace[iteration])
+        if p2 <= tolerance_p * tolerance_p and r2 <= tolerance_r * tolerance_r:
+            return iteration, SOLVED, p2, r2
+        cost = 0.5 * (p2 + r2)
+        stalls = 0 if cost < progress * least else stalls + 1
+        least = cost if stalls == 0 else least
+        better = p2 + r2 < best_p2 + best_r2
+        if better:
+            best_p2, best_r2, scale = p2, r2, max(scale / growth, LEAST_SCALE)
+            copy_vector(q, best)
+        if iteration >= iterations or stalls >= patience or not (better or cost < np.inf):
+            copy_vector(best, q)
+            return iteration, MAX_ITERATIONS if iteration >= iterations else STALLED, best_p2, best_r2
+        if growth > 1.0 and not better:
+            scale *= growth
+            copy_vector(best, q)
+            p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
+            cost = 0.5 * (p2 + r2)
+        goal_jacobian(chain, flags, target, frame, T, w, J)
+        if not bounded_step(J, e, scale * gain * cost + damping, bounds, q, dq, work):
+            copy_vector(best, q)
+            return iteration, STALLED, best_p2, best_r2
+        for k in range(n):
+            q[k] = min(max(q[k] + dq[k], low[k]), high[k])
+        iteration += 1
