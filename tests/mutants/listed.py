@@ -138,7 +138,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/cell/_readings.py": ("tests/planners/test_laser.py", "tests/planners/test_cell.py"),
     "planners/cell/_masses.py": ("tests/planners/test_mjcf.py",),
     "planners/cell/mjcf.py": ("tests/planners/test_mjcf.py",),
-    "planners/cell/drives/_checks.py": DRIVE,
+    "planners/cell/drives/_checks.py": (EDGES, *DRIVE),
     "planners/cell/drives/_stop.py": DRIVE,
     "planners/cell/drives/_servo.py": ("tests/planners/test_mujoco_drive.py",),
 }

@@ -375,6 +375,7 @@ STATED = {
     "planners.certificate.position": {"LIMIT_TOLERANCE": 1e-9},
     "planners.certificate.torque": {"TORQUE_EXCESS": 1e-5, "TORQUE_FLOOR": 1e-2, "STANDSTILL": 1e-9},
     "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
+    "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
     "optik.distance": {"DISTANCE_ROUNDING": 1e-9},
     "optik.scene.model": {"UNIT_NORMAL": 1e-14},
