@@ -54,10 +54,8 @@ def replan(
         By default those of the plan.
     time_limit : float
         Time [s] in which the optimum may improve a stop; 0 returns the sweep's.
-    tolerance : (2,) tuple of float
-        Distance [m] and angle [rad], as in `plan`.
-    rate : float
-        The controller's rate [1/s].
+    tolerance, rate : (2,) tuple of float, and float
+        Distance [m] and angle [rad], and the controller's rate [1/s], as in `plan`.
     scene, margin : Scene and float, optional
         What the arm must not touch, and what all distances must exceed [m]; by default the plan's.
 

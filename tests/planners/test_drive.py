@@ -248,7 +248,7 @@ def test_a_stop_near_the_end_is_the_end_and_says_so() -> None:
 
 def test_a_stop_that_cannot_be_certified_is_not_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     def none(running: Plan, *given: Any, **options: Any) -> Plan:
-        return replan(running, 0.1, stop=True, limits=MotionLimits(1e-3, 1e-3, 1e-3))
+        return replan(running, 0.1, stop=True, tolerance=(1e-15, 1e-15))
 
     monkeypatch.setattr(import_module("planners.cell.drives._stop"), "replan", none)
     execution = IdealDrive(paper6r()).execute(line(), stop=0.1)
@@ -267,7 +267,7 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
     def refuses(*hopeless: MotionLimits) -> Any:
         def other(running: Plan, t: float, **options: Any) -> Plan:
             if options["limits"] in hopeless:
-                options["limits"] = MotionLimits(1e-3, 1e-3, 1e-3)
+                options["tolerance"] = (1e-15, 1e-15)
             return replan(running, t, **options)
 
         return other
