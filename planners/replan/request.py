@@ -88,7 +88,7 @@ def by_law(law: TimeLaw, asked: Asked, joints: JointPath, limits: MotionLimits, 
     if at.s >= joints.end * (1.0 - 1e-9):  # nothing left to plan in
         return None
     try:
-        motion = check_motion(law, law.run_from(joints, limits, at, stop=False), asked.robot)
+        motion = check_motion(law, law.run_from(joints, limits, at), asked.robot)
     except (NoSolution, InvalidInput) as error:
         if isinstance(error, InvalidInput) and law is asked.law:
             raise

@@ -102,8 +102,8 @@ class TimeLaw(ABC):
             No timing exists within the limits.
         """
 
-    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
-        """Time the rest of the joint path from a moving state to its end, or to rest as soon as possible.
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
+        """Time the rest of the joint path from a moving state to its end.
 
         Parameters
         ----------
@@ -113,8 +113,6 @@ class TimeLaw(ABC):
             Limits of the motion.
         state : PathState
             Where the motion starts, and how fast.
-        stop : bool
-            Come to rest as soon as possible instead of at the path's end.
 
         Returns
         -------

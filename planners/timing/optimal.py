@@ -23,7 +23,6 @@ from planners.timing._optimal.derivatives import derivatives, distances
 from planners.timing._optimal.limited import dynamic_excess, torque_excess
 from planners.timing._optimal.newton import Problem
 from planners.timing._optimal.programme import Programme, divided, gentle, programme
-from planners.timing._optimal.restart import LIMIT_ROUNDING, stopping_places, straight_stop
 from planners.timing._optimal.start import briefest, start
 from planners.timing.base import PathState, TimeLaw
 from planners.trajectory import Trajectory
@@ -32,6 +31,8 @@ GAP = 1e-5
 """Optimality gap of the programme, as a share of the duration: far below what a finer grid would gain."""
 TIGHTENINGS = 4
 """Most rounds in which limits are tightened where exact extrema exceed them; a uniform slow-down does the rest."""
+LIMIT_ROUNDING = 5e-13
+"""Excess of a limit that is accepted where nothing is slowed afterwards: half of what a certificate accepts as rounding."""
 FIRST_BARRIER, WARM_BARRIER = 0.01, 5e-4
 """First barrier weights, cold and from a warm start, over the mean duration of intervals."""
 START_ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3), (10.0, 1.7), (1.0, 0.15), (1.0, 3.0))
@@ -131,54 +132,20 @@ class Optimal(TimeLaw):
             s=place, joint=joint, advice="another number of intervals, or another law",
         )  # fmt: skip
 
-    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
-        """Time the rest of the joint path from a moving state to its end, or to rest on it as soon as possible.
-
-        A motion that starts in motion cannot be slowed as a whole, so limits are tightened until they are kept exactly; one
-        that starts at rest is slowed as `run` does it.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            q(s).
-        limits : MotionLimits
-            Which the state itself must keep.
-        state : PathState
-            Where and how fast the motion is.
-        stop : bool
-            Stop on the path: the shortest way to rest of some that are tried, 10 % apart at first, or Ruckig's stop where
-            that is quicker or the only one.
-
-        Returns
-        -------
-        Trajectory
-            From the state to rest.
-
-        Raises
-        ------
-        InvalidInput
-            Velocity, acceleration or jerk limits are missing.
-        NoSolution
-            No motion from that state keeps the limits.
-        """
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
+        """Time the rest of the joint path from a moving state; one that starts at rest is slowed as `run` does it."""
         self.need(limits, joint_path.robot)
-        known = straight_stop(joint_path, limits, state) if stop else None
-        ends = stopping_places(joint_path, limits, state, known) if stop else [joint_path.end]
-        at_rest = state.speed == 0.0 and state.acceleration == 0.0  # then it can be slowed as a whole, as any other
-        for end in ends:
-            problem = programme(joint_path, limits, self.intervals, state, end)
-            close = SLOWDOWN_LOADED if at_rest else 0.0
-            found = None if problem is None else _solved(joint_path, problem, limits, close)
-            if found is not None and at_rest:
-                return fitted(joint_path.robot, found.motion, limits, self.promises(limits), joint_path.path)
-            if found is not None:
-                return found.motion if known is None or found.motion.duration <= known.duration else known
-        if known is not None:
-            return known
+        at_rest = state.speed == 0.0 and state.acceleration == 0.0
+        problem = programme(joint_path, limits, self.intervals, state, joint_path.end)
+        found = None if problem is None else _solved(joint_path, problem, limits, SLOWDOWN_LOADED if at_rest else 0.0)
+        if found is not None and at_rest:
+            return fitted(joint_path.robot, found.motion, limits, self.promises(limits), joint_path.path)
+        if found is not None:
+            return found.motion
         raise NoSolution(
-            f"no motion from this state {'comes to rest' if stop else 'ends at rest'} on the path within the limits",
+            "no motion from this state ends at rest on the path within the limits",
             s=state.s,
-            advice="higher limits" if stop else "stop=True, or higher limits",
+            advice="stop=True, or higher limits",
         )
 
     def run_to(self, joint_path: JointPath, limits: MotionLimits, state: PathState, end: float) -> Trajectory | None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import PPoly
 
-from optik.check import check_number
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import NoSolution
 from optik.types import Array
 from planners.fit import fitted
 from planners.following.follow import JointPath
@@ -16,7 +14,6 @@ from planners.limits import ALL_LIMITS, MotionLimits
 from planners.timing._ruckig import velocity_control
 from planners.timing._sectional.ramps import Ramp, adapted, law_of, phases_of, profile
 from planners.timing._sectional.sections import sections
-from planners.timing._sectional.stop import stop_from
 from planners.timing.base import TimeLaw, refit
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
@@ -67,42 +64,6 @@ class RuckigLaw(TimeLaw):
         return fitted(
             joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits), joint_path.path
         )
-
-    def stop(
-        self, joint_path: JointPath, limits: MotionLimits, s: float, speed: float, acceleration: float = 0.0
-    ) -> PPoly:
-        """Come to rest on the path as soon as possible, from a moving state.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path.
-        limits : MotionLimits
-            Kept from the state on: velocities, accelerations and jerk of the joints, speeds of the tool.
-        s, speed, acceleration : float
-            The state: s [m, or rad], ṡ ≥ 0 and s̈.
-
-        Returns
-        -------
-        scipy.interpolate.PPoly
-            s(t), piecewise cubic from t = 0, at rest at its last knot; the limits were evaluated on it by the chain
-            rule, at 64 instants and more of every piece.
-
-        Raises
-        ------
-        InvalidInput
-            A state off the path, at rest, or running backwards.
-        NoSolution
-            The state itself breaks a limit, the path ends too soon, or a limit would be broken on the way; with s, the
-            joint and what would work.
-        """
-        self.need(limits, joint_path.robot)
-        check_number(s, "s", "a place on the path", least=0.0)
-        if s > joint_path.end:
-            raise InvalidInput("s", s, f"a place on the path, at most {joint_path.end:.9g}")
-        check_number(speed, "speed", "a speed along the path above 0", above=0.0)
-        check_number(acceleration, "acceleration", "a number")
-        return stop_from(joint_path, limits, float(s), float(speed), float(acceleration))
 
 
 def _solved(ramp: Ramp) -> Array:

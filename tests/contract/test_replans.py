@@ -346,8 +346,8 @@ def test_a_faster_law_gains_what_is_left_to_gain() -> None:
 class Unaware(Optimal):
     """A law that knows nothing of the exact state."""
 
-    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState, *, stop: bool) -> Trajectory:
-        return super().run_from(joint_path, limits, state._replace(joints=None), stop=stop)
+    def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
+        return super().run_from(joint_path, limits, state._replace(joints=None))
 
 
 def test_a_law_that_starts_on_the_path_is_begun_at_the_state_too(running: Plan) -> None:

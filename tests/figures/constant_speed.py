@@ -17,7 +17,7 @@ import numpy as np
 
 import optik
 import planners
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.types import Array
 from planners.timing.base import PathState
@@ -141,11 +141,7 @@ def stops(joint_path: Any, limits: planners.MotionLimits, speed: float) -> bool:
     v, v1 = (path.twist(np.array([place]), k)[0, :3] for k in (1, 2))
     c = float(np.linalg.norm(v))
     state = PathState(place, speed / c, -(speed**2) * float(v @ v1) / c**4)
-    try:
-        Optimal().run_from(joint_path, limits, state, stop=True)
-    except NoSolution:
-        return False
-    return True
+    return Optimal().run_to(joint_path, limits, state, joint_path.end) is not None
 
 
 WARM: set[str] = set()

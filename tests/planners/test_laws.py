@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from scipy.interpolate import PPoly, make_interp_spline
 
 import planners.timing._ruckig as ruckig_call
-import planners.timing._sectional.stop as stop_law
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.types import Array
@@ -27,7 +26,6 @@ from planners.timing._sectional.ramps import Ramp, law_of, phases_of, ratio_of, 
 from planners.timing.base import refit
 from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic
-from planners.timing.ruckig import RuckigLaw
 from planners.timing.toppra import Toppra, constant_acceleration
 from tests import oracles
 from tests.oracles import PAPER
@@ -271,90 +269,6 @@ def test_one_bad_point_does_not_pace_the_whole_line() -> None:
     assert duration <= 0.6 * oracles.best_uniform(joint_path, 2.0, 10.0, 100.0)
 
 
-def slow_stop(joint_path: JointPath, law: PPoly, limits: MotionLimits) -> float:
-    """Largest ratio to a joint limit along a stop, one instant after the other."""
-    worst = 0.0
-    for k in range(len(law.x) - 1):
-        for t in np.linspace(law.x[k], law.x[k + 1], 41):
-            _, *values = chain(joint_path, law, t, k)
-            bounds = (limits.velocity, limits.acceleration, limits.jerk)
-            worst = max(worst, *(float(np.abs(x).max()) / b for x, b in zip(values, bounds, strict=True)))
-    return worst
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 3), st.floats(0.0, 0.7), st.floats(0.1, 1.1), st.floats(-0.5, 0.5))
-def test_a_stop_ends_at_rest_on_the_path_within_the_limits_or_says_why_not(
-    which: int, place: float, speed: float, push: float
-) -> None:
-    joint_path = (default_joint_path(), *random_joint_paths(3))[which]
-    law_of = make_law("ruckig")
-    assert isinstance(law_of, RuckigLaw)
-    s = place * joint_path.end
-    greatest = 2.0 / np.abs(joint_path(s, 1)).max()
-    v, a = 0.5 * speed * greatest, push * 10.0 / np.abs(joint_path(s, 1)).max()
-    try:
-        law = law_of.stop(joint_path, LIMITS, s, v, a)
-    except NoSolution as error:
-        assert error.s is not None and 0.0 <= error.s <= joint_path.end
-        assert error.reason and error.advice
-        return
-    T = law.x[-1]
-    np.testing.assert_allclose([law(0.0), law(0.0, 1), law(0.0, 2)], [s, v, a], rtol=1e-12)
-    np.testing.assert_allclose([law(T, 1) / v, law(T, 2) * T / v], 0.0, atol=1e-6)
-    t = np.linspace(0.0, T, 2001)
-    assert law(T) <= joint_path.end
-    assert law(t, 1).min() >= -1e-8 * v
-    assert np.abs(np.diff(law.c[1][1:] - (law.c[1] + 3 * law.c[0] * np.diff(law.x))[:-1])).max(initial=0.0) < 1e-3
-    assert slow_stop(joint_path, law, LIMITS) <= 1.0 + 1e-6
-
-
-def test_a_stop_is_evaluated_and_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def blind(*arguments: Any) -> None:
-        arguments[-1][:] = 0.0
-
-    monkeypatch.setattr(stop_law, "_judge", blind)
-    law_of = make_law("ruckig")
-    assert isinstance(law_of, RuckigLaw)
-    for place in (0.2, 0.5):
-        joint_path = default_joint_path()
-        try:
-            law = law_of.stop(joint_path, LIMITS, place * joint_path.end, 0.1)
-        except NoSolution:
-            continue
-        assert slow_stop(joint_path, law, LIMITS) <= 1.0 + 1e-6
-
-
-def test_a_gentle_stop_is_as_short_as_the_closed_form() -> None:
-    """On a stretch of nearly constant q', from constant speed: the S-curve with the joints' own limits."""
-    law_of, joint_path = make_law("ruckig"), default_joint_path()
-    assert isinstance(law_of, RuckigLaw)
-    s, v = 0.5 * joint_path.end, 0.02
-    steepest = np.abs(joint_path(s, 1)).max()
-    law = law_of.stop(joint_path, LIMITS, s, v)
-    assert law.x[-1] == pytest.approx(2.0 * np.sqrt(v * steepest / 100.0), rel=0.15)
-
-
-def test_stops_that_cannot_be_are_refused_with_the_reason() -> None:
-    law_of, joint_path = make_law("ruckig"), default_joint_path()
-    assert isinstance(law_of, RuckigLaw)
-    end = joint_path.end
-    for argument, state in (
-        ("s", (-0.1, 0.1, 0.0)), ("s", (2 * end, 0.1, 0.0)), ("s", (np.nan, 0.1, 0.0)),
-        ("speed", (0.1, 0.0, 0.0)), ("speed", (0.1, -0.1, 0.0)), ("acceleration", (0.1, 0.1, np.inf)),
-    ):  # fmt: skip
-        with pytest.raises(InvalidInput) as refused:
-            law_of.stop(joint_path, LIMITS, *state)
-        assert refused.value.argument == argument
-    greatest = 2.0 / np.abs(joint_path(0.5 * end, 1)).max()
-    with pytest.raises(NoSolution, match="itself breaks the limit on velocity") as info:
-        law_of.stop(joint_path, LIMITS, 0.5 * end, 1.01 * greatest)
-    joint = int(np.abs(joint_path(0.5 * end, 1)).argmax())
-    assert (info.value.s, info.value.joint) == (0.5 * end, paper6r().joint_names[joint])
-    with pytest.raises(NoSolution, match="of path"):
-        law_of.stop(joint_path, LIMITS, 0.9999 * end, 0.05)
-
-
 @lines
 @limit_sets
 def test_ruckig_on_s_keeps_velocity_acceleration_and_jerk_exactly(joint_path: JointPath, limits: MotionLimits) -> None:
@@ -396,9 +310,6 @@ def test_ruckig_is_never_given_waypoints_and_no_socket_is_opened(monkeypatch: py
     proxy = type("Proxy", (), {"__getattr__": lambda self, name: getattr(real, name), "Ruckig": Watched})()
     monkeypatch.setattr(ruckig_call, "ruckig", proxy)
     make_law("ruckig").run(default_joint_path(), LIMITS)
-    law = make_law("ruckig")
-    assert isinstance(law, RuckigLaw)
-    law.stop(default_joint_path(), LIMITS, 0.02, 0.05)
     assert len(seen) >= 6
     assert all(positions == [] for positions in seen), "intermediate positions are what ruckig sends to a cloud"
 
