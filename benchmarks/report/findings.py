@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from benchmarks.experiments.base import FAILS, HOLDS, PARTLY
+from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, Finding
 from benchmarks.experiments.counterparts import PAPER_TITLE
 from benchmarks.records import slug
 from benchmarks.report.run import Run
@@ -32,7 +32,12 @@ def claims(run: Run) -> dict[str, Any] | None:
     """
     if not run.on_paper:
         return None
-    return {"paper": PAPER_TITLE, "findings": [(f, badge(f.verdict)) for f in run.findings]}
+    return claims_of(run.findings)
+
+
+def claims_of(findings: Sequence[Finding]) -> dict[str, Any]:
+    """Return what the template of claims shows."""
+    return {"paper": PAPER_TITLE, "findings": [(f, badge(f.verdict)) for f in findings]}
 
 
 def badge(verdict: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.limits import JointLimits
+from optik.arm.limits import LARGEST_LIMIT, JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.urdf_masses import read_masses, read_torques
 from optik.arm.urdf_tree import Joint, Tree, joint_origin, listed, number, read_tree, triple
@@ -235,6 +235,8 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
             raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
         lower = number(robot, where, element.get("lower", "0"), "lower limit")
         upper = number(robot, where, element.get("upper", "0"), "upper limit")
+        lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint that is free
+        upper = np.inf if upper > LARGEST_LIMIT else upper
         if lower > upper:
             raise RobotModelError(robot, f"joint {joint.name!r}: lower limit {lower:.6g} above upper {upper:.6g}")
     velocity = 0.0 if element is None else number(robot, where, element.get("velocity", "0"), "velocity limit")

@@ -498,11 +498,15 @@ def test_shapes_without_bound_are_refused_by_name(tmp_path, geometry):
     assert len(str(caught.value)) < 2100
 
 
-def test_limits_beyond_any_turn_are_refused_and_the_way_out_is_named():
-    for size in ("1e300", "1.1e5"):
-        with pytest.raises(OptikError, match="continuous"):
-            Robot.from_urdf(one(f'<limit lower="-{size}" upper="{size}" velocity="1"/>'))
-    assert Robot.from_urdf(one('<limit lower="-1e5" upper="1e5" velocity="1"/>')).n == 1
+def test_limits_beyond_any_turn_make_a_joint_free():
+    """Exporters write 1e16 for a joint without limits."""
+    for size in ("1e300", "1e16", "1.1e5"):
+        robot = Robot.from_urdf(one(f'<limit lower="-{size}" upper="{size}" velocity="1"/>'))
+        assert (robot.limits.lower[0], robot.limits.upper[0]) == (-np.inf, np.inf)
+        assert optik.solve_ik(robot, robot.fk([0.3]), [0.0])
+    assert Robot.from_urdf(one('<limit lower="-1e5" upper="1e5" velocity="1"/>')).limits.upper[0] == 1e5
+    with pytest.raises(OptikError, match="infinity"):
+        JointLimits([-1e300], [1e300])
 
 
 def test_the_text_of_an_error_is_bounded_and_its_end_is_kept():

@@ -111,7 +111,7 @@ def test_the_bell_polynomials_are_those_of_the_textbook() -> None:
 
 def arm_of(fixed: Any, slides: Any, tool: Array) -> Robot:
     n = len(slides)
-    limits = JointLimits(np.full(n, -1e9), np.full(n, 1e9))
+    limits = JointLimits(np.full(n, -1e5), np.full(n, 1e5))
     return Robot("drawn", np.array(fixed), np.array(slides), np.asarray(tool), limits)
 
 

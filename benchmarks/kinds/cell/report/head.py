@@ -15,7 +15,7 @@ from benchmarks.kinds.cell.measures import MEASURES
 from benchmarks.kinds.cell.report.look import cell_blocks, spots_blocks
 from benchmarks.kinds.cell.settings import NOISY, IsoBlock, LawsBlock, Noise
 from benchmarks.kinds.cell.timelaws import OWN_TIME
-from benchmarks.report.findings import badge
+from benchmarks.report.findings import claims_of
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from planners.cell.iso9283 import SIMULATED, PoseFigures
@@ -45,7 +45,7 @@ def claims(run: Run) -> dict[str, Any] | None:
         What the template shows; None where no spot was executed.
     """
     found = [f for b in spots_blocks(run) for f in executed_claims(b.rows)]
-    return {"findings": [(f, badge(f.verdict)) for f in found]} if found else None
+    return claims_of(found) if found else None
 
 
 def noise_words(noise: Noise) -> str:
