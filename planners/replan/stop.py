@@ -17,7 +17,7 @@ from planners.timing._brake import brake, stop_time
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
 
-SHARES = (0.995, 0.96, 0.88)
+SHARES = (0.995, 0.9)
 """Fractions of the limits that a sweep uses, tried in turn: it exceeds them a little between its knots."""
 DELAYS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5, 7.0)
 """Times for which the motion is followed before the arm brakes, where it cannot brake at once: over that of a usual stop."""
@@ -71,11 +71,10 @@ def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]
         t = start.t + delay * rate
         if t >= running.end:
             return
-        for share in SHARES[:2]:
-            braking = brake(plan.robot, running, asked.limits, t, (rate, 0.0), scales, share)
-            if braking is not None:
-                motion = joined(start_of(rest, delay), braking.motion)
-                yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+        braking = brake(plan.robot, running, asked.limits, t, (rate, 0.0), scales, SHARES[0])
+        if braking is not None:
+            motion = joined(start_of(rest, delay), braking.motion)
+            yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
 
 
 def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:

@@ -25,11 +25,11 @@ from planners.timing._brake.sweep import AT_GOAL, MOST_SWEEP_STEPS, RAMP_STEPS, 
 from planners.timing._brake.viability import CLOCK_RATES
 from planners.trajectory import Trajectory
 
-ROUNDS, TIGHTER = 5, 2e-3
+ROUNDS, TIGHTER = 10, 5e-3
 """Sweeps at most, each with rows tightened where the last one exceeds a limit between its knots, and by how much more."""
 QUICK_RAMP = 0.02
 """Fraction of a stop's duration in which b reaches its bound where no limit on a jerk holds."""
-STOP_AHEAD = 1.0
+STOP_AHEAD = 1.5
 """Part of the motion that is looked at, over what a stop from its start would need under constant limits."""
 GAUSS = np.polynomial.legendre.leggauss(4)
 """Nodes in [−1, 1] and weights of the integral of q̇ over a piece."""
@@ -69,9 +69,10 @@ def brake(
         if end != AT_GOAL:
             return None
         braking = _braking(running, t, out[:, : count + 1])
-        if not _tighten(cells, robot, braking.motion, limits, kinds, scales, out[0, : count + 1]):
-            return braking
         rounds += 1
+        more = TIGHTER * rounds
+        if not _tighten(cells, robot, braking.motion, limits, kinds, scales, out[0, : count + 1], more):
+            return braking
         if rounds == ROUNDS:
             return None
     return None
@@ -97,6 +98,7 @@ def _tighten(
     kinds: list[Limit],
     scales: dict[str, float],
     x: Array,
+    more: float,
 ) -> bool:
     """Tighten the rows where the motion exceeds a limit inside its pieces; whether it does."""
     bounds, done = limits.bounds(robot.n), False
@@ -111,7 +113,7 @@ def _tighten(
             ratios = kind.piece_ratios(examined(robot, motion), bounds[kind.name]).max(axis=1) / scales[kind.name]
             rows = cells.node if kind.order == 2 else cells.edge
             for piece in np.flatnonzero(ratios > 1.0):
-                rows[first[piece] : last[piece] + 1] *= 1.0 + 1.3 * (ratios[piece] - 1.0) + TIGHTER
+                rows[first[piece] : last[piece] + 1] *= 1.0 + 1.5 * (ratios[piece] - 1.0) + more
                 done = True
     return done
 
