@@ -23,8 +23,8 @@ DELAYS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5, 7.0)
 """Times for which the motion is followed before the arm brakes, where it cannot brake at once: over that of a usual stop."""
 SHORTEST = 1e-6
 """Distance to rest, over the length of the path, below which the sweep alone is tried: the joint path is straight there."""
-ENDS = (0.97, 0.9, 1.0, 0.8, 1.08)
-"""Distances to rest, over that of the sweep, at which the optimum is tried."""
+FIRST_END, CLOSE_ENDS = 0.95, 0.01
+"""Distance to rest, over that of the sweep, at which the optimum is tried first, and the interval at which the search ends."""
 
 
 def stopped_plan(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
@@ -95,14 +95,19 @@ def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: fl
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:
         return best
-    for factor in ENDS:
+    low, high, factor = 0.0, 1.0, FIRST_END
+    while high - low > CLOSE_ENDS:
         began = perf_counter()
         if began + longest > until:
             break
         end = start.at.s + way * factor
-        motion = law.run_to(joints, asked.limits, start.at, end) if end < joints.end else None
+        motion, found = law.run_to(joints, asked.limits, start.at, end), None
         if motion is not None and motion.duration < best.trajectory.duration:
             found = judged(asked, plan, start, begun(motion, start.joints, asked.limits), StopKind.OPTIMUM, end)
-            best = found if found else best
+        if found:
+            best, high = found, factor
+        else:
+            low = factor
+        factor = high * FIRST_END if low == 0.0 else 0.5 * (low + high)
         longest = max(longest, perf_counter() - began)
     return best
