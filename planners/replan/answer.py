@@ -33,9 +33,8 @@ def replan(
 ) -> Plan:  # fmt: skip
     """Replan from a moving state: to the end of the path, for example within other limits, or to rest on the path.
 
-    The result is the law's motion or the remaining part of the plan's own motion, whichever comes to rest first. With the
-    plan's limits there is always a result. Until `Plan.within_limits_from`, the motion may exceed lower limits, but never the
-    old ones.
+    The result is the law's motion or the remaining part of the plan's motion, whichever comes to rest first. With the plan's
+    limits there is always a result. Until `Plan.within_limits_from`, the motion may exceed lower limits, never the old ones.
 
     A stop brakes along the path under all limits that the plan's law enforces. For a state given as a time there is always
     a stop: a sweep, the optimum found near it within `time_limit`, or the end of the motion if that comes first.
