@@ -21,9 +21,9 @@ stop = planners.replan(plan, now, stop=True)
 print(f"stop at {now:.3f} s: at rest {stop.trajectory.duration:.3f} s later, on the path up to "
       f"{stop.span[1] / line.end:.0%} of it; certificate holds: {stop.certificate.holds}")  # fmt: skip
 
-# A person comes near: not faster than 0.25 m/s as soon as the arm can brake to it.
+# A person comes near: limit the tool speed to 0.25 m/s. The arm brakes until it respects this limit.
 slow = planners.MotionLimits(velocity=2.0, acceleration=10.0, jerk=500.0, tool_speed=0.25)
 on = planners.replan(plan, now, limits=slow)
-print(f"on with a tool speed of 0.25 m/s, {on.within_limits_from:.3f} s from now: {on.trajectory.duration:.3f} s more")
+print(f"tool speed at most 0.25 m/s after {on.within_limits_from:.3f} s; path end after {on.trajectory.duration:.3f} s")
 again = planners.plan(robot, line, q0, limits=slow)
 print(f"the same line within 0.25 m/s from the start: {again.trajectory.duration:.3f} s")

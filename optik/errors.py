@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 LONGEST_MESSAGE = 2000
-"""Longest text of an error: a longer one, such as a name of a million letters in a file, is shortened in its middle."""
+"""Longest text of an error. A longer text, for example with a name of a million letters, is shortened in its middle."""
 
 
 class OptikError(Exception):
@@ -139,7 +139,7 @@ class NoSolution(OptikError, RuntimeError):
 
 
 class InvalidMotion(NoSolution):
-    """Writing or executing a motion that violates a limit, its path or its clearance.
+    """A motion is not written or executed, because it violates a limit, its path or its clearance.
 
     It has the attributes of `NoSolution`, and:
 

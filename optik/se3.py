@@ -22,7 +22,7 @@ FARTHEST = 1e6
 """Largest coordinate of a position that is accepted [m]: an arm is not larger, and squares of more lose the millimetres."""
 
 QUATERNION_ERROR = 1e-2
-"""Largest difference from 1 of a quaternion's length [1]: people type three digits."""
+"""Largest difference of a quaternion's length from 1 [1]: users type three digits."""
 
 LAST_ROW_TOLERANCE = 1e-9
 """Largest difference of a pose's last row from (0, 0, 0, 1) [1]: it is written exactly, so only rounding is accepted."""
@@ -376,7 +376,7 @@ def from_xyz_rpy(xyz: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
 
 
 def quaternion(R: Array) -> Array:
-    """Unit quaternion of a rotation, exact to rounding for every one.
+    """Return the unit quaternion of a rotation, exact to rounding for every rotation.
 
     Parameters
     ----------
@@ -388,7 +388,7 @@ def quaternion(R: Array) -> Array:
     (4,) array
         w, x, y, z [1].
     """
-    # The rows are four multiples of it; the longest loses no digits.
+    # Each row is a multiple of the quaternion; the longest row loses no digits.
     x, y, z = R.T
     trace = x[0] + y[1] + z[2]
     multiples = np.array(
@@ -404,7 +404,7 @@ def quaternion(R: Array) -> Array:
 
 
 def from_quaternion(wxyz: ArrayLike, argument: str = "quaternion") -> Array:
-    """Rotation of a quaternion, which is normalised.
+    """Return the rotation of a quaternion, after normalising it.
 
     Parameters
     ----------

@@ -21,12 +21,12 @@ from planners.trajectory import Trajectory
 
 
 class PlanStatus(StrEnum):
-    """How planning ended: the statuses of following the path, and those of timing.
+    """How planning ended: a status of path following or of timing.
 
-    CONTACT: the arm touches the scene or itself, or comes within the margin. TIMING_INFEASIBLE: the law found no motion.
+    CONTACT: the arm is in contact with the scene or itself, or within the margin. TIMING_INFEASIBLE: the law found no motion.
     LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
     the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
-    certificate does not hold for another reason.
+    certificate is not valid for another reason.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -54,7 +54,7 @@ class Motion:
     law : str
         Name of the law that made it.
     keeps : tuple of str
-        The limits that the motion must keep: those that its law enforces, and those that the caller gave; by default all.
+        The limits that the motion must respect: those that its law enforces, and those that the caller gave; by default all.
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which its certificate holds.
     span : (2,) tuple of float, optional
@@ -66,7 +66,7 @@ class Motion:
     margin : float, optional
         What all distances to it must exceed [m].
     before : (2,) tuple, optional
-        Limits in the place of ``limits`` until a time [s].
+        Limits that replace ``limits`` until a time [s].
 
     Raises
     ------
@@ -141,7 +141,7 @@ class Motion:
         Raises
         ------
         InvalidMotion
-            The motion violates something that ``allow`` does not permit.
+            The motion has a violation that ``allow`` does not permit.
         InvalidInput
             A word that does not exist.
         """

@@ -35,7 +35,7 @@ from planners.trajectory import Trajectory
 __all__ = ["Asked", "Plan", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
 
 UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
-"""Advice for a motion whose certificate does not hold."""
+"""Advice for a motion whose certificate is not valid."""
 
 FOLLOWED = 0.95
 """Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
@@ -54,36 +54,36 @@ class PlanSeconds(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate holds.
+    """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
 
     Attributes
     ----------
     robot, path, limits
-        What was planned, and within what.
+        The arguments of the plan.
     status : PlanStatus
         How planning ended.
     ik, law : str
         The IK method and the time law.
     prefix : JointPath or None
-        The joint path, or on failure the good part of it.
+        The joint path, or on failure its valid part.
     stop : Stop or None
         Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
     slowed : float
-        Factor by which the law's motion was slowed to keep the limits that the law promises; 1 where it kept them itself.
+        Factor by which the law's motion was slowed to meet the limits that the law enforces; 1 if it met them itself.
     span : (2,) tuple of float, or None
-        The part of the path [m, or rad] that the motion covers, where that is not the whole: after `replan`.
+        The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
     speed : float or None
-        The constant tool speed [m/s; rad/s for a pure rotation] that was asked of the law.
+        The constant tool speed [m/s; rad/s for a pure rotation] that the law was given.
     scene, margin : Scene or None, and float
-        What must not be touched, and what all distances to it must exceed [m].
+        Obstacles, and the least distance to them [m].
     before : (2,) tuple, or None
-        Limits that hold until a time [s], where the motion meets `limits` only from then on: after `replan` with lower limits.
+        Limits that hold until a time [s], if the motion respects `limits` only from then on: after `replan` with lower limits.
     start_error : (3,) tuple of float, or None
-        Largest differences [rad, rad/s, rad/s², or m] of a measured state from the motion's own, with which `replan` began.
+        Largest differences [rad, rad/s, rad/s², or m] between the measured state given to `replan` and the motion's own.
     stop_kind : StopKind or None
-        What a stop is: the optimum, the sweep's stop, or the end of the motion because that comes first.
+        Kind of a stop: the optimum, the sweep's stop, or the end of the motion if that comes first.
     seconds : PlanSeconds
-        How long the parts of planning took, after `replan` the certificate's only; plans are equal whatever they took.
+        Durations of the parts of planning (after `replan` of the certificate only). They do not count in a comparison of plans.
     """
 
     robot: Robot
@@ -202,7 +202,7 @@ class Plan:
         rate : float, optional
             Points per second [1/s] in the table of a CSV; by default points at the knots.
         allow : str or several
-            Which violations to permit, as for `planners.save`.
+            Violations to permit, as for `planners.save`.
 
         Raises
         ------
@@ -231,7 +231,7 @@ def plan(
     tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
     scene: Scene | None = None, margin: float = 0.0, allow: Allow = (),
 ) -> Plan:  # fmt: skip
-    """Plan the joint motion that takes the tool along a path, and prove what it keeps.
+    """Plan the joint motion that takes the tool along a path, and certify its limits.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def plan(
     ik, timing : str, or IKSolver and TimeLaw
         Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
     limits : MotionLimits, optional
-        The robot's own by default. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
+        By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
     samples : int
         Samples of the path, equally spaced.
     branch : {"start", "best"}, optional
@@ -252,7 +252,7 @@ def plan(
     duration : float, optional
         Duration [s] to which the law's motion is slowed; a tool speed that the law was asked for must stay the same.
     strict : bool
-        Refuse a motion that passes a limit promised by its law, instead of slowing it uniformly (`Plan.slowed`).
+        Refuse a motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
     tolerance : (2,) tuple of float
         Largest distance [m] and angle [rad] between tool and path with which the certificate holds.
     rate : float
@@ -261,18 +261,18 @@ def plan(
         What an arm with shapes must not touch, nor its links each other, proved for every instant (`Certificate.clearance`),
         and what distances to the scene must exceed [m]. An empty scene for the links alone; by default nothing is examined.
     allow : {"limits", "jerk"}, or both
-        Permit to exceed given limits that the law does not enforce: ``"jerk"``, and ``"limits"`` for all others.
+        Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
 
     Returns
     -------
     Plan
-        On failure with the place, the reason and advice.
+        The plan; on failure with the path parameter, the reason and advice.
 
     Raises
     ------
     InvalidInput, UnknownName
-        An invalid argument, a limit that the law needs and that was not given; a name of no method or law; a law that
-        promises a limit which does not exist, or whose result is no trajectory; a scene with an arm without shapes.
+        An invalid argument, a limit that the law needs and that was not given; an unknown method or law; a law that
+        enforces an unknown limit, or whose result is not a trajectory; a scene with an arm without shapes.
     """
     solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin, allow))
     _check_wishes(duration, strict)
@@ -330,10 +330,10 @@ def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tupl
         status = PlanStatus.CONTACT
     elif enforced is not None and replace(proof, keeps=enforced).holds:
         status = PlanStatus.LIMITS_EXCEEDED
-        advice = f"{proof.law} does not enforce this limit: another law, or allow={words_for(proof.failures)!r}"
+        advice = f"{proof.law} does not enforce this limit: use another law, or allow={words_for(proof.failures)!r}"
     first = proof.failures[0]
     place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
-    reason = f"the certificate does not hold: {'; '.join(proof.broken)}"
+    reason = f"the certificate is not valid: {'; '.join(proof.broken)}"
     return status, Stop(status, place, first.joint, reason, advice)
 
 
@@ -358,13 +358,13 @@ class Asked:
 
     @property
     def keeps(self) -> tuple[str, ...]:
-        """The limits that the motion must keep: those that its law enforces, and those that were given and not allowed."""
+        """The limits that the motion must respect: those that its law enforces, and given limits without an ``allow``."""
         enforced = self.law.promises(self.limits)
         given = tuple(name for name in self.limits.given_names if name not in enforced)
         return (*enforced, *required_limits(given, self.allow))
 
     def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
-        """Certify a motion that the law's was slowed to by a factor, and return its plan, solved if the certificate holds."""
+        """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
         proof = certify(
             self.robot, self.path, trajectory, self.limits, law=self.law.name, keeps=self.keeps, rate=self.rate,

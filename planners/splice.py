@@ -39,9 +39,9 @@ def _shifted(c: Array, u: Array) -> Array:
 
 
 def rest_of(trajectory: Trajectory, t: float, s: float | None = None) -> Trajectory:
-    """Return what is left of a motion from a time t [s] before its end: the same polynomials, to rounding.
+    """Return the part of a motion from time t [s] on, with the same polynomials up to rounding.
 
-    It begins with exactly the values that the trajectory has at t; `s` is the path parameter there, if it is known.
+    It begins with exactly the values of the trajectory at t; `s` is the path parameter there, if it is known.
     """
     knots, c = trajectory.knots, _powers(trajectory)
     first = int(np.searchsorted(knots, t, side="right")) - 1
@@ -54,7 +54,7 @@ def rest_of(trajectory: Trajectory, t: float, s: float | None = None) -> Traject
 
 
 def start_of(trajectory: Trajectory, t: float) -> Trajectory:
-    """Return a motion up to a time t [s] after its start and at most at its end: the same polynomials."""
+    """Return the part of a motion up to time t [s], at most to its end, with the same polynomials."""
     before = int(np.searchsorted(trajectory.knots, t, side="left"))
     knots = np.append(trajectory.knots[:before], t)
     return Trajectory(PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))

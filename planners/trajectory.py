@@ -44,7 +44,7 @@ class Trajectory(Curve):
     polynomial : scipy.interpolate.PPoly
         Knots from 0, coefficients (at most 6, m, n).
     places : (m + 1,) array, optional
-        The path parameter s [m, or rad] at the knots, where the law that made the motion knows it.
+        The path parameter s [m, or rad] at the knots, if the law that made the motion knows it.
     """
 
     parameter = "t"

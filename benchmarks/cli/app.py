@@ -66,7 +66,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and end.")
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -219,7 +219,7 @@ def ik(
     restarts: Annotated[int, typer.Option(help="Attempts after the first.")] = 200,
     as_json: AsJson = False,
 ) -> None:
-    """Inverse kinematics: joint values for a tool pose. Without --rpy-deg or --quat the orientation of the start is kept.
+    """Solve inverse kinematics: joint values for a tool pose. Without --rpy-deg and --quat, keep the orientation of the start.
 
     Parameters
     ----------
@@ -229,14 +229,16 @@ def ik(
     Raises
     ------
     UnknownName, InvalidInput, RobotModelError
-        As `optik.load` and `optik.solve_ik`; two orientations.
+        As `optik.load` and `optik.solve_ik`; also if two orientations are given.
     """
     from optik import se3
 
     arm = arm_of(robot, tip, base)
     position = numbers(xyz, "--xyz", 3)
     if rpy_deg.strip() and quat.strip():
-        raise InvalidInput("--quat", f"{quat} beside --rpy-deg {rpy_deg}", "one orientation")
+        raise InvalidInput(
+            "--quat", f"{quat} together with --rpy-deg {rpy_deg}", "one orientation, by --quat or --rpy-deg"
+        )
     q0, words = start_of(arm, robot, start_deg)
     R = arm.fk(q0)[:3, :3]
     if rpy_deg.strip():

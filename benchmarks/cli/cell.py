@@ -48,7 +48,8 @@ POSE_STREAM = 1
 Spot = Annotated[
     str,
     typer.Option(
-        metavar=NUMBERS, help="Where the spot truly is: x,y,z in the base frame [m]; by default the paper's line's end."
+        metavar=NUMBERS,
+        help="True position of the spot: x,y,z in the base frame [m]; by default the end of the paper's line.",
     ),
 ]
 Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco where it is installed, else ideal.")]
@@ -59,7 +60,7 @@ Miscalibration = Annotated[
     str,
     typer.Option(
         metavar=NUMBERS,
-        help="How far the laser's true pose is from the calibrated one [mm, mrad]; its direction is random, by --seed.",
+        help="Distance of the laser's true pose from the calibrated one [mm, mrad]; its direction is random (--seed).",
     ),
 ]
 Timing = Annotated[
@@ -74,7 +75,7 @@ def cell(
     spot: Spot = "",
     start_deg: StartDeg = "",
     drive: Drive = "",
-    corrections: Annotated[int, typer.Option(help="Number of correction passes, each by new readings.")] = 0,
+    corrections: Annotated[int, typer.Option(help="Number of correction passes, each with new readings.")] = 0,
     readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
     noise: Noise = TYPED_NOISE,
     miscalibration: Miscalibration = "0,0",
@@ -224,7 +225,7 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
 
 
 def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
-    """The unit as it was calibrated, with the covariance of its pose: as far as the true one is away, in any direction.
+    """Return the calibrated unit, with a covariance of its pose that matches the miscalibration in every direction.
 
     Parameters
     ----------
@@ -248,10 +249,10 @@ def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
 
 
 def _away(typed: str) -> tuple[float, float]:
-    """How far the true unit is away [mm, mrad]."""
+    """Return the distance of the true unit from the calibrated one [mm, mrad]."""
     far, turned = numbers(typed, "--miscalibration", 2)
     if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
-        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: millimetres, milliradians")
+        raise InvalidInput("--miscalibration", typed, "two numbers of at least 0: millimetres, milliradians")
     return far, turned
 
 
@@ -383,7 +384,7 @@ def print_outcome(outcome: Outcome, why: str) -> None:
         out_console.print(f"error round by round: {off} mm; the readings' noise leaves {floor:.3g} mm (RMS)")
         if 1e3 * np.linalg.norm(outcome.rounds[0].error) < floor:
             out_console.print(
-                "the first error is below that noise, so corrections cannot reduce it; more --readings lower it"
+                "the first error is below this noise, so corrections cannot reduce it; more --readings reduce the noise"
             )
     for note in outcome.notes:
         out_console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)

@@ -103,7 +103,7 @@ def print_certificate(planned: Any) -> None:
     proof, off = planned.certificate, planned.certificate.path_error
     way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"
     table = Table(
-        "", "worst / limit", "joint", "at, s", "required",
+        "", "peak / limit", "joint", "at, s", "required",
         title=f"{planned.ik} + {planned.law}: {way} in {proof.duration:.4f} s",
     )  # fmt: skip
     for field in ALL_LIMITS:
@@ -130,13 +130,13 @@ def print_certificate(planned: Any) -> None:
     beyond = [f for f in ALL_LIMITS if f not in proof.keeps and proof.worst(f)[0] > 1.0]
     if beyond:
         words = ", ".join(f"{f.replace('_', ' ')} {much(proof.worst(f)[0])}" for f in beyond)
-        out_console.print(f"not promised by {planned.law}, and exceeded: {words}", style="yellow", highlight=False)
+        out_console.print(f"not enforced by {planned.law}, and exceeded: {words}", style="yellow", highlight=False)
     if proof.holds:
         kept = (
-            "all limits that are required are respected at every instant"
+            "every required limit is respected at every instant"
             if proof.keeps
-            else f"joint ranges and path; no limit is required of {planned.law}"
+            else f"joint ranges and path only; no limit is required of {planned.law}"
         )
-        out_console.print(f"the certificate holds: {kept}", style="green", highlight=False)
+        out_console.print(f"certificate valid: {kept}", style="green", highlight=False)
     else:
-        out_console.print("the certificate does NOT hold: " + "; ".join(proof.broken), style="yellow", highlight=False)
+        out_console.print("certificate NOT valid: " + "; ".join(proof.broken), style="yellow", highlight=False)

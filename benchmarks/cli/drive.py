@@ -61,8 +61,8 @@ def drive(
 ) -> None:
     """Execute a saved motion on a simulated arm, or check it and send it to a controller of ROS 2.
 
-    With --on ros everything is checked and nothing is sent, unless --execute is given. Exit status 0 where the arm was taken to
-    the end of the motion, or nothing was to be sent; 1 where it was stopped, by a fault too, or refused.
+    With --on ros, the motion is checked, and it is sent only with --execute. The exit status is 0 if the arm reached the end of
+    the motion or nothing was to be sent. It is 1 if the arm was stopped, also by a fault, or the motion was refused.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def drive(
     InvalidMotion
         A motion with violations that ``--allow`` does not permit.
     NoSolution
-        A motion whose path cannot be followed again.
+        The path of the motion cannot be followed again.
     MissingDependency
         A drive whose package is not installed.
     """
@@ -84,14 +84,14 @@ def drive(
     if out is not None and out.suffix.lower() != ".json":
         raise InvalidInput("--out", str(out), "a file that ends with .json")
     if out is not None and out.resolve() == plan.resolve():
-        raise InvalidInput("--out", str(out), "another file than that of the motion")
+        raise InvalidInput("--out", str(out), "a file other than that of the motion")
     if on != "ros" and reached != Reached():
         raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
     from benchmarks.cli.view import stored
     from planners.cell.stored import plan_of
 
     if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
-        raise InvalidInput("--stop", stop, "a time [s], from 0")
+        raise InvalidInput("--stop", stop, "a time of at least 0 s")
     options: dict[str, Any] = {"stop": stop, "allow": allowed_words(allow)}
     planned = plan_of(stored(plan), ik=ik, allow=options["allow"])
     run = partial(_through_ros, reached=reached) if on == "ros" else partial(_simulated, on=on)

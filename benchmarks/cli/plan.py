@@ -29,12 +29,16 @@ def plan_line(
         str, typer.Option(metavar=NUMBERS, help="Goal minus start, in the base frame [m].")
     ] = "-0.12,0,0.2",
     turn_deg: Annotated[
-        str, typer.Option(metavar=NUMBERS, help="Rotation vector of the turn on the way, base frame [degrees].")
+        str,
+        typer.Option(
+            metavar=NUMBERS,
+            help="Rotation of the tool along the line, as a rotation vector in the base frame [degrees].",
+        ),
     ] = "0,0,0",
 ) -> Any:
     """Move the tool along a straight line, time it, and say what the motion keeps.
 
-    Exit status 0 where there is a motion and its certificate holds; 1 where not, and nothing is written.
+    The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
 
     Parameters
     ----------
@@ -116,12 +120,13 @@ def plan_polyline(
     arm: optik.Robot,
     q: Any,
     via: Annotated[
-        list[str] | None, typer.Option(metavar=NUMBERS, help=f"A waypoint, once or more; the last is the end: {PLACE}")
+        list[str] | None,
+        typer.Option(metavar=NUMBERS, help=f"A waypoint; repeat for more, the last one is the end: {PLACE}"),
     ] = None,
     waypoints: Annotated[
         Path | None,
         typer.Option(
-            help="All waypoints, with a header line: x,y,z [m] or x_mm,y_mm,z_mm; alone (the tool keeps its "
+            help="File of all waypoints, with a header line: x,y,z [m] or x_mm,y_mm,z_mm; alone (the tool keeps its "
             "orientation) or with qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; i,j,k."
         ),
     ] = None,
@@ -129,8 +134,8 @@ def plan_polyline(
 ) -> Any:
     """Move the tool along straight lines from waypoint to waypoint, the corners blended.
 
-    With --via it begins at the start configuration; with --waypoints at the file's first waypoint, by default in the
-    configuration there that is best for the whole path.
+    With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
+    default in the configuration that is best for the whole path.
 
     Parameters
     ----------
@@ -149,7 +154,7 @@ def plan_polyline(
     Raises
     ------
     InvalidInput
-        A waypoint that is none; neither ``--via`` nor ``--waypoints``, or both.
+        An invalid waypoint; neither ``--via`` nor ``--waypoints``, or both.
     """
     import planners
 

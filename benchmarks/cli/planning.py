@@ -45,7 +45,7 @@ from optik.registry import load_method, names, short_name
 plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 
 SILENT_START = 1e-4
-"""Largest distance [rad, m] of a motion's start from the given one that is not worth a line."""
+"""Largest distance [rad, m] between the start of a motion and the given one at which no line is printed."""
 ROS = (".yaml", ".yml")
 """Endings of files that hold a ROS message."""
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
@@ -113,8 +113,8 @@ class Wish:
     branch: Annotated[
         str | None,
         typer.Option(
-            help="start: keep the start's branch, the default; best: choose for the whole path, the default where it begins "
-            "elsewhere."
+            help="start: keep the branch of the start (default); best: choose it for the whole path (default if the "
+            "path begins elsewhere)."
         ),
     ] = None
     duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
@@ -124,7 +124,8 @@ class Wish:
     )
     out: Annotated[Path | None, typer.Option(help="Write the motion: .json, .npz, .csv, or .yaml for ROS.")] = None
     out_failed: Annotated[
-        Path | None, typer.Option(help="Write a plan that fails, for `optik view`; no drive takes it: FILE.json.")
+        Path | None,
+        typer.Option(help="If planning fails, write the failed plan for `optik view`; no drive accepts it: FILE.json."),
     ] = None
     rate: Annotated[
         float | None, typer.Option(help="Points per second in --out FILE.yaml or .csv; by default points at the knots.")
@@ -175,7 +176,7 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 
 
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
-    """Plan, write and print; exit status 1 where there is no motion, or an invalid one that ``--allow`` does not permit.
+    """Plan, write and print; exit status 1 if there is no motion, or if ``--allow`` does not permit its violations.
 
     Parameters
     ----------
@@ -188,12 +189,12 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
     wish : Wish
         The options.
     words : str
-        What is said of the start.
+        Text that states the start.
 
     Raises
     ------
     InvalidInput, UnknownName
-        Options that cannot be meant.
+        Invalid options.
     NoSolution
         There is no motion.
     """
@@ -234,14 +235,14 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
 
 
 def branch_from(arm: optik.Robot, path: Any, q: Any) -> str:
-    """Return the default of ``--branch``: that of the start, or the best one of a path that begins elsewhere."""
+    """Return the default of ``--branch``: the start's branch, or the best branch if the path begins elsewhere."""
     from planners.following.follow import START_TOLERANCE
 
     return "start" if np.abs(arm.errors(q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 
 def check_out(wish: Wish) -> None:
-    """Check before planning that the motion can be written in the format that is asked.
+    """Check before planning that the motion can be written in the requested format.
 
     Parameters
     ----------
@@ -251,7 +252,7 @@ def check_out(wish: Wish) -> None:
     Raises
     ------
     InvalidInput
-        A suffix of no format, or a format without a file; a rate that is none, or for a format without a table.
+        An unknown suffix, a format without a file, an invalid rate, or a rate for a format without a table.
     UnknownName
         No such format.
     """
@@ -260,7 +261,9 @@ def check_out(wish: Wish) -> None:
     if wish.rate is not None:
         check_number(wish.rate, "--rate", "points per second, above 0", above=0.0)
         if wish.out is None or wish.out.suffix.lower() not in (*ROS, ".csv"):
-            raise InvalidInput("--rate", f"{wish.rate:g} with --out {wish.out}", "--out FILE.yaml or FILE.csv with it")
+            raise InvalidInput(
+                "--rate", f"{wish.rate:g} with --out {wish.out}", "--rate with --out FILE.yaml or FILE.csv"
+            )
     if wish.format is not None:
         if wish.out is None:
             raise InvalidInput("--format", wish.format, "--out FILE with it")
@@ -273,12 +276,12 @@ def check_out(wish: Wish) -> None:
 
 
 def write_failed(plan: Any, file: Path) -> None:
-    """Write a failed plan for `optik view`, marked as failed, and say so on the error stream."""
+    """Write a failed plan for `optik view`, marked as failed, and name the file on the error stream."""
     from planners.cell.view.recorded import failed_plan_data
 
     text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
     write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
-    words = f"the failed plan is written to {file}; optik view {file} shows it"
+    words = f"failed plan written to {file}; to see it: optik view {file}"
     err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -356,7 +359,7 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
 
 
 def _speeds(text: str | None, option: str) -> Any:
-    """One number or several; None where nothing was typed."""
+    """Return one number or several; None for an option that was not typed."""
     if text is None:
         return None
     found = numbers(text, option)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 MOST_SETTINGS = 10
-"""Settings that differ of which `optik bench compare` prints so many without ``--all``."""
+"""Largest number of different settings that `optik bench compare` prints without ``--all``."""
 
 
 class Format(StrEnum):
@@ -140,7 +140,7 @@ def bench_compare(
 
 
 def _setting(value: Any) -> str:
-    """A setting on one line, as JSON; "not set" for None."""
+    """Return a setting on one line, as JSON; "not set" for None."""
     text = "not set" if value is None else json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= 80 else f"{text[:79]}…"
 

@@ -41,7 +41,7 @@ WIDE_ENOUGH = 70
 """Columns of a terminal from which there is room for the rate beside the bar and the time left."""
 
 FEWEST_PARTS, RATE_SECONDS = 4, 30.0
-"""Finished parts from which a rate is shown, and the time over which it is taken [s]."""
+"""Number of finished parts from which on a rate is shown, and the time over which it is averaged [s]."""
 
 Tell = Callable[[int, int, str], None]
 """As `benchmarks.run.session.Progress`."""
@@ -190,7 +190,7 @@ def _bar() -> Progress:
 
 
 class _Rate:
-    """Parts a second over the last half minute, from the end of the first part on, which compiles."""
+    """Rate of finished parts [1/s] over the last half minute, without the first part, which compiles."""
 
     def __init__(self) -> None:
         self._done: deque[tuple[float, int]] = deque()

@@ -30,7 +30,9 @@ RobotName = Annotated[
 ]
 PackageDir = Annotated[
     str | None,
-    typer.Option(help="Folder of ROS packages, for package:// meshes of a URDF; its <collision> shapes are then read."),
+    typer.Option(
+        help="Folder of ROS packages, for package:// meshes of a URDF; collision shapes of the URDF are then read."
+    ),
 ]
 Tip = Annotated[str | None, typer.Option(help="Link of a URDF that is the tool, where it has several ends.")]
 Base = Annotated[str | None, typer.Option(help="Link of a URDF that poses are given in; its root if left out.")]
@@ -143,12 +145,12 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_
     Raises
     ------
     UnknownName, RobotModelError, InvalidInput
-        As `optik.load`; a folder of packages for what is no URDF.
+        As `optik.load`; also for a folder of packages with a robot that is not a URDF.
     """
     if package_dir is not None:
         path, options = split_links(robot)
         if not is_path(robot) or not path.lower().endswith((".urdf", ".xml")):
-            raise InvalidInput("--package-dir", package_dir, f"no folder: {robot} is no URDF")
+            raise InvalidInput("--package-dir", package_dir, f"no folder, because {robot} is not a URDF")
         robot = f"{path}#{options}{'&' if options else ''}packages={package_dir}"
     return optik.load(robot, tip=tip, base=base)
 
@@ -195,7 +197,7 @@ def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> A
     text : str
         Joint values, separated by commas or spaces.
     option : str
-        Which option they were given with, for messages.
+        The option that they were given with, for messages.
 
     Returns
     -------
@@ -219,7 +221,7 @@ def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> A
 
 
 def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list[float]:
-    """Read numbers in one argument, separated by commas or spaces; as many as one of the counts, any number without counts."""
+    """Read numbers from one argument, separated by commas or spaces: as many as one of the counts, without counts any."""
     expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as 1,-2.5,3"
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
@@ -231,18 +233,18 @@ def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list
 
 
 def listed(values: Any) -> str:
-    """Return numbers as one argument of a command, to 0.001 of their unit."""
+    """Return numbers as one argument of a command, rounded to 0.001."""
     return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)
 
 
 # ---------------------------------------------------------------- the default start
 
 START_SAMPLES = 64
-"""Random configurations of which the best-conditioned is the start of an arm without a home."""
+"""Number of random configurations; the best-conditioned one is the start of an arm without a home."""
 
 
 def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
-    """Return the start that was typed, or the arm's default with words that state it.
+    """Return the typed start, or the arm's default start with a text that states it.
 
     Parameters
     ----------
@@ -251,7 +253,7 @@ def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
     name : str
         What ``--robot`` was given.
     text : str
-        The start as typed; empty for the default: ``home_deg`` of the robot's TOML file, or else `sampled_start`.
+        The typed start. Empty for the default: ``home_deg`` of the robot's TOML file, or else `sampled_start`.
 
     Returns
     -------
@@ -275,7 +277,7 @@ def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
 
 
 def print_start(words: str) -> None:
-    """Print the default start on the error stream, so that the output stays what programs read."""
+    """Print the default start on the error stream, so that programs can read the output stream."""
     if words:
         err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 

@@ -23,14 +23,15 @@ LOCAL = "127.0.0.1"
 """Address that only this machine reaches."""
 
 STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
-"""What `optik drive` takes; `optik view` also takes an execution and a failed plan."""
+"""Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
 
 
 def view(
     plan: Annotated[
         Path,
         typer.Argument(
-            metavar="PLAN", help="What `optik plan … --out` or `--out-failed`, or `optik drive … --out`, wrote."
+            metavar="PLAN",
+            help="A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`.",
         ),
     ],
     html: Annotated[
@@ -42,9 +43,9 @@ def view(
     host: Annotated[str, typer.Option(help="Address to serve on; by default only this machine sees it.")] = LOCAL,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 for any that is free.")] = 8080,
 ) -> None:
-    """Show a motion, an execution or a failed plan in the browser: arm, shapes, scene, path, and the numbers at every time.
+    """Show a motion, an execution or a failed plan in the browser: arm, shapes, scene, path, and the values at every time.
 
-    With --html it writes a page that needs nothing else; without, it serves until Ctrl-C. No real arm is ever moved.
+    With --html, write one self-contained page. Without it, serve the page until Ctrl-C. No real arm is ever moved.
 
     Parameters
     ----------
@@ -54,9 +55,9 @@ def view(
     Raises
     ------
     InvalidInput
-        A file that holds no motion, a suffix of no page, an address or port that cannot be served on, a drive that is real.
+        A file without a motion, a suffix that is not .html, an address or port that cannot be used, or a real drive.
     NoSolution
-        The data of a plan that failed.
+        The file has a failed plan that cannot be shown.
     OutputError
         The page cannot be written.
     MissingDependency
@@ -77,7 +78,7 @@ def view(
 
 
 def _show(shown: Motion | Plan | Show, drive: str | None) -> Show:
-    """What a page plays; a plan is executed first."""
+    """Return what a page plays; execute a plan first."""
     from planners.cell.drives import make_drive
     from planners.cell.view.show import Show, show_of, show_of_execution
     from planners.plan import Plan
@@ -91,7 +92,7 @@ def _show(shown: Motion | Plan | Show, drive: str | None) -> Show:
 
 
 def _serve(shown: Motion | Plan | Show, drive: str | None, host: str, port: int) -> None:
-    """Serve until the process is interrupted; with a drive a plan is executed."""
+    """Serve until the process is interrupted; with a drive, execute the plan."""
     from planners.cell.drives import make_drive
     from planners.cell.view.live import Viewer
     from planners.cell.view.show import Show, show_of
@@ -130,7 +131,7 @@ def _is_local(host: str) -> bool:
 
 
 def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
-    """Read a motion, as a plan for a drive, or what is shown of an execution or of a failed plan; errors as in `stored`."""
+    """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `stored`."""
     from planners.cell.stored import plan_of
     from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_of_recorded
 
@@ -174,18 +175,18 @@ def stored(file: Path) -> Motion:
         data = _json(file)
         if data.get("format") == EXECUTION:
             raise InvalidInput(
-                "PLAN", f"{file}, what an arm did", f"{STORED_MOTION}; `optik view` shows this file"
+                "PLAN", f"{file}, an execution", f"{STORED_MOTION}; `optik view` shows this file"
             ) from None
         if data.get("format") not in ("optik-plan/1", FAILED_PLAN):
             raise error
         if data.get("reason"):
             words = f"{file} is of a plan that failed: {data['reason']}"
             raise NoSolution(words, s=data.get("s"), joint=data.get("joint"), advice=data.get("advice", "")) from None
-        raise InvalidInput("PLAN", f"{file}, what `optik plan … --json` prints", STORED_MOTION) from None
+        raise InvalidInput("PLAN", f"{file}, the output of `optik plan … --json`", STORED_MOTION) from None
 
 
 def _json(file: Path) -> dict[str, Any]:
-    """The content of a JSON file; empty for any other."""
+    """Return the content of a JSON file; empty for any other file."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

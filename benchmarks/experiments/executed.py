@@ -28,19 +28,19 @@ READINGS = {
     False: "one solve of k iterations from the start",
     True: "k iterations at each pose of the line, each from the pose before",
 }
-"""The two readings of the paper's section 4.1, by the column ``along``."""
+"""The two readings of section 4.1 of the paper, by the column ``along``."""
 
 OTHER_PARTS = ("laser_error", "path_error", "servo_error")
 """Lengths of the parts of the error that no iteration changes."""
 
 
 def executed_claims(rows: pl.DataFrame) -> list[Finding]:
-    """Findings on claims (a), (b) and (c), as executed, for each reading of section 4.1 that was.
+    """Return the findings on claims (a), (b) and (c) for each executed reading of section 4.1.
 
     Parameters
     ----------
     rows : DataFrame
-        Of spots on graph paper, by all methods; only spots with a known solution count.
+        Results for spots on graph paper, by all methods; only spots with a known solution count.
 
     Returns
     -------

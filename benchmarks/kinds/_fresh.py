@@ -25,7 +25,7 @@ def fresh(arguments: list[str], what: str, **environment: str) -> Any:
     Parameters
     ----------
     arguments : list of str
-        Of this interpreter; our packages can be imported.
+        Arguments of this interpreter; our packages can be imported.
     what : str
         What the error calls it.
     **environment

@@ -85,7 +85,7 @@ class SettingDifference(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two runs compared: differences, what could not be compared and why, and the settings that differ."""
+    """A comparison of two runs: differences, what could not be compared and why, and the settings that differ."""
 
     differences: tuple[Difference, ...]
     left_out: tuple[str, ...]
@@ -144,7 +144,7 @@ def different_settings(a: Run, b: Run) -> list[SettingDifference]:
 
 
 def _flat(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """Keys such as ``speed[ik].methods[lm].options.max_restarts`` with their values."""
+    """Yield keys such as ``speed[ik].methods[lm].options.max_restarts`` with their values."""
     if isinstance(value, dict) and value:
         for name, inner in value.items():
             yield from _flat(inner, f"{key}.{name}" if key else str(name))

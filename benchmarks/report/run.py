@@ -53,7 +53,7 @@ class Run:
         return self.folder.read_json(ARMS) or {}
 
     def robot(self, name: str) -> Robot:
-        """An arm of the suite: as the run has stored it, or one that comes with optik.
+        """Return an arm of the suite: from the data stored in the run, or one that comes with optik.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ TENSOR_ROUNDING = 1e-6
 products that were rounded to seven digits leave."""
 
 NO_INERTIA = 1e-15
-"""Entries of an inertia tensor that count as 0 [kg·m²]: a milligram at a millimetre has a thousand times more."""
+"""Largest entry of an inertia tensor that counts as 0 [kg·m²]; a milligram at a millimetre has a thousand times more."""
 
 Body = tuple[float, Array, Array]
 """A rigid body: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the axes of one frame."""

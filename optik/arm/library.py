@@ -5,7 +5,7 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     convention = "dh"                    # "dh" (standard, distal) or "mdh" (modified, Craig)
     source = "data sheet, revision 3"    # optional: where the numbers come from; by default the file's name
     joint_names = ["elbow", "slide"]     # optional: by default joint1, joint2, …
-    home_deg = [0.0, 90.0]               # optional: where commands start by default; sliding joints in millimetres
+    home_deg = [0.0, 90.0]               # optional: the default start of commands; sliding joints in millimetres
     gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame
     gravity_magnitude = 9.80665          # optional: acceleration of free fall, m/s²; 0 without weight
     base = { xyz_mm = [0.0, 0.0, 500.0], rpy_deg = [0.0, 0.0, 90.0] }   # optional: before the first row's transform
@@ -258,7 +258,7 @@ def home_of(name: str | os.PathLike[str]) -> Array | None:
     if is_path(name):
         file = file_of(name, "robot")
     else:
-        with suppress(InvalidInput):  # an entry point that is no file
+        with suppress(InvalidInput):  # an entry point that is not a file
             file = data_file(ROBOTS, name, "robot")
     if file is None or file.suffix.lower() != ".toml":
         return None
@@ -306,7 +306,7 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
 
 
 def _check_home(data: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], limits: JointLimits) -> None:
-    """Raise InvalidInput for a home that is no configuration inside the joint ranges."""
+    """Raise InvalidInput for a home that is not a configuration inside the joint ranges."""
     if "home_deg" not in data:
         return
     scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])

@@ -22,7 +22,7 @@ LIMIT_TOLERANCE = 1e-9
 
 
 LARGEST_LIMIT = 1e5
-"""Largest finite position limit [rad, m]: sines are exact to the last bits up to there, and no arm turns or slides so far."""
+"""Largest finite position limit [rad, m]: up to it sines are exact to the last bits, and no arm moves so far."""
 
 
 def frozen(value: ArrayLike, argument: str) -> Array:

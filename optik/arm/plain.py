@@ -350,5 +350,6 @@ def robot_difference(a: ArmModel, b: ArmModel) -> str:
     """Return the names of the parts in which two robots differ, for an error that names both."""
     first, second = arm_to_dict(a), arm_to_dict(b)
     return (
-        ", ".join(key for key in {**first, **second} if first.get(key) != second.get(key)) or "nothing that files hold"
+        ", ".join(key for key in {**first, **second} if first.get(key) != second.get(key))
+        or "nothing that files contain"
     )

@@ -57,7 +57,7 @@ def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None
 
 
 INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
-"""Texts of an infinite number, in small letters."""
+"""Texts that stand for infinity, in lower case."""
 
 
 def read_torques(robot: str, joints: list[Joint]) -> Array | None:
@@ -73,7 +73,7 @@ def read_torques(robot: str, joints: list[Joint]) -> Array | None:
     Returns
     -------
     (n,) array or None
-        Limits [N·m, N], infinite where the file has none, 0 or inf; None where all are.
+        Limits [N·m, N], infinite for joints without an effort or with an effort of 0 or inf; None if all are infinite.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def read_torques(robot: str, joints: list[Joint]) -> Array | None:
 
 
 def _effort(robot: str, joint: Joint) -> float:
-    """Torque limit of a joint; infinite if the file has none, 0 or inf."""
+    """Return the torque limit of a joint; infinite without an effort, or with an effort of 0 or inf."""
     element = joint.element.get("limit")
     if element is not None and element.get("effort", "").strip().lower() in INFINITE_TEXTS:
         return np.inf

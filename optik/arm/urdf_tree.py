@@ -106,7 +106,7 @@ class Tree:
         link : str
             The link of the chain.
         chain : set of str
-            Links of the chain: joints to them are not followed.
+            Links of the chain; joints that lead to them are not followed.
 
         Yields
         ------

@@ -1,4 +1,4 @@
-"""Damped Gauss–Newton iteration inside joint limits: a step that solves for the free joints and holds the others."""
+"""Damped Gauss–Newton iteration inside joint limits: each step solves for the free joints and holds the others."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ Work = tuple[Array, Array, Array, Array]
 """Scratch of `bounded_step`: matrix (6, 6) [m²], right-hand sides (6,) and (6,) [m, rad], state of each joint (n,) [1]."""
 
 Rule = tuple[float, float, float, float, float, float, float, float]
-"""Settings of `descend_inside`: position and rotation tolerance [m, rad]; iterations; patience and progress, since it
-ends after so many iterations that do not bring ½|e|² below that fraction of its least [1]; gain and least damping of
-λ² = gain · ½|e|² + least damping; and the growth of λ² after a step that does not reduce ½|e|², which is then taken
-back. A growth of 1 accepts every step."""
+"""Settings of `descend_inside`: position and rotation tolerance [m, rad]; number of iterations; patience and progress [1];
+gain and least damping of λ² = gain · ½|e|² + least damping; growth of λ². The iteration ends after `patience` iterations
+that do not reduce ½|e|² below the fraction `progress` of its least value. A step that does not reduce ½|e|² is undone, and
+λ² grows. A growth of 1 accepts every step."""
 
 JOINT_FREE, JOINT_RELEASED, JOINT_LOW, JOINT_HIGH, JOINT_LOCKED = 0.0, 1.0, 2.0, 3.0, 4.0
 """States of a joint in one step. A joint that comes back to its bound after its release stays there."""
 
 LEAST_PULL = 1e-9
-"""How far a joint must want to leave its bound to be released [rad, m]: smaller values are rounding."""
+"""Least step away from its bound at which a joint is released [rad, m]; smaller values are rounding errors."""
 
 NO_TRACE = np.empty((0, 6))
-"""Argument `trace` of `descend_inside` where the errors are not kept."""
+"""Argument `trace` of `descend_inside` if the errors are not recorded."""
 
 LEAST_SCALE = 1e-9
-"""Smallest factor on the gain that the growth leads to [1]: a step is then undamped."""
+"""Smallest factor on the gain that the growth leads to [1]; steps with it are undamped."""
 
 
 @inlined
@@ -41,7 +41,7 @@ def step_workspace(n: int) -> Work:
 
 @inlined
 def solve_free(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bool:
-    """Solve for the step of the free joints, given that of the others; False where the system is singular."""
+    """Solve for the step of the free joints, given the step of the others; return False if the system is singular."""
     A, y, r, state = work
     n = dq.shape[0]
     for i in range(6):
@@ -69,10 +69,10 @@ def solve_free(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bo
 
 @compiled
 def bounded_step(J: Array, e: Array, damping2: float, bounds: Range, q: Array, dq: Array, work: Work) -> bool:
-    """Nearly minimise |J Δq − e|² + λ² |Δq|² with q + Δq inside bounds; False where the system is singular.
+    """Nearly minimise |J Δq − e|² + λ² |Δq|² with q + Δq inside bounds; return False if the system is singular.
 
-    Joints that would leave their bounds end on them, and the others are solved again. A joint on its bound that the
-    gradient pulls inside is released, once. So at most three systems are solved for each joint.
+    A joint that would leave its bounds is set on its bound, and the system is solved again for the other joints. A joint on
+    its bound that the gradient pulls inside is released once. So at most three systems are solved for each joint.
     """
     (low, high), y, state = bounds, work[1], work[3]
     n = q.shape[0]
@@ -109,7 +109,7 @@ def descend_inside(
 ) -> tuple[int, int, float, float]:
     """Iterate from q (n,) inside bounds until the task is met or ½|e|² stops decreasing; q becomes the best iterate.
 
-    `first` is the number of the first iteration. `trace` (iterations + 1, 6) takes the error of each, unless it is empty.
+    `first` is the number of the first iteration. `trace` (iterations + 1, 6) receives all errors, unless it is empty.
     Returns the number of the last iteration, SOLVED, MAX_ITERATIONS or STALLED, and the squared errors at q [m², rad²].
     """
     tolerance_p, tolerance_r, iterations, patience, progress, gain, damping, growth = rule

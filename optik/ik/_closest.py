@@ -11,8 +11,8 @@ from optik.task import Task
 from optik.types import Array
 
 DESCENT_PATIENCE, DESCENT_PROGRESS = 12, 1.0 - 1e-12
-"""The descent ends after so many steps in a row that do not reduce ½|e|² by 1e-12 of itself: their damping is then
-GROWTH¹² times that of the last step that did [1]."""
+"""Number of steps in a row that do not reduce ½|e|² by a fraction of 1e-12, after which the descent ends [1]. The damping is
+then GROWTH¹² times that of the last step that did."""
 
 DESCENT_GROWTH = 4.0
 """Growth of λ² after a step that does not reduce ½|e|² [1] (Marquardt 1963)."""

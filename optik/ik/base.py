@@ -265,7 +265,7 @@ class IKSolver(ABC):
     def _attempt(
         self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None, last: Attempt | None
     ) -> Attempt:  # fmt: skip
-        """Attempt from the given start, then from others; `last` is the attempt before."""
+        """Attempt from the given start, then from others; `last` is the previous attempt."""
         start = q0 if restart == 0 else restart_configuration(self.robot, target, q0, restart)
         return self.attempt(target, start, trace, seconds)
 

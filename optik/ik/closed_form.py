@@ -302,7 +302,7 @@ class ClosedForm(IKSolver):
             roots, singular = self._distinct(target, np.vstack([roots, *beside]))
             if len(roots):
                 roots, singular = self._distinct(target, np.vstack([roots, near]))
-            # almost at a singularity a closed form may be off by more than rounding, within the tolerance nevertheless
+            # near a singularity a closed form may have an error above rounding but within the tolerance
             wide, flat = self._distinct(target, np.vstack([roots, candidates]), (self._errors,))
             trusted = trusted and not (singular.any() or flat.any())
             told += [] if trusted else ["asked beside the target too"]
@@ -331,9 +331,9 @@ class ClosedForm(IKSolver):
     def _expand(
         self, target: Array, near: Array, roots: Array, singular: Flags, few: bool, errors: tuple[float, float]
     ) -> tuple[Array, Flags]:  # fmt: skip
-        """Windings inside the limits of roots (k, n), a few or all: branches (m, n), and which are points of curves.
+        """Return the windings of roots (k, n) inside the limits, a few or all: branches (m, n), and which are points of curves.
 
-        `errors` are those within which the points of a curve meet the target.
+        `errors` are the tolerances within which the points of a curve meet the target.
         """
         robot, every = self.robot, np.ones(self.robot.n, dtype=np.bool_)
         plain, curved = [np.empty((0, robot.n))], np.empty((0, robot.n))

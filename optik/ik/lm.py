@@ -200,7 +200,7 @@ class LM(IKSolver):
             return super()._attempt(restart, target, q0, trace, seconds, last)
         arm, n = self._arm.copy(), self.robot.n
         arm[AT_FIRST], arm[AT_ATTEMPTS] = restart, restart + 1
-        if last is not None:  # a failed attempt ends with the best iterate of all so far
+        if last is not None:  # a failed attempt ends with the best iterate of all attempts so far
             position, rotation, _ = self._measure(last.q, target)
             arm[AT_BEST_E], arm[AT_BEST : AT_BEST + n] = 0.5 * (position**2 + rotation**2), last.q
         out = np.empty(n + (6 * (self.max_iterations + 1) if trace else 0))

@@ -258,7 +258,7 @@ def _plane(value: Any, where: str) -> tuple[Array, Array]:
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InvalidInput(f"{where}: normal", shown(normal), "a direction of three numbers, not all 0")
     largest = float(np.abs(direction).max())
-    scaled = direction / largest  # else the squares of 1e200 would be infinite
+    scaled = direction / largest  # otherwise the square of 1e200 would be infinite
     length = float(np.linalg.norm(scaled))
     unit = direction if abs(largest * length - 1.0) <= UNIT_NORMAL else scaled / length
     return point_of(point, f"{where}: point", LARGEST_OBJECT), frozen(unit, where)

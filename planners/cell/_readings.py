@@ -22,7 +22,7 @@ MOST_KNOWN = 10_000
 
 
 MOST_READINGS = 10_000
-"""Readings of one point at most: their mean has a hundredth of the noise."""
+"""Largest number of readings of one point; their mean has a hundredth of the noise."""
 
 
 class CellReadings:

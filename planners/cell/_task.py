@@ -49,11 +49,12 @@ EXECUTED = {
 """How a task ends whose execution ended so."""
 
 MOST_SPREADS = 6.0
-"""How far a measured tool may be off, in standard deviations of noise and calibration [1]."""
+"""Largest error of a measured tool position, in standard deviations of noise and calibration [1]."""
 ARM_OFF = 0.005
-"""How far an arm's tool may be from where its encoders have it [m]: the absolute accuracy of arms that were not calibrated."""
+"""Largest distance of a tool from its position by the encoders [m]: the absolute accuracy of uncalibrated arms."""
 UNSTATED = 0.05
-"""The same where the covariance of the laser unit's pose is not stated [m]: a unit whose place was measured by hand."""
+"""Largest distance of a tool from its position by the encoders [m], if the covariance of the laser unit's pose is not stated:
+a unit whose place was measured by hand."""
 
 TAKEN_AS_EXACT = (
     "where the spot truly is was not given: the reading was taken as exact, so the laser's error is that of its pose"
@@ -132,7 +133,7 @@ class Task:
         return Ended(status)
 
     def run(self, spot: Spot) -> Outcome:
-        """Move the tool to a spot as the unit read it, and correct the rest."""
+        """Move the tool to a spot as the unit read it, and correct the remaining error."""
         status = CellStatus.ARRIVED
         try:
             self._see(spot)
@@ -145,7 +146,7 @@ class Task:
         return self._outcome(status)
 
     def resume(self, outcome: Outcome) -> Outcome:
-        """Go on with a task whose last execution was stopped; the outcome is of the rest of the way."""
+        """Resume a task whose last execution was stopped; return the outcome of the remaining motion."""
         self.spot, self.true_spot, self.target = outcome.spot, outcome.true_spot, outcome.target
         since, status = perf_counter(), CellStatus.ARRIVED
         try:
@@ -309,9 +310,9 @@ class Task:
         self._add("tool", said, pose, since)
 
     def _rest(self, tool: Array, encoders: Array) -> Array:
-        """Measured spot minus measured tool, both measured in the same way, so that the calibration's error cancels.
+        """Return the measured spot minus the measured tool, so that the error of the calibration cancels.
 
-        A tool that is measured farther from where the encoders have it than noise and calibration explain is not measured.
+        A measurement is rejected if noise and calibration do not explain its distance from the position by the encoders.
         """
         try:
             read = self.cell.read_tool(tool, self.wishes.readings, self.wishes.look)
@@ -327,9 +328,9 @@ class Task:
         spread = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
         most = MOST_SPREADS * spread + (ARM_OFF if stated else UNSTATED)
         if off > most:
-            why = f"the laser unit measures the tool {_mm(off)} from where the encoders have it"
-            reason = f"{why}, and noise and calibration explain {_mm(most)} at most"
-            advice = "see what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
+            why = f"the laser unit measures the tool {_mm(off)} from its position by the encoders"
+            reason = f"{why}, but noise and calibration explain at most {_mm(most)}"
+            advice = "check what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
         self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.wishes.plane)))
         return self.spot - seen.point
@@ -406,7 +407,7 @@ class Task:
 
 
 def wishes_of(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> Wishes:
-    """Build what was asked of a task, with its law and the other fields of `Wishes`."""
+    """Build the settings of a task from its law and the other fields of `Wishes`."""
     return Wishes(law=law_for(law), **given)
 
 

@@ -40,7 +40,7 @@ SAME_LINE = 1e-7
 """Smallest singular value of the derivatives, over the largest, up to which the pose is not fixed [1]: rounding is at 1e-15."""
 
 NARROW = 0.1
-"""Width of a set of points over its length up to which it is called a line [1]."""
+"""Largest ratio of width to length at which a set of points counts as a line [1]."""
 
 SEARCH_ROUNDS = 10
 """Rounds in which pairs may come back; after them they only leave, so that the search ends."""
@@ -49,9 +49,9 @@ SEARCH_ROUNDS = 10
 class CalibrationStatus(StrEnum):
     """How a calibration ended. Only FOUND is success.
 
-    COLLINEAR: the rotation is not fixed by the points, which lie nearly on one line or too near to each other.
-    TOO_MANY_OUTLIERS: more pairs disagree than may be left out. INCONSISTENT: the residuals are larger than the stated noise
-    allows. NOT_CONVERGED: the least-squares fit came to no end.
+    COLLINEAR: the points do not determine the rotation, because they lie nearly on one line or too close together.
+    TOO_MANY_OUTLIERS: more pairs disagree than may be excluded. INCONSISTENT: the residuals are larger than the stated noise
+    allows. NOT_CONVERGED: the least-squares fit did not converge.
     """
 
     FOUND = "found"
@@ -219,12 +219,12 @@ def _judged(
         length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[:2]
         if length > SAME_LINE and width <= NARROW * length:
             why, advice = (
-                "the points lie on one line or nearly so",
-                "add points away from that line, apart in two directions",
+                "the points lie on one line, or nearly on one",
+                "add points away from that line, spread in two directions",
             )
         else:
             span = 1e3 * float(np.ptp(points, axis=0).max())
-            why, advice = f"the points span {span:.3g} mm only, too little for this noise", "add points farther apart"
+            why, advice = f"the points span only {span:.3g} mm, too little for this noise", "add points farther apart"
         return CalibrationStatus.COLLINEAR, f"the unit's rotation is {known}: {why}", advice
     if not converged:
         return CalibrationStatus.NOT_CONVERGED, "the least-squares fit came to no end", "check the pairs"

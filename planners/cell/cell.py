@@ -296,12 +296,12 @@ class Cell(CellReadings):
         self.robot, self.held, self.width = robot, held, width
 
     def _check_weight(self, robot: Robot, held: Held) -> None:
-        """Raise where the motors cannot hold an object where the arm stands; torques that are not known are not judged."""
+        """Raise InvalidInput if the motors cannot hold an object at the arm's configuration; unknown torques are not judged."""
         if robot.inertia is None or robot.limits.torque is None:
             return
         try:
             q = self.drive.measure()
-        except InvalidInput:  # a simulated drive that does not know yet where its arm stands
+        except InvalidInput:  # a simulated drive that does not know its arm's configuration yet
             return
         if not np.isfinite(q).all():
             return

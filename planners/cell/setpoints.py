@@ -23,7 +23,7 @@ PERIOD = 0.004
 
 
 MOST_PERIODS = 500_000
-"""Periods of a motion at most: half an hour at 4 ms, of which a simulated arm keeps half a gigabyte."""
+"""Largest number of periods of a motion: half an hour at 4 ms, for which a simulated arm stores half a gigabyte."""
 
 
 class Setpoints(NamedTuple):
@@ -104,7 +104,7 @@ def slowed_to(plan: Plan, duration: float) -> Plan:
     )
     if not plan or again.holds:
         return slower
-    why = f"the certificate of the motion slowed to {duration:.9g} s does not hold: {'; '.join(again.broken)}"
+    why = f"the certificate of the motion slowed to {duration:.9g} s is not valid: {'; '.join(again.broken)}"
     stop = Stop(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
     return replace(slower, status=PlanStatus.NOT_PROVED, stop=stop)
 

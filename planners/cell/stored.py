@@ -19,31 +19,30 @@ arm that goes another way is farther off at once."""
 
 
 def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
-    """Return a plan with a motion from a file: its joint path is followed again, and the motion is certified again.
+    """Return a plan with a motion from a file. Its joint path is followed again, and the motion is certified again.
 
     Parameters
     ----------
     motion : Motion
         As `planners.load_motion` reads it.
     ik : str
-        The IK method that it was planned with. It matters only to an arm with more joints than its task needs, which the
-        method takes its own way.
+        The IK method that it was planned with. It matters only for a redundant arm, where each method finds its own joint path.
     allow : str or several
         Violations to permit, as for `planners.save`.
 
     Returns
     -------
     Plan
-        With the motion as it was stored, and a certificate of now.
+        The stored motion with a new certificate.
 
     Raises
     ------
     InvalidInput
         Not a motion, or one that begins in the middle of its path.
     InvalidMotion
-        The motion violates something that ``allow`` does not permit.
+        The motion has a violation that ``allow`` does not permit.
     NoSolution
-        The path cannot be followed from its start, or leads another way.
+        The path cannot be followed from its start, or gives another joint path.
     UnknownName
         No such IK method.
     """
@@ -53,7 +52,7 @@ def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
         expected = "one that begins where its path does; a replanned one is executed by the program that replanned it"
         raise InvalidInput("motion", f"one that begins at s = {motion.span[0]:.6g}", expected)
     proof = motion.certify()
-    check_valid(proof, allow, "the certificate of this motion does not hold: ", "another law, or lower limits")
+    check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
     joints, (t, s) = _followed(motion, ik), proof.binding[:2]
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:

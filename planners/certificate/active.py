@@ -34,9 +34,9 @@ class Binding(NamedTuple):
 
 
 def active_constraints(motion: Examined, parts: tuple[LimitedPart, ...], places: Array) -> Binding:
-    """Find the worst ratio of every segment, its limit and its joint, with the path parameter (m + 1,) at the knots.
+    """Return the peak ratio of every segment, its limit and its joint, with the path parameter (m + 1,) at the knots.
 
-    Exact for the joints; for the tool from both ends of each segment.
+    Joint ratios are exact; tool ratios are taken at both ends of each segment.
     """
     t, n, kinds = motion.trajectory.knots, motion.robot.n, parts[-1].limits.kinds
     each = [[kind.piece_ratios(part.motion, part.limits.bounds(n)[kind.name]) for kind in kinds] for part in parts]

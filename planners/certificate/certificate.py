@@ -263,9 +263,9 @@ def certify(
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
     scene, margin : Scene and float, optional
-        What the arm must not touch, nor its links each other, and what distances to the scene must exceed [m]; by default none.
+        Obstacles, and the least distance to them [m]; self-contact is checked too. By default there is no collision check.
     before : (2,) tuple, optional
-        Limits in the place of ``limits`` until a time [s], a knot of the motion.
+        Limits that replace ``limits`` until a time [s], which must be a knot of the motion.
 
     Returns
     -------

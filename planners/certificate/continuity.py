@@ -19,7 +19,7 @@ AT_REST = 1e-9
 
 
 class Jump(NamedTuple):
-    """A step of a joint's position or velocity [rad, m, or per s], and when [s]."""
+    """A discontinuity of a joint's position or velocity [rad, m, or per s], and its time [s]."""
 
     size: float
     t: float
@@ -70,7 +70,10 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
     first, last = trajectory.ends(1)
     begin, end = _rounding(trajectory)[1, [0, -1]]
     still = AT_REST * trajectory.extrema(1).worst
-    begin, end = np.minimum(begin, still), end + still  # what is left of a motion just before its end is slow but moves
+    begin, end = (
+        np.minimum(begin, still),
+        end + still,
+    )  # the remaining motion just before the end is slow but not at rest
     return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 
@@ -116,7 +119,7 @@ def continuous_order(jumping: Flags) -> int:
 
 
 def largest_jump(trajectory: Trajectory, jumping: Flags) -> Jump | None:
-    """Return the largest jump of the position, or of the velocity if the position is continuous; None if both are."""
+    """Return the largest jump of the position, or of the velocity if the position is continuous; None if neither jumps."""
     order = continuous_order(jumping) + 1
     if order > 1:
         return None
@@ -126,7 +129,7 @@ def largest_jump(trajectory: Trajectory, jumping: Flags) -> Jump | None:
 
 
 def continuity_failures(continuous: int, jump: Jump | None, joint_names: tuple[str, ...]) -> list[Failure]:
-    """Return the jump of position or velocity that `largest_jump` found, which no motion may make."""
+    """Return the jump found by `largest_jump` as a violation; no motion may have one."""
     if continuous >= 1:
         return []
     what, unit = ("position", "rad or m") if continuous < 0 else ("velocity", "rad/s or m/s")

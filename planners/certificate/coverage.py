@@ -14,7 +14,7 @@ from planners.certificate.path_error import Passage
 from planners.paths.base import Path
 
 FALLS = 100
-"""Stretches on which a motion goes back that are measured, the longest first: each costs 65 twists."""
+"""Largest number of backward stretches that are measured, the longest first; each takes 65 twists."""
 COVERED = (1e-5, 1e-5)
 """How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given:
 the tolerance of `planners.plan`."""
@@ -94,9 +94,9 @@ def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverag
 
 
 def _stretches_back(passage: Passage) -> Array:
-    """Longest stretches back (k, 3): when they end, from the farthest place yet, and to the nearest one until the next.
+    """Return the longest backward stretches (k, 3): their end time, the largest s before, and the least s until the next.
 
-    A stretch may go on over many of the intervals whose parts of it are in ``passage.falls``.
+    A stretch may span many intervals; ``passage.falls`` has its part in each of them.
     """
     falls = passage.falls
     t = np.concatenate([passage.t, falls[:, 0], falls[:, 0]])

@@ -1,4 +1,4 @@
-"""What a certificate finds violated, the word that permits each violation, and the refusal of a motion with others."""
+"""Violations that a certificate finds, the words that permit them, and the refusal of invalid motions."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from planners.certificate.certificate import Certificate
 
 ALLOWANCES = ("contact", "path", "limits", "jerk", "coverage", "not_proved")
-"""The words of ``allow=``: contact, or less than the margin; the tool off its path; limits, jumps and ranges; the limit on the
-jerk; a part of the path that is missing; and what is neither violated nor proved to be kept."""
+"""The words of ``allow=``. They permit: contact, or a distance below the margin; a path error above the tolerance; exceeded
+limits, jumps and ranges; an exceeded jerk limit; a missing part of the path; bounds that are neither violated nor proved."""
 LIMIT_WORDS = ("limits", "jerk")
-"""Those that permit to exceed a limit of the motion."""
+"""Words that permit exceeded limits of the motion."""
 
 Allow = str | Iterable[str]
-"""One word or several."""
+"""One word of `ALLOWANCES`, or several."""
 
 
 class Failure(NamedTuple):
-    """A violation: in words, when [s], the word of `ALLOWANCES` that permits it, and the joint, if it is one."""
+    """A violation: its text, its time [s], the word of `ALLOWANCES` that permits it, and the joint, if it concerns one."""
 
     words: str
     t: float
@@ -40,12 +40,12 @@ def check_allow(allow: Allow, words: Sequence[str] = ALLOWANCES) -> tuple[str, .
 
 
 def word_of_limit(name: str) -> str:
-    """Return the word that permits to exceed a limit."""
+    """Return the word that permits an exceeded limit."""
     return "jerk" if name == "jerk" else "limits"
 
 
 def required_limits(names: tuple[str, ...], allow: Allow) -> tuple[str, ...]:
-    """Return those limits that a motion must keep although these words permit some violations."""
+    """Return the limits that a motion must respect, without those whose violation these words permit."""
     allowed = check_allow(allow)
     return tuple(name for name in names if word_of_limit(name) not in allowed)
 
@@ -66,6 +66,6 @@ def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice
 
 
 def words_for(failures: Sequence[Failure], allow: Allow = ()) -> tuple[str, ...]:
-    """Return the words that permit these violations, together with those that are given already."""
+    """Return the words that permit these violations, including the words already given."""
     needed = {*check_allow(allow), *(failure.allow for failure in failures)}
     return tuple(word for word in ALLOWANCES if word in needed)

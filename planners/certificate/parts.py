@@ -1,4 +1,4 @@
-"""A motion in parts with limits of their own: the old ones until it can meet the new ones."""
+"""Parts of a motion with limits of their own: the old limits until the motion can respect the new ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planners.splice import rest_of, start_of
 
 
 class LimitedPart(NamedTuple):
-    """A part of a motion, when it begins [s], and its limits."""
+    """A part of a motion, its start time [s], and its limits."""
 
     motion: Examined
     begin: float
@@ -24,7 +24,7 @@ class LimitedPart(NamedTuple):
 def limited_parts(
     motion: Examined, limits: MotionLimits, before: tuple[MotionLimits, float] | None
 ) -> tuple[LimitedPart, ...]:
-    """Return the whole motion, or its parts before and after the time until which other limits hold."""
+    """Return the whole motion as one part, or its parts before and after the time at which the limits change."""
     if before is None:
         return (LimitedPart(motion, 0.0, limits),)
     expected = "limits of the same kinds, and the time of a knot inside the motion"
@@ -60,7 +60,7 @@ def judged_parts(motion: Examined, parts: tuple[LimitedPart, ...]) -> dict[str, 
 
 
 def _worse(first: Any, second: Any) -> Extreme | ToolExtreme:
-    """Of two judgements that with the larger ratio, for each joint; where neither is limited that with the larger value."""
+    """Return the judgement with the larger ratio for each joint, or with the larger value if neither is limited."""
     a, b = (np.where(np.isnan(x.ratio), x.value, x.ratio) for x in (first, second))
     chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]
     return Extreme(*chosen) if isinstance(first, Extreme) else ToolExtreme(*(float(x) for x in chosen))

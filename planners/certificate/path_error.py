@@ -73,7 +73,7 @@ class PathError(NamedTuple):
 
 
 def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> Failure:
-    """A deviation of which the bound exceeds the tolerance: violated if the largest value found does so too."""
+    """Return a deviation whose bound exceeds the tolerance; it is a violation if the largest value found also exceeds it."""
     words = f"{words}, and the tolerance is {tolerance:.3g} {unit}"
     if found > tolerance:
         return Failure(words, t, "path")
@@ -81,9 +81,9 @@ def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> 
 
 
 class Passage(NamedTuple):
-    """A motion along its path: places s (k,) at instants t (k,), some of them knots.
+    """A motion along its path: path parameters s (k,) at instants t (k,), some of them knots.
 
-    ``falls`` (m, 3) are stretches on which s(t) goes back between two instants: when, from which place, and to which.
+    ``falls`` (m, 3) are stretches on which s(t) decreases between two instants: the time, and s before and after.
     """
 
     t: Array

@@ -31,17 +31,17 @@ def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
 
 
 def position_times(robot: Robot, trajectory: Trajectory) -> Array:
-    """Return when each joint has its least distance to its position limits (n,) [s]."""
+    """Return the times at which the joints are nearest to their position limits (n,) [s]."""
     reach = trajectory.extrema(0)
     lower = reach.least - robot.limits.lower < robot.limits.upper - reach.greatest
     return np.where(lower, reach.t_least, reach.t_greatest)
 
 
 def position_failures(margins: Array, joint_names: tuple[str, ...], times: Array | None = None) -> list[Failure]:
-    """Return the largest violation of a position limit beyond 1e-9, from what the functions above return."""
+    """Return the largest violation of a position limit above 1e-9, from the margins and their times."""
     i = int(np.argmin(margins))
     if margins[i] >= -LIMIT_TOLERANCE:
         return []
     t = 0.0 if times is None else float(times[i])
-    words = f"{joint_names[i]} passes its range by {-margins[i]:.3g} (rad or m) at t = {t:.6g} s"
+    words = f"{joint_names[i]} exceeds its range by {-margins[i]:.3g} (rad or m) at t = {t:.6g} s"
     return [Failure(words, t, "limits", joint_names[i])]

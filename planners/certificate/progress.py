@@ -60,7 +60,7 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
 
 @lru_cache(maxsize=4)
 def _chords(path: Path) -> tuple[Array, Array, Array]:
-    """The path's chords: their ends in s, the path's distance from each, and their ends as points."""
+    """Return the chords of the path: their ends in s, the distance of the path from each, and their end points."""
     edges, off = chords(path, CHORD_TURN, BEND, CHORD_CELLS)
     return edges, off, np.ascontiguousarray(embedded(path.pose(edges), CHORD_TURN))
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from planners.plan import Plan
 
 MOST_LIMITS = 7
-"""Limits that a summary shows, those nearest to their bound."""
+"""Largest number of limits in a summary; those nearest to their bounds are shown."""
 
 
 def plan_summary(plan: Plan, proof: Certificate | None) -> str:
@@ -44,7 +44,7 @@ def certificate_lines(proof: Certificate) -> list[str]:
 
 
 def _limit_lines(proof: Certificate) -> list[str]:
-    """The peak of each limit over its bound, the largest ratios where there are many."""
+    """Return the peak / limit lines, at most those with the largest ratios."""
     from planners.limits import ALL_LIMITS
 
     found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
@@ -60,7 +60,7 @@ def _limit_lines(proof: Certificate) -> list[str]:
 
 
 def _tool_lines(proof: Certificate) -> list[str]:
-    """The path error and speed of the tool, and the clearance."""
+    """Return the lines on path error, tool speed and clearance."""
     off, lines = proof.path_error, []
     tool = f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g}"
     if np.isfinite(off.distance):
@@ -75,6 +75,6 @@ def _tool_lines(proof: Certificate) -> list[str]:
 
 
 def shortened(words: str, most: int = 300) -> str:
-    """Return text on one line, cut to a length."""
+    """Return text on one line, cut to at most a number of characters."""
     line = " ".join(words.split())
     return line if len(line) <= most else f"{line[: most - 1]}…"

@@ -30,13 +30,13 @@ def save(
 ) -> None:
     """Write a valid motion, whole or not at all, in the format of the file's suffix or in one that is named.
 
-    Every format holds the arm, the path, the limits, the law's name, the limits that the motion must keep, and the exact
+    Every format holds the arm, the path, the limits, the law's name, the limits that the motion must respect, and the exact
     polynomials. The motion is certified before it is written.
 
     Parameters
     ----------
     motion : Motion or Plan
-        What is written.
+        The motion to write.
     file : str or path
         ``.npz``: arrays ``knots`` and ``coefficients``, the rest as JSON in ``header``. ``.json``: one key a line.
         ``.csv``: the same lines as comments, then a table of t, q, q̇, q̈ at the knots.
@@ -45,13 +45,13 @@ def save(
     rate : float, optional
         Points per second [1/s] in the table of a CSV; by default points at the knots.
     allow : str or several
-        Violations to permit: ``"contact"``, ``"path"``, ``"limits"``, ``"jerk"``, ``"coverage"``, ``"not_proved"``. With all of
-        them the motion is not certified.
+        Violations to permit: ``"contact"``, ``"path"``, ``"limits"``, ``"jerk"``, ``"coverage"``, ``"not_proved"``. With all
+        of them the motion is not certified.
 
     Raises
     ------
     InvalidMotion
-        The motion violates something that ``allow`` does not permit: it says what, by how much, where, and the word.
+        The motion has a violation that ``allow`` does not permit. The error states its size, where it is, and the word.
     InvalidInput
         A suffix of no format, or a rate for a format without a table.
     UnknownName

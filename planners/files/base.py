@@ -239,7 +239,7 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
 
 
 def _before(data: Any, n: int) -> tuple[MotionLimits, float] | None:
-    """The limits that hold until a time [s], and the time."""
+    """Return the limits that hold until a time [s], and that time."""
     if data is None:
         return None
     if not isinstance(data, list) or len(data) != 2:

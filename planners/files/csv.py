@@ -16,11 +16,11 @@ from planners.files.base import Format, from_plain, to_plain
 from planners.motion import Motion
 
 MOST_TABLE_ROWS = 1_000_000
-"""Most rows of a table at a rate."""
+"""Largest number of rows of a table with a rate."""
 
 
 class Csv(Format):
-    """A table for spreadsheets; the motion itself is the polynomials in the comment lines.
+    """A table for spreadsheets; the comment lines contain the motion itself, as polynomials.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Csv(Format):
 
 
 def _table(motion: Motion, rate: float | None) -> tuple[list[str], Array]:
-    """Names of the columns, and rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots, or at a rate."""
+    """Return the names of the columns, and rows (m + 1, 1 + 3n) of t, q, q̇, q̈ at the knots, or at a rate."""
     t = motion.trajectory.knots
     if rate is not None:
         count = np.ceil((t[-1] - t[0]) * rate - 1e-9)

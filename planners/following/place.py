@@ -1,4 +1,4 @@
-"""Find where on a joint path a configuration is."""
+"""Search of the path parameter at which a joint path is nearest to a configuration."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from planners.curve import Curve
 from planners.following.joint_path import JointPath
 
 BETWEEN_NODES = 4
-"""Intervals between two nodes in which the nearest place is searched: in each the distance has one least value."""
+"""Number of intervals between two nodes in which the nearest point is searched; in each the distance has one minimum."""
 NEAR_INTERVALS = 8
-"""Most intervals that are searched where a path comes near a configuration more than once."""
+"""Largest number of intervals that are searched if a path comes near a configuration more than once."""
 EQUALLY_NEAR = 1e-6
-"""Difference of distances [rad or m] below which two places are equally near."""
+"""Difference of distances [rad or m] below which two points of the path are equally near."""
 PLACE_STEPS = 60
-"""Steps of the search in an interval: bisection alone would do."""
+"""Number of search steps in an interval; enough for bisection alone."""
 
 
 def place_on(joints: JointPath, q: ArrayLike, near: float) -> float:
-    """Return the path parameter s nearest to a configuration (n,) [rad, m]; of equally near ones that closest to `near`."""
+    """Return the path parameter s nearest to a configuration (n,) [rad, m]; among equally near ones the closest to `near`."""
     q, part = np.asarray(q, dtype=np.float64), np.arange(BETWEEN_NODES) / BETWEEN_NODES
     grid = np.append((joints.nodes[:-1, None] + np.diff(joints.nodes)[:, None] * part).ravel(), joints.end)
     off = np.linalg.norm(joints(grid) - q, axis=1)
@@ -33,7 +33,7 @@ def place_on(joints: JointPath, q: ArrayLike, near: float) -> float:
 
 
 def place_between(joints: Curve, q: Array, low: float, high: float) -> float:
-    """Return the place in [low, high] of a curve nearest to q: Newton's steps for q' · (q(s) − q) = 0, else bisection."""
+    """Return s in [low, high] at which a curve is nearest to q, by Newton steps for q' · (q(s) − q) = 0, or by bisection."""
     s = 0.5 * (low + high)
     for _ in range(PLACE_STEPS):
         q1, off = joints(s, 1), joints(s) - q

@@ -44,8 +44,8 @@ class MotionLimits:
         Greatest torques [N·m, N] and rates of the torques [N·m/s, N/s], of an arm whose masses are known. Coulomb friction
         counts in the torque, and not in its rate.
     robot_values : mapping, optional
-        Bounds of the robot's model by name, as `MotionLimits.of` sets them. A bound that differs from its entry here was given
-        by the caller (`MotionLimits.given_names`).
+        Bounds of the robot's model by name, set by `MotionLimits.of`. A bound that differs from its entry here was given by the
+        caller (`MotionLimits.given_names`).
 
     Raises
     ------
@@ -94,16 +94,16 @@ class MotionLimits:
 
     @staticmethod
     def of(robot: Robot, **given: Any) -> MotionLimits:
-        """Return the robot's own limits, with those that are given in their place, as the command line does.
+        """Return the robot's own limits, with the given limits in place of its own, as on the command line.
 
-        The constructor takes nothing from a robot: what is not given to it is free.
+        The constructor takes no limits from a robot: a limit that is not given to it is free.
 
         Parameters
         ----------
         robot : Robot
             The arm.
         **given
-            Arguments of `MotionLimits`; None frees a limit of the robot's.
+            Arguments of `MotionLimits`; None removes a limit of the robot.
 
         Returns
         -------
@@ -126,7 +126,7 @@ class MotionLimits:
 
     @property
     def given_names(self) -> tuple[str, ...]:
-        """Names of the limits that the caller gave: those with a bound that is not the one of the robot's model."""
+        """Names of the limits that the caller gave: those whose bound differs from that of the robot's model."""
         own = self.robot_values or {}
         bounds = {name: self.value(name) for name in self.names}
         return tuple(n for n, b in bounds.items() if b is not None and not (n in own and np.array_equal(b, own[n])))

@@ -1,4 +1,4 @@
-"""Waypoints of a tool from a table of comma-separated values, as CAM systems and scanners write them."""
+"""Waypoints of a tool from a table of comma-separated values, as written by CAM systems and scanners."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ ACCEPTED_HEADER = (
     "a header line that names x,y,z [m] or x_mm,y_mm,z_mm, alone or with one of qx,qy,qz,qw; roll,pitch,yaw [rad]; "
     "roll_deg,pitch_deg,yaw_deg; i,j,k"
 )
-"""What an error says of a header line."""
+"""The allowed header lines, as an error states them."""
 
 
 def waypoints_of(file: str | os.PathLike[str], orientation: ArrayLike | None) -> Array:
     """Return the poses (k, 4, 4) of a file; see `Polyline.from_csv`."""
     if not isinstance(file, str | os.PathLike):
-        raise InvalidInput("file", repr(file)[:60], "a path of a CSV file")
+        raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
     name = os.fspath(file)
     columns, lines, numbers = _table(name, text_of(content_of(Path(name))))
     position = next(names for names in POSITION_COLUMNS if set(names) <= set(columns))
@@ -54,7 +54,7 @@ def _rotation(orientation: ArrayLike) -> Array:
 
 
 def _table(name: str, text: str) -> tuple[list[str], list[int], Array]:
-    """Names of the columns, and of each row its line and its numbers; empty lines and those that begin with # are skipped."""
+    """Return the column names, the line of each row and its numbers; skip empty lines and lines that begin with #."""
     rows = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), skipinitialspace=True)
     columns: list[str] = []
     lines: list[int] = []
@@ -81,7 +81,7 @@ def _table(name: str, text: str) -> tuple[list[str], list[int], Array]:
 
 
 def _header(at: str, row: list[str]) -> list[str]:
-    """Names of the columns, in lower case: one position and at most one orientation, and nothing else."""
+    """Return the column names in lower case: one position, at most one orientation, and nothing else."""
     columns = [name.strip().lower() for name in row]
     positions = [names for names in POSITION_COLUMNS if set(names) <= set(columns)]
     turned = [names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)]
@@ -104,7 +104,7 @@ def _number(at: str, value: str) -> float:
 
 
 def _rotations(name: str, lines: list[int], turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
-    """Rotations of the tool (3, 3), one of each row."""
+    """Return the rotation of the tool (3, 3) for each row."""
     if not turned:
         return [first] * len(lines)
     if turned in ANGLE_COLUMNS:

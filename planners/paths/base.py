@@ -116,7 +116,7 @@ class Path(Curve):
 
     @cached_property
     def known_bounds(self) -> Array:
-        """`piece_bounds`, found once."""
+        """Return `piece_bounds`, computed once."""
         return np.ascontiguousarray(self.piece_bounds())
 
     def least_on_pieces(self, values: Array) -> Array:

@@ -131,13 +131,13 @@ class Polyline(Path):
     ) -> Self:  # fmt: skip
         """Return the polyline through the waypoints of a table of comma-separated values.
 
-        The first line is a header. Its names decide what the columns are, in any order, in upper or lower case:
+        The first line is a header. Its names identify the columns, in any order, in upper or lower case:
 
         - the position: ``x,y,z`` [m], or ``x_mm,y_mm,z_mm``;
         - the orientation, if any: a quaternion ``qx,qy,qz,qw``; ``roll,pitch,yaw`` [rad] or ``roll_deg,pitch_deg,yaw_deg``
-          with R = Rz(yaw) Ry(pitch) Rx(roll); or a tool axis ``i,j,k``, which points away from the work, as in CAM files
-          and as surface normals do: the tool's z axis is −(i, j, k). Of all orientations with that axis, a waypoint has the
-          one nearest to the waypoint before.
+          with R = Rz(yaw) Ry(pitch) Rx(roll); or a tool axis ``i,j,k`` of CAM files, or a surface normal. It points away
+          from the workpiece: the tool's z axis is −(i, j, k). Of all orientations with that axis, a waypoint has the one
+          nearest to the waypoint before.
 
         Positions and orientations are those of the tool in the base frame. Empty lines and lines that begin with ``#`` are
         skipped.
@@ -147,8 +147,8 @@ class Polyline(Path):
         file : str or path
             The table.
         orientation : (3, 3) array, optional
-            Rotation of the tool at all waypoints [1], for a file without an orientation; for a tool axis, the one to which the
-            first waypoint is nearest.
+            Rotation of the tool at all waypoints [1], for a file without an orientation. For a file with tool axes, the first
+            waypoint has the orientation nearest to it.
         blend, blend_rotation : float
             As of `Polyline` [m, rad].
 
@@ -160,8 +160,8 @@ class Polyline(Path):
         Raises
         ------
         InvalidInput
-            A file that cannot be read; other columns, or a value that is none, with its line and column; no ``orientation``
-            where the file needs one; waypoints that make no polyline.
+            A file that cannot be read; unknown columns or an invalid value (the error names line and column); no
+            ``orientation`` although the file needs one; waypoints that do not form a polyline.
         """
         return cls(waypoints_of(file, orientation), blend=blend, blend_rotation=blend_rotation)
 

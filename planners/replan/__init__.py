@@ -1,4 +1,4 @@
-"""From a moving state on a plan's path: to its end, or to rest."""
+"""Replanning from a moving state: to the end of the path, or to rest on it."""
 
 from planners.replan.answer import replan
 

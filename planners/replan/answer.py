@@ -1,4 +1,4 @@
-"""replan(): from a moving state on a plan's path to its end, or to rest on it as soon as possible."""
+"""replan(): a motion from a moving state to the end of a plan's path, or to rest on it as soon as possible."""
 
 from __future__ import annotations
 
@@ -31,39 +31,39 @@ def replan(
     tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
     scene: Scene | None = None, margin: float | None = None,
 ) -> Plan:  # fmt: skip
-    """Plan the rest of a path anew from a moving state: with other limits, to its end, or to rest on it.
+    """Replan from a moving state: to the end of the path, for example within other limits, or to rest on the path.
 
-    The result is the law's motion or the rest of the plan's own, whichever is sooner at rest: with the plan's limits there is
-    always one. The motion may exceed lower limits, never the old ones, until `Plan.within_limits_from`.
+    The result is the law's motion or the remaining part of the plan's motion, whichever comes to rest first. With the plan's
+    limits there is always a result. Until `Plan.within_limits_from`, the motion may exceed lower limits, never the old ones.
 
-    A stop brakes along the path under all limits that the plan's law enforces. For a state given as a time there is always one:
-    a sweep, the optimum found near it within `time_limit`, or the end of the motion where that comes first.
+    A stop brakes along the path under all limits that the plan's law enforces. For a state given as a time there is always
+    a stop: a sweep, the optimum found near it within `time_limit`, or the end of the motion if that comes first.
 
     Parameters
     ----------
     plan : Plan
-        One with a motion; the new motion continues along its joint path.
+        A plan with a motion; the new motion continues along its joint path.
     state : float, or three (n,) arrays
         A time of the plan's motion [s]; or q [rad, m], q̇ [rad/s, m/s] and q̈ [rad/s², m/s²], within 1e-6 of the path. A state
         within 1e-6 of the motion is replaced by the motion's own; `Plan.start_error` states the difference.
     stop : bool
         Come to rest on the path as soon as possible, instead of at its end.
     timing : str or TimeLaw, optional
-        A law that can start from a moving state; by default the plan's own, or `optimal` where that starts from rest only.
+        A law that can start from a moving state; by default the plan's own, or `optimal` if that law starts from rest only.
     limits : MotionLimits, optional
         By default those of the plan.
     time_limit : float
-        Time [s] in which the optimum may improve a stop; 0 returns the sweep's.
+        Computing time [s] for improving a stop towards the optimum; 0 returns the stop of the sweep.
     tolerance, rate : (2,) tuple of float, and float
         Distance [m] and angle [rad], and the controller's rate [1/s], as in `plan`.
     scene, margin : Scene and float, optional
-        What the arm must not touch, and what all distances must exceed [m]; by default the plan's.
+        Obstacles, and the least distance to them [m]; by default those of the plan.
 
     Returns
     -------
     Plan
         Its motion begins at t = 0 with exactly that state; `Plan.span` is the part of the path that it covers.
-        TIMING_INFEASIBLE with a reason where none is found, CONTACT where the state itself touches the scene.
+        TIMING_INFEASIBLE with a reason if there is no motion; CONTACT if the state itself is in contact with the scene.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def replan(
     start = moving_state(plan, running, state)
     if stop and start.still:
         raise InvalidInput(
-            "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving one: this one has stopped already"
+            "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving state; this one has already stopped"
         )
     asked = replace(asked, start_error=start.error)
     if scene is not None and (touch := _contact(asked, start)) is not None:
@@ -85,7 +85,7 @@ def replan(
 
 
 def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
-    """The plan's motion; raises InvalidInput for a plan without one, and for other options that are invalid."""
+    """Return the motion of a plan; raise InvalidInput for a plan without one, and for invalid options."""
     if not isinstance(stop, bool):
         raise InvalidInput("stop", repr(stop)[:60], "True or False")
     check_number(time_limit, "time_limit", "seconds, at least 0", least=0.0)
@@ -98,9 +98,9 @@ def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
 
 
 def _contact(asked: Asked, start: MovingState) -> NoSolution | None:
-    """The pair that touches where the motion would start."""
+    """Return the error for the pair in contact at the start of the motion."""
     near = around(asked.robot, asked.scene, asked.margin)
     touch = None if near is None else near.start(start.joints[0])
     if touch is None:
         return None
-    return NoSolution(touch.reason, s=start.at.s, advice="the arm is there already: stop it by other means")
+    return NoSolution(touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means")

@@ -1,4 +1,4 @@
-"""On to the path's end from a moving state, also within limits that the state exceeds."""
+"""Motions from a moving state to the end of the path, also within limits that the state exceeds."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory
 
 WIDENED = (1.001, 1.003, 1.01)
-"""Factors on the limits within which a law is tried from rest, where a motion can be slowed as a whole afterwards."""
+"""Factors on the limits with which a law is tried from rest; its motion can be slowed as a whole afterwards."""
 CLOCK_SLOWER = 1.0 + 1e-9
-"""By how much slower than needed the clock of a motion runs that is to meet lower limits: rounding."""
+"""Factor by which a motion is slowed more than lower limits require, because of rounding."""
 
 
 def onward_plan(asked: Asked, plan: Plan, start: MovingState) -> Plan:
-    """The motion that is first at the path's end and certified; else one that meets lower limits later."""
+    """Return the certified motion that ends first; or else one that respects lower limits only later."""
     touching: Plan | None = None
     for motion in _motions(asked, plan, start):
         found = judged(asked, plan, start, motion, None)
@@ -46,10 +46,10 @@ def onward_plan(asked: Asked, plan: Plan, start: MovingState) -> Plan:
 
 
 def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajectory]:
-    """Candidates from the state, the one that is first at rest first: the law's motion and the rest of the running one."""
+    """Return candidates in the order in which they come to rest: the law's motion and the remaining running motion."""
     joints = plan.joint_path
     rests = joints.end if plan.span is None else plan.span[1]
-    free = "jerk" not in asked.keeps  # then no motion that limits its jerk is faster
+    free = "jerk" not in asked.keeps  # then a motion with limited jerk is not faster
     if free and rests >= joints.end and start.rest is not None:
         yield start.rest
     law = mover(asked)
@@ -66,7 +66,7 @@ def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajector
 
 
 def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
-    """A motion that slows down under the plan's own limits until it can respect the new ones; at the latest at rest."""
+    """Return a motion that slows down within the plan's own limits until it can respect the new ones, at the latest at rest."""
     running, rest, old = plan.trajectory, start.rest, replace(asked, limits=plan.limits)
     if rest is None or asked.limits == plan.limits or asked.limits.names != plan.limits.names:
         return None
@@ -99,7 +99,7 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
 def _from_slow(
     asked: Asked, plan: Plan, start: MovingState, first: Trajectory, s: float, slow: Trajectory
 ) -> Plan | None:
-    """The plan of a motion that has braked: on by the law, or by the running motion run slower."""
+    """Return the plan of a motion that has braked and continues by the law, or by the slowed running motion."""
     later = replace(asked, before=(plan.limits, first.end))
     at = path_state(plan.joint_path, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
     quick = by_law(mover(asked), asked, plan.joint_path, asked.limits, at)
@@ -112,7 +112,7 @@ def _from_slow(
 
 
 def _slowed(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
-    """A motion from a state at rest, slowed as a whole until it respects the limits: the law's, or else a quintic in s."""
+    """Return a motion from rest, slowed as a whole until it respects the limits: the law's, or else a quintic in s."""
     enforced = asked.keeps
     for found in _from_rest(asked, plan.joint_path, start.at):
         try:
@@ -126,7 +126,7 @@ def _slowed(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
 
 
 def _from_rest(asked: Asked, joints: JointPath, at: PathState) -> Iterator[Trajectory]:
-    """Motions to the path's end that may exceed the limits: the law's within wider ones, and a quintic in s."""
+    """Return motions to the path's end that may exceed the limits: the law's with wider limits, and a quintic in s."""
     law = mover(asked)
     for factor in WIDENED:
         found = by_law(law, asked, joints, asked.limits.scaled(factor), at)

@@ -1,4 +1,4 @@
-"""Why there is no motion from a moving state."""
+"""Reasons why there is no motion from a moving state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planners.timing.base import StopKind
 
 
 def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSolution:
-    """Why there is no motion: the state itself passes a limit, or where the running motion does."""
+    """Return why there is no motion: the state itself exceeds a limit, or the running motion does later."""
     limits, robot = asked.limits, plan.robot
     try:
         check_statics(plan.joint_path, asked.limits, asked.keeps, start.at.s)
@@ -35,7 +35,7 @@ def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSoluti
     ratio, joint = float(ratios.max()), names[int(ratios.argmax())]
     advice = "higher limits" if stop else "stop=True, or higher limits"
     if ratio > 1.0 + 1e-9:
-        what = f"the state itself has {ratio:.6g} times the {field.replace('_', ' ')} that is allowed of {joint}"
+        what = f"the state itself has {ratio:.6g} times the allowed {field.replace('_', ' ')} of {joint}"
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
@@ -43,5 +43,5 @@ def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSoluti
     field = max(proof.keeps, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
     ratio, joint, t = proof.worst(field)
     s = float(np.interp(t, proof.binding.t, proof.binding.s))
-    what = f"the running motion comes to {ratio:.6g} times the {field.replace('_', ' ')} of {joint} at s = {s:.6g}"
+    what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}"
     return NoSolution(f"{none} was found; {what}", s=s, joint=joint, advice=advice)

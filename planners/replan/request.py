@@ -1,4 +1,4 @@
-"""What a motion from a moving state is planned and judged by."""
+"""The settings by which a motion from a moving state is planned and certified."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planners.trajectory import Trajectory
 
 
 class Enforced(TimeLaw):
-    """The law that made a plan, as far as its result says: its name, what it enforces, and the speed that was asked."""
+    """A stand-in for the law of a plan: its name, the limits that it enforces, and the requested speed."""
 
     keeps = ()
 
@@ -29,11 +29,11 @@ class Enforced(TimeLaw):
         self.name, self.speed, self._enforced = plan.law, plan.speed, plan.certificate.keeps  # type: ignore[misc]
 
     def promises(self, limits: MotionLimits) -> tuple[str, ...]:
-        """Return what the plan's certificate enforces."""
+        """Return the limits that the plan's certificate enforces."""
         return tuple(name for name in self._enforced if name in limits.names)
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Refuse: the law itself is not at hand."""
+        """Refuse, because the law itself is not available."""
         raise NoSolution(f"{self.name} starts from rest only")
 
 
@@ -43,13 +43,13 @@ def request(
     limits: MotionLimits | None,
     judged: tuple[tuple[float, float], float, Scene | None, float | None],
 ) -> Asked:
-    """Build the law where it was given by name, and check that it can enforce these limits."""
+    """Build the request: construct a law given by name, and check that it can enforce these limits."""
     tolerance, rate, scene, margin = judged
     scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
     check_scene(plan.robot, scene, margin)
     law = law_for(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
-    if limits is None:  # what the plan was allowed to exceed
+    if limits is None:  # limits that the plan was allowed to exceed
         limits, kept = plan.limits, plan.certificate.keeps
         allow = tuple({word_of_limit(name) for name in limits.given_names if name not in kept})
     if not isinstance(limits, MotionLimits):
@@ -61,7 +61,7 @@ def request(
 
 
 def _own_law(plan: Plan) -> TimeLaw:
-    """The plan's own law where it can start from a moving state; else one that stands for what it enforces."""
+    """Return the plan's own law if it can start from a moving state; else a stand-in that enforces the same limits."""
     if plan.law in laws() and plan.speed is None:
         law = law_for(plan.law)
         if type(law).run_from is not TimeLaw.run_from:
@@ -77,15 +77,15 @@ def mover(asked: Asked) -> TimeLaw:
 def judged(
     asked: Asked, plan: Plan, start: MovingState, motion: Trajectory, kind: StopKind | None, end: float | None = None
 ) -> Plan:
-    """A plan with a motion, certified, and the part of the path that it covers."""
+    """Return the plan of a certified motion, with the part of the path that it covers."""
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
     return replace(asked, span=(start.at.s, max(start.at.s, end)), stop_kind=kind).judged(plan.joint_path, motion)
 
 
 def by_law(law: TimeLaw, asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState) -> Trajectory | None:
-    """The law's motion from exactly this state; None where the law finds none."""
-    if at.s >= joints.end * (1.0 - 1e-9):  # nothing left to plan in
+    """Return the law's motion from exactly this state; None if the law finds none."""
+    if at.s >= joints.end * (1.0 - 1e-9):  # no path left
         return None
     try:
         motion = check_motion(law, law.run_from(joints, limits, at), asked.robot)

@@ -1,4 +1,4 @@
-"""A moving state on a plan's path: where it is, and how it relates to the running motion."""
+"""Moving states on a plan's path, and their relation to the running motion."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from planners.timing.base import PathState
 from planners.trajectory import Trajectory
 
 OFF_PATH = 1e-6
-"""Largest distance of a measured state from the path [rad or m], and over the greatest velocity and acceleration: encoders
-resolve less."""
+"""Largest distance of a measured state from the path [rad or m], and the same relative to the greatest velocity and
+acceleration; encoders resolve less."""
 ENDED = 1e-9
-"""A motion within this of its end has ended [s]: controllers count in nanoseconds."""
+"""Time before its end at which a motion counts as ended [s]: controllers count in nanoseconds."""
 STANDING = 1e-6
-"""Speed and acceleration along the path [1/s, 1/s²] below which a measured state has stopped."""
+"""Speed and acceleration along the path [1/s, 1/s²] below which a measured state counts as stopped."""
 SEVERAL = 3
-"""Instants from which the one nearest to a state is searched."""
+"""Number of instants from which the search for the instant nearest to a state starts."""
 
 
 class MovingState(NamedTuple):
-    """A state on the path, and its time in the running motion with the rate and acceleration that the motion's clock has there.
+    """A state on the path, its time in the running motion, and the rate and acceleration of the motion's clock at that time.
 
-    ``rest`` is what is left of the motion at the clock's rate, None where that is above 1; ``error`` the largest differences of
-    a measured state from the motion's own, by which it was replaced.
+    ``rest`` is the remaining motion at the clock's rate, or None for a rate above 1. ``error`` has the largest differences
+    between a measured state and the motion's own state, which replaced it.
     """
 
     at: PathState
@@ -45,13 +45,13 @@ class MovingState(NamedTuple):
 
     @property
     def joints(self) -> State:
-        """q, q̇ and q̈."""
+        """Return q, q̇ and q̈."""
         assert self.at.joints is not None
         return self.at.joints
 
 
 def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> MovingState:
-    """Return the moving state that is given as a time of the running motion, or as measured; raises InvalidInput."""
+    """Return the moving state for a time of the running motion, or for measured values; raise InvalidInput for others."""
     if isinstance(state, tuple | list):
         given = _measured(plan, state)
         t = _nearest_time(running, given)
@@ -69,7 +69,7 @@ def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike
     at = path_state(joints, s_at(plan, t), own)
     standing = at.speed <= STANDING and abs(at.acceleration) <= STANDING
     still = standing if error is not None else not (left and own[1].any())
-    if standing and (error is not None or not left):  # rounding and noise only
+    if standing and (error is not None or not left):  # the rest is rounding and noise
         at = at._replace(speed=0.0, acceleration=0.0)
     if at.s >= joints.end * (1.0 - 1e-9) and not left:
         raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
@@ -78,7 +78,7 @@ def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike
 
 
 def s_at(plan: Plan, t: float) -> float:
-    """Return the path parameter s of the plan's motion at a time [s]; raises InvalidInput where the motion is off its path."""
+    """Return the path parameter s of the plan's motion at a time [s]; raise InvalidInput if the motion is off its path."""
     running, joints = plan.trajectory, plan.joint_path
     knots, places = _table(plan)
     k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2))
@@ -100,7 +100,7 @@ def s_at(plan: Plan, t: float) -> float:
 
 
 def path_state(joints: JointPath, s: float, given: State) -> PathState:
-    """Return the state at s with the speed and the acceleration along the path of q̇ and q̈."""
+    """Return the state at s, with the speed and acceleration along the path that q̇ and q̈ have."""
     q1, q2 = joints(s, 1), joints(s, 2)
     _, dq, ddq = given
     size = float(q1 @ q1)
@@ -123,13 +123,13 @@ def _measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[A
 
 
 def _tolerances(given: State) -> tuple[float, float, float]:
-    """Largest differences of position, velocity and acceleration that count as none."""
+    """Return the largest differences of position, velocity and acceleration that count as zero."""
     _, dq, ddq = given
     return OFF_PATH, OFF_PATH * max(1.0, float(np.abs(dq).max())), 1e2 * OFF_PATH * max(1.0, float(np.abs(ddq).max()))
 
 
 def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> MovingState:
-    """A measured state on the path that is not one of the running motion; raises InvalidInput for one off the path."""
+    """Return a measured state on the path but off the running motion; raise InvalidInput for one off the path."""
     joints, (q, dq, ddq) = plan.joint_path, given
     s = place_on(joints, q, s_at(plan, t))
     q1, q2 = joints(s, 1), joints(s, 2)
@@ -154,19 +154,19 @@ def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> 
     at = PathState(s, 0.0 if still else max(speed, 0.0), 0.0 if still else acceleration, given)
     t, clock = _clock(plan, given, s)
     rest = None
-    if 0.0 < clock[0] <= 1.0 and t < running.end - ENDED:  # the motion itself, run at that rate
+    if 0.0 < clock[0] <= 1.0 and t < running.end - ENDED:  # the motion itself, slowed to that rate
         rest = begun(rest_of(running, t, s).slowed(1.0 / clock[0]), given, plan.limits)
     return MovingState(at, t, clock, rest, still, None)
 
 
 def _table(plan: Plan) -> tuple[Array, Array]:
-    """Times and path parameters of the plan's motion at its knots: those of its law, else of its certificate."""
+    """Return times and path parameters of the plan's motion at its knots, from its law or else from its certificate."""
     running, binding = plan.trajectory, plan.certificate.binding
     return (binding.t, binding.s) if running.places is None else (running.knots, running.places)
 
 
 def _clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:
-    """The time at which the plan's motion passes s, and the rate and acceleration of a clock with which it moves as given."""
+    """Return the time at which the plan's motion passes s, and the rate and acceleration of a clock that gives the state."""
     running, (knots, places) = plan.trajectory, _table(plan)
     k = int(np.searchsorted(places, s))
     low, high = knots[max(k - 2, 0)], knots[min(k + 1, knots.size - 1)]
@@ -180,7 +180,7 @@ def _clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, floa
 
 
 def _nearest_time(running: Trajectory, given: State) -> float:
-    """Time [s] at which the running motion is nearest to a state, with its velocity and acceleration: damped Gauss–Newton."""
+    """Return the time [s] at which the running motion is nearest to a state in q, q̇ and q̈, by damped Gauss–Newton."""
     weights = tuple(OFF_PATH / most for most in _tolerances(given))
     aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])
 
@@ -196,7 +196,7 @@ def _nearest_time(running: Trajectory, given: State) -> float:
 
 
 def _descend(off: Callable[..., Array], t: float, end: float) -> tuple[float, float]:
-    """The time of least distance around t, and the distance."""
+    """Return the time of least distance near t, and the distance."""
     here = off(np.array([t]))[0]
     for _ in range(30):
         rate = off(np.array([t]), 1)[0]

@@ -1,4 +1,4 @@
-"""A stop: the arm brakes along its path as hard as the limits allow."""
+"""Stops: the arm brakes along its path as hard as the limits allow."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
 
 SHARES = (0.995, 0.9)
-"""Fractions of the limits that a sweep uses, tried in turn: it exceeds them a little between its knots."""
+"""Fractions of the limits for a sweep, tried in turn, because a sweep slightly exceeds its limits between its knots."""
 DELAYS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5, 7.0)
-"""Times for which the motion is followed before the arm brakes, where it cannot brake at once: over that of a usual stop."""
+"""Times for which the arm follows the motion if it cannot brake at once, as multiples of the time of a usual stop."""
 SHORTEST = 1e-6
-"""Distance to rest, over the length of the path, below which the sweep alone is tried: the joint path is straight there."""
+"""Braking distance, relative to the path length, below which only the sweep is tried: the joint path is straight there."""
 FIRST_END, CLOSE_ENDS = 0.95, 0.01
-"""Distance to rest, over that of the sweep, at which the optimum is tried first, and the interval at which the search ends."""
+"""Braking distance, relative to that of the sweep, for which the optimum is tried first, and the interval that ends the search."""
 
 
 def stopped_plan(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
-    """The stop: the optimum's, the sweep's, or the end of the motion, whichever is first and certified.
+    """Return the first certified stop: of the optimum, of the sweep, or the end of the motion.
 
-    Where none respects lower limits, the plan's own hold until the arm is at rest.
+    If no stop respects lower limits, the plan's own limits hold until the arm is at rest.
     """
     first = _first_stop(asked, plan, start, time_limit)
     if first or asked.limits == plan.limits or asked.limits.names != plan.limits.names:
@@ -57,7 +57,7 @@ def _first_stop(asked: Asked, plan: Plan, start: MovingState, time_limit: float)
 
 
 def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]:
-    """Sweeps to rest at once, under ever smaller fractions of the limits; then after a part of what is left of the motion."""
+    """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
     running, scales, rest, rate = plan.trajectory, scales_of(asked, plan), start.rest, start.clock[0]
     for share in SHARES:
         braking = brake(plan.robot, running, asked.limits, start.t, start.clock, scales, share)
@@ -78,7 +78,7 @@ def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]
 
 
 def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:
-    """Limits of a sweep and by what they are multiplied: 1 where they are enforced, else what the running motion reaches."""
+    """Return the factor on each limit of a sweep: 1 if it is enforced, else the ratio that the running motion reaches."""
     scales = dict.fromkeys(asked.keeps, 1.0)
     if asked.limits == plan.limits:
         for name in asked.limits.names:
@@ -88,7 +88,7 @@ def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:
 
 
 def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
-    """The best of a stop and of optima that end near it, as many as there is time for."""
+    """Return the best of a stop and of as many optima near its end as the time allows."""
     law, joints = asked.law if isinstance(asked.law, Optimal) else Optimal(), plan.joint_path
     if best.span is None or best.within_limits_from or set(law.keeps) - set(asked.keeps):
         return best

@@ -35,7 +35,7 @@ JERK_AGREES = 2e-3
 
 
 class StopKind(StrEnum):
-    """What a stop is: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion itself."""
+    """Kind of a stop: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion itself."""
 
     OPTIMUM = "optimum"
     SWEEP = "sweep"
@@ -103,7 +103,7 @@ class TimeLaw(ABC):
         """
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
-        """Time the rest of the joint path from a moving state to its end.
+        """Time the remaining joint path from a moving state to its end.
 
         Parameters
         ----------

@@ -35,42 +35,42 @@ from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
 DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
-"""Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over one, by slopes at ends."""
+"""Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over a cell (by end slopes)."""
 LEAST_KNOTS = 32
-"""Least number of knots of s(t) on a path whose pieces are all curved; of a piece `DISTANCE_PER_PIECE`."""
+"""Least number of knots of s(t) on a path whose pieces are all curved; `DISTANCE_PER_PIECE` is that of a piece."""
 SAME_BREAK = 1e-6
-"""Fraction of the length within which two breaks are one: in shorter cells a spline's third derivative is rounding."""
+"""Fraction of the length within which two breaks count as one: in shorter cells a spline's third derivative is rounding."""
 STRAIGHT_CELL = 1e-9
-"""Relative change of the tool's speed over a cell, at a constant ṡ, that is rounding."""
+"""Relative change of the tool's speed over a cell, at a constant ṡ, that counts as rounding error."""
 KNOTS_APART = 2e-4
-"""Least time [s] between knots of s(t) in motions of a second and more, and its fraction of a shorter motion: a corner in which
+"""Least time [s] between knots of s(t) in motions of at least a second, or its fraction of a shorter motion. A corner in which
 the joints reach their limits takes many times as long."""
 RAMP_SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
     (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
 """Shares of a ramp in which its acceleration rises and falls."""
 RAMP_LENGTHS = (1.0, 0.9, 0.75)
-"""Lengths of the ramps to the greatest speed, over the longest ones."""
+"""Lengths of the ramps to the greatest speed, relative to the longest allowed ramps."""
 CRAWL = 1e3
-"""Duration over that of a motion that slows at corners, above which no speed is chosen: a second becomes 17 minutes."""
+"""Largest ratio of the duration to that of a motion that slows at corners; above it no speed is chosen (1 s becomes 17 min)."""
 FIRST_ROOM, ROOM_LEFT, ROOMS = 0.999, 0.998, 3
-"""Fraction of the limits that ramps use at first, that of what an excess leaves, and how many fractions are tried."""
+"""Fraction of the limits that ramps use first, factor on it after an excess, and number of fractions that are tried."""
 
 
 class ConstantSpeed(TimeLaw):
-    """One speed of the tool, |v|, from the end of one ramp to the start of the other; |ω| where the tool only turns.
+    """Constant speed of the tool, |v|, from the end of one ramp to the start of the other; |ω| if the tool only turns.
 
-    The ramps are limited in jerk and as short as the limits allow where they lie; they take at most the share `ramp` of
-    the distance each. The speed is one number, kept exactly: nothing slows this motion as a whole.
+    The ramps are limited in jerk and as short as the local limits allow. Each takes at most the fraction `ramp` of the
+    distance. The speed is one number and is met exactly: this motion is never slowed as a whole.
 
     Parameters
     ----------
     speed : float, optional
-        Tool speed [m/s; rad/s for a pure rotation]; by default the greatest that the limits allow everywhere, which the
-        sharpest corner decides: no motion where that takes a thousand times as long as to slow at corners only. A given
-        speed may be arbitrarily low.
+        Tool speed [m/s; rad/s for a pure rotation]; by default the greatest that the limits allow everywhere. The
+        sharpest corner determines it. There is no motion if it would take a thousand times as long as a motion that slows
+        at corners only. A given speed may be arbitrarily low.
     ramp : float
-        Largest share of the distance for each of the two ramps, up to a half.
+        Largest fraction of the distance for each of the two ramps, up to a half.
     """
 
     name: ClassVar[str] = "constant_speed"
@@ -102,8 +102,8 @@ class ConstantSpeed(TimeLaw):
         InvalidInput
             Velocity, acceleration or jerk limits are missing.
         NoSolution
-            The speed exceeds a limit (with s, the joint and the greatest speed that is possible), none was given and a
-            corner would slow the whole motion a thousandfold, the tool's point stands still somewhere on the path, or no
+            The given speed exceeds a limit (the error has s, the joint and the greatest possible speed); without a given speed,
+            a corner would slow the whole motion a thousandfold; the tool's point stands still somewhere on the path; or no
             limit bounds a joint that moves.
         """
         self.need(limits, joint_path.robot)
@@ -138,7 +138,7 @@ class ConstantSpeed(TimeLaw):
     def _quickest(
         self, joint_path: JointPath, limits: MotionLimits, distance: _Distance, speed: float, shortest: float
     ) -> Trajectory | None:
-        """The motion with the shortest ramps to a speed; None where none of those tried keeps the limits."""
+        """Return the motion with the shortest ramps to a speed; None if none of the tried ramps respects the limits."""
         robot, promised, path = joint_path.robot, self.promises(limits), joint_path.path
         room = FIRST_ROOM
         for _ in range(ROOMS):
@@ -158,7 +158,7 @@ class ConstantSpeed(TimeLaw):
 def _check_crawl(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, widest: list[Ramp], greatest: float
 ) -> None:
-    """Raise NoSolution where the greatest speed makes a motion a thousand times as long as one that slows at corners."""
+    """Raise NoSolution if the motion at the greatest speed takes a thousand times as long as one that slows at corners."""
     quick, slow = float(sweep(joint_path, limits)[1][0, -1]), float(distance.table.s[-1]) / greatest
     if slow <= CRAWL * quick:
         return
@@ -167,14 +167,14 @@ def _check_crawl(
         f"a constant speed would be {greatest:.3g} at most: {found.joint or 'the tool'} is at its limit on {found.limit} at "
         f"s = {found.s:.6g}; the motion would take {slow:.3g} s, one that slows at corners only about {quick:.3g} s",
         s=found.s, joint=found.joint,
-        advice=f"a larger blend there, timing='optimal', or speed={_down(greatest):.6g} to have that",
+        advice=f"a larger blend there, timing='optimal', or speed={_down(greatest):.6g} to accept this duration",
     )  # fmt: skip
 
 
 class _Distance(NamedTuple):
-    """The path over the distance x that the tool travels, or turns.
+    """The path as a function of the distance x that the tool travels, or turns.
 
-    At the table's places: s (m,), its derivatives over x (3, m), and which (m,) are knots of s(x): it is linear elsewhere.
+    At the table's points: s (m,), its derivatives over x (3, m), and which (m,) are knots of s(x). Elsewhere s(x) is linear.
     """
 
     s: Array
@@ -230,7 +230,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
 
 
 def _places(breaks: Array, end: float) -> tuple[Array, Flags]:
-    """Places from 0 to the end, equally spaced between breaks, and which of them are knots; breaks nearly equal are one."""
+    """Return points from 0 to the end, equally spaced between breaks, and which are knots; nearly equal breaks are merged."""
     ends = [0.0]
     for place in breaks[breaks < (1.0 - SAME_BREAK) * end]:
         if place - ends[-1] > SAME_BREAK * end:
@@ -261,7 +261,7 @@ def _ramp(what: Table, last: bool, length: float, speed: float, shape: tuple[flo
 
 
 def _cruising(what: Table, start: float, end: float) -> tuple[int, float]:
-    """Where a constant speed of 1 from start to end is most too fast, and by which factor."""
+    """Return where a constant speed of 1 from start to end exceeds the limits most, and the factor."""
     low, high = np.searchsorted(what.s, [start, end])
     at = slice(max(low - 1, 0), high + 1)
     size = np.abs(what.parts[at]).max(axis=2)
@@ -271,7 +271,7 @@ def _cruising(what: Table, start: float, end: float) -> tuple[int, float]:
 
 
 def _factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
-    """Factor by which a ramp must be slowed, at as many instants as there are places; infinite where above `most`."""
+    """Return the factor by which a ramp must be slowed, from as many instants as points; infinite if it is above `most`."""
     inside = int(np.searchsorted(what.s, ramp.s1) - np.searchsorted(what.s, ramp.s0))
     return ratio_of(what, ramp, max(24, inside), most)
 
@@ -288,7 +288,7 @@ def _widest(what: Table, share: float, shortest: float) -> list[Ramp]:
     cruising = _cruising(what, share * end, (1.0 - share) * end)[1]
     chosen: list[tuple[float, Ramp]] = []
     for last in (False, True):
-        best: dict[bool, tuple[float, Ramp]] = {}  # of ramps that are too quick, and of others
+        best: dict[bool, tuple[float, Ramp]] = {}  # for ramps that are too quick, and for others
         for length in end * share * np.array(RAMP_LENGTHS):
             for shape in RAMP_SHAPES:
                 ramp = _ramp(what, last, length, 1.0, shape)
@@ -366,7 +366,7 @@ def _built(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ram
 def _worst(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp], speed: float
 ) -> tuple[Worst, bool]:
-    """What the motion with these ramps, at this speed, exceeds most, and whether that is in a ramp."""
+    """Return the most exceeded limit of the motion with these ramps at this speed, and whether it is in a ramp."""
     what, (first, second) = distance.table, ramps
     k = np.array([_cruising(what, first.s1, second.s0)[0]])
     found = _judged(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
@@ -385,7 +385,7 @@ def _worst(
 def _judged(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, at: Indices, rates: Sequence[Array]
 ) -> Worst:
-    """What the motion exceeds most at places of the table, with its speed, acceleration and jerk over the distance."""
+    """Return the most exceeded limit at points of the table, for a speed, acceleration and jerk along the distance."""
     return worst(joint_path, limits, distance.s[at], *composed(list(distance.rates[:, at]), list(rates)))
 
 

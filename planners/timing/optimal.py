@@ -32,7 +32,7 @@ GAP = 1e-5
 TIGHTENINGS = 4
 """Most rounds in which limits are tightened where exact extrema exceed them; a uniform slow-down does the rest."""
 LIMIT_ROUNDING = 5e-13
-"""Excess of a limit that is accepted where nothing is slowed afterwards: half of what a certificate accepts as rounding."""
+"""Accepted excess of a limit if the motion is not slowed afterwards: half of what a certificate accepts as rounding."""
 FIRST_BARRIER, WARM_BARRIER = 0.01, 5e-4
 """First barrier weights, cold and from a warm start, over the mean duration of intervals."""
 START_ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3), (10.0, 1.7), (1.0, 0.15), (1.0, 3.0))
@@ -45,7 +45,7 @@ SLOWER = 1.5
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
 """Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
 STOP_INTERVALS = 48
-"""Intervals of a stop."""
+"""Number of intervals of a stop."""
 PROOF_EXCESS = 2e-5
 """Share of the limits on torque and its rate that is left to the proof: its bounds exceed the largest values by half of it."""
 SLOWDOWN_LEFT, SLOWDOWN_LOADED = 2e-4, 5e-4
@@ -133,7 +133,7 @@ class Optimal(TimeLaw):
         )  # fmt: skip
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
-        """Time the rest of the joint path from a moving state; one that starts at rest is slowed as `run` does it."""
+        """Time the remaining joint path from a moving state; a motion that starts at rest is slowed as in `run`."""
         self.need(limits, joint_path.robot)
         at_rest = state.speed == 0.0 and state.acceleration == 0.0
         problem = programme(joint_path, limits, self.intervals, state, joint_path.end)
@@ -149,7 +149,7 @@ class Optimal(TimeLaw):
         )
 
     def run_to(self, joint_path: JointPath, limits: MotionLimits, state: PathState, end: float) -> Trajectory | None:
-        """Time the part of the joint path from a moving state to a place where the motion comes to rest.
+        """Time the part of the joint path from a moving state to a path parameter at which the motion comes to rest.
 
         Parameters
         ----------
@@ -158,14 +158,14 @@ class Optimal(TimeLaw):
         limits : MotionLimits
             Limits of the motion.
         state : PathState
-            Where the motion is, and how fast.
+            State at the start of the motion.
         end : float
-            Where it ends [m, rad].
+            Path parameter at which it ends [m, rad].
 
         Returns
         -------
         Trajectory or None
-            None where no motion is found.
+            The motion; None if none is found.
         """
         try:
             problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)

@@ -163,7 +163,7 @@ def test_a_law_that_promises_nothing_is_not_praised() -> None:
     done = inside("plan", "line", "--timing", "quintic")
     assert done.exit_code == 0, done.output
     words = " ".join(done.output.split())
-    assert "not promised by quintic, and exceeded: acceleration 4.2 times its limit, jerk 192 times its limit" in words
+    assert "not enforced by quintic, and exceeded: acceleration 4.2 times its limit, jerk 192 times its limit" in words
     assert "all that the law promises" not in words
 
 

@@ -195,7 +195,7 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
     assert status == 0, said
     words[3] = str(arm)
     assert typed(*words, "--package-dir", str(tmp_path / "ws"))[0] == 0
-    assert "is no URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
+    assert "is not a URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
 
 
 @pytest.mark.parametrize("rate", [50.0, 333.0])

@@ -133,7 +133,7 @@ def test_a_motion_from_a_file_needs_the_word_again(tmp_path: Path) -> None:
     one = drawn("contact", 1)
     save(one.plan, tmp_path / "motion.npz", allow="contact")
     motion = load_motion(tmp_path / "motion.npz")
-    with pytest.raises(InvalidMotion, match=r"does not hold: .*allow=\('contact',\)"):
+    with pytest.raises(InvalidMotion, match=r"is not valid: .*allow=\('contact',\)"):
         plan_of(motion)
     read = plan_of(motion, allow="contact")
     assert not read and read.status is PlanStatus.CONTACT
@@ -226,11 +226,11 @@ def test_a_typed_limit_that_is_exceeded_ends_with_1_unless_it_is_allowed(tmp_pat
     command, file = ("plan", "line", "--timing", "toppra"), str(tmp_path / "line.json")
     assert run(*command).exit_code == 0
     refused = run(*command, "--jerk", "5", "--out", file)
-    assert refused.exit_code == 1 and "does NOT hold" in refused.output and "--allow jerk" in refused.output
+    assert refused.exit_code == 1 and "NOT valid" in refused.output and "--allow jerk" in refused.output
     assert run(*command, "--jerk", "5", "--allow", "limits,path", "--allow", "coverage").exit_code == 1
     assert list(tmp_path.iterdir()) == []
     allowed = run(*command, "--jerk", "5", "--allow", "jerk", "--out", file)
-    assert allowed.exit_code == 0 and "the certificate holds" in allowed.output
+    assert allowed.exit_code == 0 and "certificate valid" in allowed.output
     assert load_motion(file).certify().holds
     unknown = run(*command, "--allow", "everything")
     assert isinstance(unknown.exception, InvalidInput) and "--allow: expected some of" in str(unknown.exception)
@@ -279,8 +279,8 @@ def test_a_range_that_is_left_is_named_with_its_time() -> None:
     rise = top - START[4]
     c[:2, 0, 4] = -rise / 0.49, 2.0 * rise / 0.7
     proof = certify(paper6r(), None, Trajectory(PPoly(c, [0.0, 1.0])), MotionLimits())
-    failure = next(f for f in proof.failures if "passes its range" in f.words)
-    assert failure.words.startswith("joint5 passes its range by 0.03 (rad or m) at t = 0.7")
+    failure = next(f for f in proof.failures if "exceeds its range" in f.words)
+    assert failure.words.startswith("joint5 exceeds its range by 0.03 (rad or m) at t = 0.7")
     assert (failure.allow, failure.joint) == ("limits", "joint5") and failure.t == pytest.approx(0.7)
 
 

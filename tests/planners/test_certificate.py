@@ -187,7 +187,7 @@ def test_the_position_margin_is_the_room_at_the_nearest_approach(joint: int, bey
     assert certificate.holds == (beyond <= 1e-9)
     if beyond > 1e-9:
         assert len(certificate.broken) == 1
-        words = certificate.broken[0].split(" passes its range by ")
+        words = certificate.broken[0].split(" exceeds its range by ")
         assert words[0] == NAMES[joint]
         assert float(words[1].split()[0]) == pytest.approx(beyond, rel=6e-3, abs=1e-12)
     others = np.delete(np.arange(6), joint)

@@ -236,7 +236,7 @@ def test_a_plan_whose_certificate_does_not_hold_is_not_proved_but_can_be_looked_
     assert not made
     assert made.status == "not_proved"
     assert made.stop is not None
-    assert "certificate does not hold" in made.stop.reason
+    assert "certificate is not valid" in made.stop.reason
     assert made.trajectory.end > 0.0
     assert not made.certificate.holds
     data = made.to_dict()

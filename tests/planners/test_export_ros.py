@@ -338,7 +338,7 @@ def test_a_motion_that_passes_a_joints_range_is_not_written(tmp_path: Path) -> N
     limits = paper6r().limits
     tight = JointLimits(limits.lower, np.append(limits.upper[:5], START[5] + 0.04), limits.velocity)
     robot = Robot("tight", paper6r().fixed, paper6r().prismatic, paper6r().tool, tight, tuple(NAMES))
-    with pytest.raises(NoSolution, match=r"joint6 passes its range by 0\.01"):
+    with pytest.raises(NoSolution, match=r"joint6 exceeds its range by 0\.01"):
         to_ros(replace(hop(), robot=robot), tmp_path / "motion.json")
     assert list(tmp_path.iterdir()) == []
 

@@ -249,7 +249,7 @@ def test_an_arm_that_its_brakes_cannot_hold_is_said(usual, monkeypatch):
     drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(1, 0.0, frozen=True),))
     monkeypatch.setattr(drive, "_put_brakes_on", lambda: None)
     done = drive.execute(usual)
-    assert done.status == "fault" and "moves at" in done.reason and "with all brakes on" in done.notes[-1]
+    assert done.status == "fault" and "moves at" in done.reason and "with all brakes applied" in done.notes[-1]
 
 
 def test_motors_that_are_too_weak_are_said(usual):

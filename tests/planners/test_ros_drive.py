@@ -235,7 +235,7 @@ def test_messages_in_parts_are_put_together(port):
         ("nan", "the position of joint2 is no number"),
         ("null", "the position of joint2 is no number"),
         ("missing", "they have gripper"),
-        ("novelocity", "whether the arm stands is not known"),
+        ("novelocity", "whether the arm is at rest is not known"),
     ],
 )
 def test_nothing_is_sent_to_an_arm_whose_joints_are_not_known(port, plan, mode, why, capfd):
@@ -426,7 +426,7 @@ def test_the_plan_of_a_stored_motion_can_be_stopped(tmp_path):
     np.testing.assert_allclose(found.joint_path(s), made.joint_path(s), atol=1e-6)
     assert planners.replan(found, 0.5 * found.trajectory.end, stop=True)
     hasty = replace(made.motion, limits=made.limits.scaled(0.05), keeps=("velocity",))
-    with pytest.raises(NoSolution, match="certificate of this motion does not hold"):
+    with pytest.raises(NoSolution, match="certificate of this motion is not valid"):
         plan_of(hasty)
 
 
@@ -471,7 +471,7 @@ def stored(tmp_path_factory) -> Path:
         (["hop.json", "--on", "idael"], "did you mean ideal"),
         (["hop.json", "--stop", "-1"], "--stop: expected a time"),
         (["hop.json", "--out", "done.csv"], "ends with .json"),
-        (["hop.json", "--out", "../STORED/hop.json"], "another file than that of the motion"),
+        (["hop.json", "--out", "../STORED/hop.json"], "a file other than that of the motion"),
         (["deep.json"], "deep.json"),
     ],
 )

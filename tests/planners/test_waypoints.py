@@ -116,7 +116,7 @@ def test_a_file_without_a_whole_orientation_needs_one(tmp_path: Path, orientatio
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"missing\.csv"):
         Polyline.from_csv(tmp_path / "missing.csv")
-    with pytest.raises(InvalidInput, match="a path of a CSV file"):
+    with pytest.raises(InvalidInput, match="the path of a CSV file"):
         Polyline.from_csv(3)  # type: ignore[arg-type]
     (tmp_path / "bytes.csv").write_bytes(b"x,y,z\n\xff")
     with pytest.raises(InvalidInput, match="UTF-8"):

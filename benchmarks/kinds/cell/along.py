@@ -1,4 +1,4 @@
-"""The paper's section 4.1 read pose by pose: k iterations at each pose of the line, from the pose before, and a motion."""
+"""Section 4.1 of the paper, pose by pose: k iterations at each pose of the line, from the answer before, and a motion."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planners.plan import Plan, PlanStatus, make_law
 POSES = 151
 """Poses of the line: 3 s at intervals of 0.02 s, as in the paper."""
 WIDE = (1.0, 4.0)
-"""Tolerance of the certificate [m, rad]: what the iterations leave of the way to the line is what is measured here."""
+"""Tolerance of the certificate [m, rad]; it is wide, because the remaining error of the iterations is measured here."""
 
 
 def answers_along(line: Line, start: Array, solver: IKSolver) -> Array:
@@ -34,8 +34,8 @@ def answers_along(line: Line, start: Array, solver: IKSolver) -> Array:
 def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> Plan:
     """Return the motion through the answers q (151, n) at the poses of a line.
 
-    Between the answers the joints take quintics with the rates J⁻¹V and no second derivative at them (eq. 17), at the
-    speed that the time law finds within the limits of the arm.
+    Between the answers the joints follow quintics, with the rates J⁻¹V and zero second derivatives at the answers (eq. 17).
+    The time law finds the speed within the limits of the arm.
     """
     s = np.linspace(0.0, line.end, POSES)
     derivatives = np.zeros((POSES, 3, robot.n))
@@ -50,6 +50,6 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
         stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, stop, None, None)
     proof = Motion(robot, line, limits, trajectory, law, keeps, WIDE).certify()
-    why = Stop(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate does not hold: {'; '.join(proof.broken)}", "")
+    why = Stop(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.broken)}", "")
     status, found = (PlanStatus.SOLVED, None) if proof.holds else (PlanStatus.NOT_PROVED, why)
     return Plan(robot, line, limits, status, solver, law, joints, found, trajectory, proof)

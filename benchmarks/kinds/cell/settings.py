@@ -105,8 +105,8 @@ class SpotsBlock(CellBlock, ProblemBlock):
     Attributes
     ----------
     methods : tuple of Entry
-        The IK methods; one that is ``whole`` takes the tool along the straight line, the others at each budget by a move in
-        joint space to their own answer, or ``along`` the line through their answers at each of its poses.
+        The IK methods. One that is ``whole`` takes the tool along the straight line. The others move it at each budget, in
+        joint space to their own answer, or with ``along`` through their answers at each pose of the line.
     budgets : tuple of int
         Iterations at which the methods are stopped, increasing.
     law : str
@@ -328,13 +328,13 @@ def _laws(data: dict[str, Any], where: str, shared: dict[str, Any]) -> LawsBlock
 
 
 def _method(data: Any, where: str) -> Entry:
-    """A method at budgets, from the start or with ``along = true`` at each pose; or ``whole = true``, as it comes."""
+    """Read a method with budgets, from the start or (``along = true``) at each pose; or with ``whole = true``, by default."""
     known = dict(data) if isinstance(data, dict) else data
     whole, along = (known.pop(key, False) if isinstance(known, dict) else False for key in ("whole", "along"))
     check_flag(whole, f"{where}: methods: whole")
     check_flag(along, f"{where}: methods: along")
     if whole and along:
-        raise InvalidInput(f"{where}: methods", "both `whole` and `along`", "one of them: `along` has budgets")
+        raise InvalidInput(f"{where}: methods", "both `whole` and `along`", "only one of them (`along` has budgets)")
     found = read_method(known, where)
     if along and "label" not in known:
         found = replace(found, label=f"{found.label}, at each pose")

@@ -340,7 +340,7 @@ class _Shown:
         return facts_of(out.executions[-1]) | errors_of(out.error) | self._paths(out.executions[-1])
 
     def _along(self, solver: IKSolver) -> dict[str, Any]:
-        """The line, through the answers after some iterations at each of its poses."""
+        """Execute the line through the answers after some iterations at each of its poses."""
         line = Line(self.robot.fk(self.start), self.target)
         if line.end <= NO_MOTION:
             return self._move(self.start)
@@ -358,7 +358,7 @@ class _Shown:
         return self._executed(plan(self.robot, q, self.start, timing=self.work.block.law), q)
 
     def _executed(self, planned: Plan, q: Array) -> dict[str, Any]:
-        """Facts of a motion to a method's answer q (n,)."""
+        """Execute a motion to a method's answer q (n,), and return its facts."""
         if not planned:
             return failure(self.work.drive, str(planned.status), why_not(planned))
         execution = self._drive().execute(planned)

@@ -84,14 +84,14 @@ def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
 
 
 def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
-    """Check that an arm and a scene can be examined, and that there is a scene where there is a margin.
+    """Check that an arm and a scene allow collision checks, and that a margin comes with a scene.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     scene : Scene or None
-        What stands around it; None where nothing is examined.
+        The obstacles; None for no collision checks.
     margin : float
         What distances must exceed [m].
 
@@ -103,7 +103,7 @@ def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
     Raises
     ------
     InvalidInput
-        An arm without shapes, something that is no scene, a margin below 0, or one above 0 without a scene.
+        An arm without shapes, an object that is not a scene, a margin below 0, or a margin above 0 without a scene.
     UnknownName
         A link in ``scene.allow`` that the arm does not have.
     """
@@ -112,7 +112,7 @@ def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
     margin = check_number(margin, "margin", "metres, 0 or more", least=0.0)
     if scene is None:
         if margin > 0.0:
-            expected = "0, or a scene with it; scene=Scene() examines the arm's own links only"
+            expected = "0, or a scene with it; scene=Scene() checks the arm's own links only"
             raise InvalidInput("margin", f"{margin:g} without a scene", expected)
         return margin
     if not isinstance(scene, Scene):

@@ -179,8 +179,8 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array, tolerance: tuple
     q : (n,) array
         Root [rad, m].
     tolerance : (float, float)
-        Largest position and rotation error of a point of the curve [m, rad]: that of roots, since rounded numbers of an
-        arm or an almost singular configuration leave curves that meet the target only so far.
+        Largest position and rotation error of a point of the curve [m, rad]. It is the tolerance of roots, because curves of an
+        arm with rounded dimensions, or near a singular configuration, meet the target no better.
 
     Returns
     -------
@@ -220,7 +220,7 @@ def slide(robot: Robot, target: Array, q: Array, reference: Array, tolerance: tu
     reference : (n,) array
         Configuration to come near to [rad, m].
     tolerance : (float, float)
-        Position and rotation error that it keeps on the way [m, rad].
+        Largest position and rotation error on the way [m, rad].
 
     Returns
     -------

@@ -24,7 +24,7 @@ FLAT_PIVOT = 1e-9
 """A pivot of JᵀJ below this share of its entry (3e-5 of a length) means that the configuration is singular."""
 
 ROOT_ROUNDING, NEAR_ROOT = 1e-14, 1e-12
-"""Position and rotation error [m, rad] to which a root is refined, and with which a candidate is left as it is."""
+"""Position and rotation error [m, rad] to which a root is refined; a candidate within it is not changed."""
 
 WHOLE_POSE = POSE.flags
 """Flags of the task that roots solve."""
@@ -38,7 +38,7 @@ CLAMPED_STEPS = 20
 
 @compiled
 def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
-    """Move q (n,) inside bounds onto a target pose, to rounding; a candidate that is there to 1e-12 is not changed.
+    """Refine q (n,) inside bounds to a target pose, up to rounding; a candidate with errors below 1e-12 is not changed.
 
     Returns the number of steps, and the position and rotation errors left [m, rad].
     """

@@ -1,4 +1,4 @@
-"""One attempt of `lm` at a part of a pose, one target at a time."""
+"""One attempt of `lm` at a part of a pose, for a single target."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def settle_inside(prismatic: Flags, limits: Range, start: Array, q: Array) -> bo
 def attempt_task(
     chain: Chain, limits: Range, goal: Goal, rule: Rule, clamped: bool, q: Array, trace: Array
 ) -> tuple[int, int]:  # fmt: skip
-    """Iterate from q (n,) inside the limits, or free of them until the task is met outside and inside from there on.
+    """Iterate from q (n,) inside the limits; or ignore the limits until the task is met outside them, then iterate inside.
 
-    Returns the number of steps, and SOLVED, MAX_ITERATIONS, STALLED or OUTSIDE_LIMITS; `trace` as `descend_inside` has it.
+    Returns the number of steps, and SOLVED, MAX_ITERATIONS, STALLED or OUTSIDE_LIMITS; `trace` is that of `descend_inside`.
     """
     (lower, upper), start, iteration = limits, q.copy(), 0
     if not clamped:

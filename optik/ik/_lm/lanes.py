@@ -236,7 +236,7 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -
     n : int
         Number of joints.
     holding : bool
-        Whether some lane may hold joints; always so with more than six.
+        Whether some lane may hold joints; always True for more than six joints.
     """
     for i in range(n):
         for l in range(w.shape[1]):
@@ -400,7 +400,7 @@ def steps(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> No
     n : int
         Number of joints.
     holding : bool
-        Whether some lane may hold joints; always so with more than six.
+        Whether some lane may hold joints; always True for more than six joints.
     """
     jacobians(arm, w, g, J, n, holding)
     # the geometry is not needed any more: its rows take the matrix

@@ -27,9 +27,9 @@ COMPARED_SEEDS, SEEDS = 256, 1024
 """Seeds whose poses are compared with the target, and seeds in all."""
 
 AT_BEST_E, AT_BEST, AT_SEEDS = 162, 163, 175
-"""Position of ½|e|² and configuration of the best iterate of earlier attempts, where AT_FIRST is not the first attempt;
-then of the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n): of those anywhere inside the limits, then,
-where joints are to spare, of those with joints at limits."""
+"""Positions of ½|e|² and of the configuration of the best iterate of earlier attempts, if AT_FIRST is not the first attempt.
+Then follow the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n), first of the seeds anywhere inside the
+limits. For arms with redundant joints, those of the seeds with joints at limits follow."""
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:

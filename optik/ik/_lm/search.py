@@ -59,8 +59,8 @@ from optik.ik._status import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED, UN
 from optik.types import Array
 
 BOUNDED_PATIENCE = 2.0
-"""Patience of attempts that hold joints at limits: 95 % of those that succeed need no more, the others end in half the
-iterations."""
+"""Patience of attempts that hold joints at limits. It is enough for 95 % of the successful attempts, and halves the iterations
+of the others."""
 
 STEP, HELD = -1, -2
 """Codes besides those of `IKStatus`: the lane takes a step; it was put elsewhere and must be measured first."""

@@ -48,14 +48,14 @@ NEAREST_SEEDS = 16
 """Seeds that are tried in the order of the distance of their poses; the others follow in a fixed order."""
 
 FREE = 9
-"""Attempts before the first that takes bounded steps: with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
+"""Number of attempts before the first with bounded steps; with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
 
 NEAR_BEST = 100
-"""Attempts before the first that starts on the way from the best iterate to a seed. On the panda a tenth of these solve what
-is singular with joints at a limit, where one of a hundred from a seed does; on regular targets they are worse."""
+"""Number of attempts before the first that starts between the best iterate and a seed. On the panda, 10 % of these attempts
+solve a singular target with joints at a limit, against 1 % of those from a seed. On regular targets they are worse."""
 
 BOUNDED = -1.0
-"""Value of ENDING where a lane keeps the limits and holds the joints that are pushed out of them."""
+"""Value of ENDING for a lane that respects the limits and holds the joints that are pushed out of them."""
 
 FROM_START = 7
 """Attempts from the caller's start that hold joints: each leaves out one more of the joints nearest to their limits."""
@@ -89,9 +89,9 @@ def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
 def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
     """Put a lane at the start of its attempt: the caller's configuration, the nearest seeds, then the others in turn.
 
-    Attempt FREE is again from the caller's start. Where joints are to spare, several from there hold some of them, and
-    then every second attempt from a seed. From attempt NEAR_BEST on, two of three others start on the way from the best
-    iterate so far to a seed.
+    Attempt FREE starts at the caller's configuration again. For arms with redundant joints, several attempts from there hold
+    some of the joints, and then every second attempt from a seed. From attempt NEAR_BEST on, two out of three of the other
+    attempts start between the best iterate so far and a seed.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
 
 @inlined
 def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) -> None:
-    """Hold as many joints as are to spare at the limits that they are nearest to at the start, relative to their ranges.
+    """Hold as many joints as are redundant at the limits nearest to them at the start, relative to their ranges.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, way: float, l: in
     k : int
         Which seed of that kind, the nearest first.
     way : float
-        How far from the best iterate to the seed to start [1].
+        Position of the start between the best iterate (0) and the seed (1) [1].
     l : int
         Lane.
     """

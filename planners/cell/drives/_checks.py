@@ -23,13 +23,13 @@ GREATEST_STEP = 1.0 + 1e-6
 """Largest step between set-points, over what the velocity limit allows in a period: a motion at its limit is accepted."""
 
 COUNTS = 4.0
-"""Counts of its encoder by which a set-point must move beyond a tolerance before an equal reading is a fault [1]."""
+"""Encoder counts beyond the tolerance that a set-point must move before an unchanged reading is a fault [1]."""
 NOISE_SPREADS = 6.0
-"""Standard deviations of the readings' noise that no reading is off by [1]."""
+"""Noise that no reading exceeds, in standard deviations [1]."""
 AT_STANDSTILL = (0.02, 0.002)
-"""Fastest joint that stands [rad/s, m/s]: what a servo corrects of the noise of an encoder is slower."""
+"""Largest velocity of a joint at rest [rad/s, m/s]; a servo that follows encoder noise is slower."""
 MEND = "repair the encoder; then resume"
-"""What to do about a false reading."""
+"""Advice for a false reading."""
 Refusal = tuple[str, str]
 """Why nothing is sent, and what to do."""
 
@@ -61,7 +61,7 @@ def check_plan(plan: Plan, robot: Robot) -> None:
 def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
     """Return why a plan must not be executed: no motion, violations that `allow` does not permit, or a start in motion.
 
-    The certificate is that of the plan by default.
+    By default the plan's own certificate is judged.
     """
     if plan.stop is not None and (not plan.has_motion or (not plan and plan.certificate.holds)):
         return f"the plan did not succeed ({plan.status}): {plan.stop.reason}", plan.stop.advice
@@ -70,7 +70,7 @@ def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> 
         check_valid(proof, allow)
     except InvalidMotion as error:
         status = "" if plan else f" ({plan.status})"
-        return f"the certificate of the plan{status} does not hold: {error.reason}", error.advice
+        return f"the certificate of the plan{status} is not valid: {error.reason}", error.advice
     if not proof.rest[0]:
         return "the plan begins in motion, and the arm is at rest", "a plan that begins at rest where the arm stands"
     return None
@@ -252,7 +252,7 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
 
 
 def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
-    """Judge where the arm came to rest, at the last tick k, by its encoders and by where the simulated arm really stands.
+    """Judge where the arm came to rest at the last tick k, by its encoders and by the true state of the simulated arm.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, r
 
 
 def false_reading(read: Array, actual: Array, options: Options) -> int | None:
-    """Index of a joint whose encoder is lost, or reads something else than where the joint is; None where there is none."""
+    """Return the index of a joint whose encoder is lost or reads a false position; None if there is no such joint."""
     lost = np.flatnonzero(np.isnan(read))
     if lost.size:
         return int(lost[0])
@@ -298,7 +298,7 @@ def false_reading(read: Array, actual: Array, options: Options) -> int | None:
 
 
 def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
-    """Judge whether the arm stands where the set-points end; where it moves, that is a fault.
+    """Judge whether the arm is at rest when the set-points end; if it moves, record a fault.
 
     Parameters
     ----------
@@ -325,8 +325,12 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
     if speed[i] <= 1.0:
         return True
     if run.fault is None:
-        what = f"{robot.joint_names[i]} moves at {abs(dq[i]):.3g} where its set-points end"
-        kind, why, advice = FaultKind.STALL, "it is too weak", f"see what moves {robot.joint_names[i]}; then resume"
+        what = f"{robot.joint_names[i]} moves at {abs(dq[i]):.3g} when its set-points end"
+        kind, why, advice = (
+            FaultKind.STALL,
+            "it is too weak",
+            f"find out what moves {robot.joint_names[i]}; then resume",
+        )
         if false is not None:
             kind, why, advice = (
                 FaultKind.ENCODER,
@@ -334,7 +338,7 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
                 MEND,
             )
         joint = robot.joint_names[i if false is None else false]
-        run.fail(Fault(kind, k * options.period, joint, f"{what}: {why}; the brakes were put on", advice), k)
+        run.fail(Fault(kind, k * options.period, joint, f"{what}: {why}; the brakes were applied", advice), k)
     return False
 
 

@@ -1,4 +1,4 @@
-"""Unmoved: which encoders read the same while their set-points move."""
+"""Detection of encoders whose readings do not change while their set-points move."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from optik.types import Array
 
 
 class Unmoved:
-    """For each joint, since when its reading is bit by bit the same, and how far its set-point moved since then."""
+    """The time for which each joint's reading has been bit-identical, and how far its set-point moved since then."""
 
     def __init__(self) -> None:
         self._read = self._low = self._high = self._since = np.array(np.nan)
 
     def moved(self, read: Array, asked: Array, t: float) -> Array:
-        """Return by how much each set-point moved since the reading of its joint changed (n,) [rad, m].
+        """Return how far each set-point moved since the reading of its joint last changed (n,) [rad, m].
 
         Parameters
         ----------
@@ -23,7 +23,7 @@ class Unmoved:
         t : float
             That time [s].
         """
-        fresh = read != self._read  # NaN, too, is no reading that stays
+        fresh = read != self._read  # NaN always counts as a new reading
         self._read = read.copy()
         self._since = np.where(fresh, t, self._since)
         self._low = np.where(fresh, asked, np.minimum(self._low, asked))

@@ -18,9 +18,9 @@ from planners.replan import replan
 
 
 def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, Any]) -> Execution:
-    """Take the arm from where it stands to the goal of an execution that was stopped; the options are those of `execute`.
+    """Move the arm from its configuration to the goal of a stopped execution; the options are those of `execute`.
 
-    REFUSED if the arm stands farther than `near` (n,) [rad, m] from where it was to stop.
+    The status is REFUSED if the arm is farther than `near` (n,) [rad, m] from its intended stopping point.
     """
     check_stopped(execution)
     assert execution.motion is not None

@@ -25,7 +25,7 @@ DESIRED = 1e-3
 """Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
 something else, and nothing is known of where it is."""
 WINDOW = 1.0
-"""How far from the expected instant the controller's desired state is looked for [s]: feedback is late, or it is slowed."""
+"""Half-width of the time window in which the controller's desired state is searched [s]: feedback is late, or it is slowed."""
 ROOM = 1e-4
 """By how much a motion is slowed before it is sent [1], so that a stop from any of its states has room within the limits: the
 times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
@@ -58,7 +58,7 @@ class Stops(NamedTuple):
 
 
 def message_for(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple[Plan, dict[str, Any]]:
-    """Return a plan with the motion that the controller interpolates, certified, and its message as plain data.
+    """Return a plan with the certified motion after controller interpolation, and its message as plain data.
 
     Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
     """
@@ -68,7 +68,7 @@ def message_for(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple
 
 
 def motor_motion(plan: Plan) -> Motion:
-    """Return the motion of a plan with velocity, acceleration and torque among the limits that it must keep."""
+    """Return the motion of a plan; it must also respect the limits on velocity, acceleration and torque."""
     motion = plan.motion
     return replace(motion, keeps=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.keeps))
 
@@ -132,7 +132,7 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -
     Raises
     ------
     NoSolution
-        None was found whose certificate holds.
+        No stop with a valid certificate was found.
     InvalidInput
         An instant at which the motion has ended.
     """
@@ -141,7 +141,7 @@ def stop_for(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -
 
 
 def stops_for(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
-    """Plan the stops from a grid of instants of a motion, before it is sent: while the arm moves there is no time for it.
+    """Plan the stops from a grid of instants before a motion is sent; while the arm moves there is no time for it.
 
     Parameters
     ----------

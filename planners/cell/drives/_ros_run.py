@@ -28,7 +28,7 @@ POLL = 0.01
 CONFIRMED = 0.3
 """How long after its instant a stop may be confirmed [s]: by its first feedback, which controllers send at 20 Hz by default."""
 FROZEN = "repair the encoder or its driver, or see what blocks the joint; then resume"
-"""What to do about a joint whose reading does not change while its set-point does."""
+"""Advice for a joint whose reading does not change while its set-point does."""
 TOLERANCES = {-4: "it left its path tolerance", -5: "it missed its goal tolerance"}
 """Error codes of ``FollowJointTrajectory`` that mean that a joint does not follow, in words."""
 
@@ -72,11 +72,11 @@ class Run:
         self.stamp: int | None = None
         """The same by the controller's clock [ns]."""
         self._stop_stamp = 0
-        """Instant of the stop by that clock [ns]."""
+        """Instant of the stop by the controller's clock [ns]."""
         self._located: Feedback | None = None
         self._fastest = self._give_up = 0.0
         self._trips = (np.inf, 0.0)
-        """Shortest and longest time that the goal and a feedback took together on their ways [s]."""
+        """Shortest and longest total travel time of the goal and a feedback message [s]."""
         self._still = Unmoved()
 
     # ------------------------------------------------------------ the loop
@@ -105,9 +105,15 @@ class Run:
         result, patience = self.goal.result, self.drive.timing.patience
         if result is not None and result.state is GoalState.UNKNOWN and not self.cancelled:
             what = f"how the goal ended is not known ({result.words})"
-            self._fail(FaultKind.CONTROLLER, what, "see that the arm stands, and the controller's log; then resume")
+            self._fail(
+                FaultKind.CONTROLLER,
+                what,
+                "make sure that the arm is at rest, and read the controller's log; then resume",
+            )
             self._cancel("its end is not known")
-            patience += max(self.motion.end - self.now, 0.0)  # where nobody takes that, the motion goes on to its end
+            patience += max(
+                self.motion.end - self.now, 0.0
+            )  # if the cancellation is not accepted, the motion continues to its end
         self.ended = max(self.now, 0.0)
         if self.goal.refused:
             self.drive.transport.cancel(self.goal)
@@ -164,7 +170,7 @@ class Run:
             self._look_at_encoders(q, at)
 
     def _look_at_encoders(self, q: Array, at: float) -> None:
-        """Stop where a joint is not measured any more, or reads the same for too long while it is to move."""
+        """Stop if a joint is no longer measured, or if its reading does not change for too long while it should move."""
         names, lost, age = self.drive.robot.joint_names, np.flatnonzero(~np.isfinite(q)), self.drive.timing.state_age
         if lost.size:
             self._fail(FaultKind.ENCODER, *self.drive.unknown(q, age), names[lost[0]])
@@ -208,7 +214,7 @@ class Run:
         if self.begun is None or self.stamp is None:
             self._cancel("no feedback tells where the controller is")
             return
-        # How long feedback travels is not known, but the goal has not begun before it was sent: the controller is at most
+        # The delay of the feedback is not known, but the goal did not begin before it was sent: the controller is at most
         # here on its motion. The stop is not expected to travel longer than the goal and its fastest answer did together.
         latest, latency = time.monotonic() - self.sent, max(self.drive.timing.latency, self._trips[0])
         stop = next((each for each in self.stops.found if each.t >= latest + latency), None)
@@ -216,7 +222,7 @@ class Run:
             if self.motion.end - self.now <= self.drive.timing.latency + 2.0 * self.stops.every:
                 self.notes += ("the motion ends about when a stop could: it is not replaced",)
             elif self.stops.found and latency > self.drive.timing.latency:
-                self._cancel(f"every certified stop might come too late: an answer takes {latency:.3g} s or more")
+                self._cancel(f"every certified stop might arrive too late: an answer takes at least {latency:.3g} s")
             else:
                 self._cancel("no stop from here could be certified")
             return
@@ -237,14 +243,14 @@ class Run:
         self.notes += (f"the goal was cancelled ({why}): how the arm stopped then is the controller's own",)
 
     def _settle(self, watch: Watcher | None, patience: float) -> None:
-        """Wait until the joint states say that the arm stands, and note that one; after `patience` [s] say that it does not."""
+        """Wait until the joint states show the arm at rest, and note that state; after `patience` [s] note that it moves."""
         until, count = time.monotonic() + patience, len(self.samples)
         while time.monotonic() < until and not self.drive.transport.lost:
             self._look(watch)
             if len(self.samples) > count + 1 and self._stands():
                 return
             time.sleep(POLL)
-        self.notes += ("whether the arm stands is not known: its joint states do not say so",)
+        self.notes += ("whether the arm is at rest is not known: its joint states do not show it",)
 
     def _stands(self) -> bool:
         """Whether the last two joint states are those of an arm at rest."""
@@ -322,8 +328,8 @@ class Run:
         first = self.goal.first if self.stop is not None else None
         if first is not None and self._stop_stamp and first.stamp > self._stop_stamp:
             after = (first.stamp - self._stop_stamp) / NANOSECONDS
-            note = f"the first sign that the stop was taken is of {after:.3g} s after its instant"
-            self.notes += (f"{note}: if it came after that instant, too, the set-point jumped",)
+            note = f"the stop was first confirmed {after:.3g} s after it should have begun"
+            self.notes += (f"{note}: if it also arrived after that, the set-point jumped",)
         t, q, dq = self._recorded()
         whole = result is not None and result.state is GoalState.SUCCEEDED
         count = t.size if whole else max(int(np.searchsorted(t, self.ended, side="right")), 1)

@@ -113,7 +113,7 @@ class Run:
     notes : list of str
         What the reader must know.
     unmoved : Unmoved
-        Encoders that read the same.
+        Encoders whose readings do not change.
     allow : tuple of str
         Which violations of the plan and of its stop are permitted.
     """

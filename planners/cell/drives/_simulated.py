@@ -27,7 +27,7 @@ from planners.certificate.failure import Allow, check_allow
 from planners.plan import Plan
 
 BRAKING = 10.0
-"""How long an arm may take to come to rest by its brakes [s]."""
+"""Largest time in which the brakes must bring the arm to rest [s]."""
 
 
 class SimulatedDrive(Drive):
@@ -99,7 +99,7 @@ class SimulatedDrive(Drive):
         return None
 
     def _put_brakes_on(self) -> None:
-        """Have brakes hold all joints from now on, where the plant has some."""
+        """Apply the brakes to all joints from now on, if the plant has brakes."""
 
     def _remarks(self) -> tuple[str, ...]:
         """What every execution on this plant must say: defaults that stand in for unknown values."""
@@ -224,7 +224,7 @@ class SimulatedDrive(Drive):
         _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
 
     def _stands(self, run: Run, k: int, reading: Array) -> bool:
-        """Whether the arm stands where the set-points end; where it does not, the brakes are put on."""
+        """Return whether the arm is at rest when the set-points end; apply the brakes if it moves."""
         dq = run.dq[-1][-1]
         if _checks.judge_standing(
             run, k, dq, _checks.false_reading(reading, self._actual(), self.options), self.options, self.robot
@@ -234,7 +234,7 @@ class SimulatedDrive(Drive):
         if k < run.last + self._held_ticks() + BRAKING / self.period:
             return False
         run.notes.append(
-            f"the arm moved on for {BRAKING:g} s with all brakes on: they are too weak for what it carries"
+            f"the arm still moved after {BRAKING:g} s with all brakes applied: they are too weak for what it carries"
         )
         return True
 

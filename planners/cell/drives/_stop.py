@@ -24,9 +24,9 @@ LEAST_SHARE = 0.1
 
 
 def relaxed(plan: Plan, allow: Allow) -> Plan:
-    """Return a plan that can be stopped and planned anew although it has violations that these words permit.
+    """Return a plan that can be stopped and replanned despite violations that these words permit.
 
-    It has no scene where contact is permitted, and need not keep limits that may be exceeded.
+    It has no scene if contact is permitted. Limits that may be exceeded are not enforced.
     """
     allowed = check_allow(allow)
     if not allowed:
@@ -37,7 +37,7 @@ def relaxed(plan: Plan, allow: Allow) -> Plan:
 
 
 def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
-    """Return the stop of a plan from a time of its motion on: of some limits on the jerk the first with which it holds.
+    """Return the stop of a plan from a time of its motion, for the first of several jerk limits that gives a valid certificate.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
     t : float
         When the stop begins [s].
     share : float
-        Of the limits that the stop may use [1].
+        Fraction of the limits that the stop may use [1].
     allow : str or several
-        Which violations are permitted, of the plan and of the stop.
+        Violations of the plan and of the stop to permit.
 
     Returns
     -------
     Plan
-        From exactly the state at t; where none is certified, with a reason, and perhaps the motion that passes least.
+        The stop, from exactly the state at t. If none is certified: the reason, and perhaps the motion with the least excess.
     """
     stops, plan = [], relaxed(running, allow)
     for limits in limits_of(plan):

@@ -186,7 +186,7 @@ class Drive(ABC):
         Returns
         -------
         Execution
-            What the arm did, up to its rest. REFUSED if the plan is invalid; the reason names the word that permits it.
+            What the arm did, up to its rest. REFUSED if the plan is invalid; the reason names the words that permit it.
 
         Raises
         ------

@@ -179,13 +179,15 @@ class RosDrive(Drive):
                 return "", ""
             time.sleep(0.01)
         if self.transport.lost:
-            return self.transport.lost, "see that the other side runs, and connect again"
+            return self.transport.lost, "make sure that the other side runs, and connect again"
         q, dq = self.measured()[:2]
         if np.isfinite(q).all():
             mute = [name for name, unknown in zip(self.robot.joint_names, ~np.isfinite(dq), strict=True) if unknown]
             if mute:
-                what = f"the joint states have no velocity of {', '.join(mute)}: whether the arm stands is not known"
-                return what, "a broadcaster of the joint states that sends velocities"
+                what = (
+                    f"the joint states have no velocity of {', '.join(mute)}: whether the arm is at rest is not known"
+                )
+                return what, "use a joint state broadcaster that sends velocities"
             i = int(np.nanargmax(np.abs(dq)))
             what = f"{self.robot.joint_names[i]} moves at {dq[i]:.3g}, and a plan begins at rest"
             return what, "wait until the arm stands"
@@ -336,9 +338,9 @@ class RosDrive(Drive):
         return f"{where}, more than {self.start_tolerance:g} away", "a plan that begins where the arm stands"
 
     def _stopping(self, stops: Stops) -> str:
-        """A note on how long after a request a stop begins."""
+        """Return a note on how long after a request a stop begins."""
         latency = self.timing.latency
-        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request, or later by what feedback is"
+        note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request, plus the delay of the feedback"
         if stops.reason:
             note += f"; {len(stops.found)} were found, and from other instants the goal is cancelled ({stops.reason})"
         return note

@@ -46,9 +46,9 @@ class Goal:
     id : str
         Of this goal; no other has the same.
     accepted : bool
-        Whether the controller is known to have taken it.
+        Whether the controller is known to have accepted it.
     refused : str
-        Why it was not taken; empty where that is not known.
+        Why it was not accepted; empty if that is not known.
     feedback : Feedback or None
         The latest.
     first : Feedback or None
@@ -98,7 +98,7 @@ class Goal:
         self._set(accepted=True)
 
     def tell_refused(self, reason: str) -> None:
-        """The controller did not take it; of a goal that it had accepted, the end is then UNKNOWN.
+        """Record that the controller did not accept the goal; an accepted goal then ends as UNKNOWN.
 
         Parameters
         ----------

@@ -18,7 +18,7 @@ URL = "ws://127.0.0.1:9090"
 CONNECTING = 5.0
 """How long to wait for a connection by default [s]: a server on the same network answers in milliseconds."""
 MOST_FRAGMENTS = 10_000
-"""Parts of one message at most, and messages of which parts are kept: more are those of a server that is broken."""
+"""Largest number of parts of one message, and of incomplete messages; a server that sends more is broken."""
 LINES = 2
 """Connections to one server. An older rosbridge reads nothing from a connection while a goal that came through it runs:
 the goal of a stop would wait for the end of the motion. So goals take the connections in turn."""
@@ -193,7 +193,7 @@ class Fragments:
         self._parts: dict[Any, dict[int, str]] = {}
 
     def joined(self, message: dict[str, Any]) -> bytes | None:
-        """Return the message of which the last part came; None where parts are missing.
+        """Return the message whose last part arrived; None while parts are missing.
 
         Parameters
         ----------
@@ -203,12 +203,12 @@ class Fragments:
         Returns
         -------
         bytes or None
-            The whole message, as JSON that is no part of another.
+            The whole message, as JSON that is not a part of another message.
 
         Raises
         ------
         InvalidInput
-            No such part.
+            An invalid part.
         """
         num, total, data = message.get("num"), message.get("total"), message.get("data")
         if not (
@@ -220,7 +220,7 @@ class Fragments:
             raise InvalidInput("fragment", repr(message)[:80], "a part with num, total and data")
         parts = self._parts.setdefault(str(message.get("id")), {})
         parts[num] = data
-        if len(parts) < int(total):  # older servers send a total that is no whole number, rounded up by this
+        if len(parts) < int(total):  # older servers send a total that is not an integer; this rounds it up
             while len(self._parts) > MOST_FRAGMENTS:
                 self._parts.pop(next(iter(self._parts)))
             return None

@@ -1,4 +1,4 @@
-"""Files that a viewer shows beside motions: what a drive did, and plans that failed. Neither can be executed."""
+"""Files that a viewer shows besides motions: executions and failed plans. Neither can be executed."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from planners.plan import Plan
 EXECUTION = "optik-execution/1"
 """Value of the key ``format`` in the file of an execution; a change of the keys needs another number."""
 FAILED_PLAN = "optik-failed-plan/1"
-"""Value of the key ``format`` in the file of a plan that failed: no reader of motions takes it."""
+"""Value of the key ``format`` in the file of a failed plan; no reader of motions accepts it."""
 JOINT_PATH_SAMPLES = 400
-"""Configurations that are written of the part of a path before the failure."""
+"""Number of configurations that are written for the part of a path before the failure."""
 SHOWN_SPEED = 0.5
-"""Greatest joint speed [rad/s, m/s] at which a viewer plays a joint path, which has no times of its own."""
+"""Largest joint speed [rad/s, m/s] at which a viewer plays a joint path without times."""
 
 
 def failed_plan_data(plan: Plan) -> dict[str, Any]:
@@ -47,7 +47,7 @@ def failed_plan_data(plan: Plan) -> dict[str, Any]:
 
 
 def _before_failure(plan: Plan) -> tuple[Array, Array]:
-    """Times (k,) [s] and configurations (k, n) [rad, m] of the invalid motion, or else of the joint path before the failure."""
+    """Return times (k,) [s] and configurations (k, n) [rad, m] of the invalid motion, or of the path before the failure."""
     try:
         track = track_of(plan.trajectory)
         return track.t, track.q
@@ -62,7 +62,7 @@ def _before_failure(plan: Plan) -> tuple[Array, Array]:
 
 
 def _nearest(robot: Robot, scene: Scene, q: Array) -> Array:
-    """The configuration, out of (k, n), with the least room between two shapes."""
+    """Return the configuration, out of (k, n), with the least distance between two shapes."""
     return np.asarray(q[int(np.argmin(nearest_pairs(robot, scene, q)[0]))])
 
 
@@ -84,7 +84,7 @@ def show_of_recorded(data: Mapping[str, Any]) -> Show:
     InvalidInput
         Missing keys or wrong values.
     NoSolution
-        A plan that failed at the start of its path, so that there is nothing to show.
+        The plan failed at the start of its path, so there is nothing to show.
     """
     return _execution(data) if data.get("format") == EXECUTION else _failed_plan(data)
 
@@ -139,7 +139,7 @@ def _failed_plan(data: Mapping[str, Any]) -> Show:
 
 
 def _table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
-    """Times (k,) that increase and rows (k, n); None stands for what was not read."""
+    """Return increasing times (k,) and rows (k, n); None stands for a missing value."""
     try:
         times, rows = np.array(t, dtype=np.float64), np.array(q, dtype=np.float64)
     except (TypeError, ValueError):
@@ -152,7 +152,7 @@ def _table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
 
 
 def _played(t: Array, q: Array) -> Track:
-    """A track of configurations, its velocities by differences."""
+    """Return a track of configurations, with velocities from finite differences."""
     if not np.isfinite(q).all():
         raise InvalidInput("q", "numbers that are not finite", "finite set-points")
     return Track(t, q, np.gradient(q, t, axis=0) if len(t) > 1 else np.zeros_like(q))

@@ -64,9 +64,9 @@ def to_ros(
     joint_names: JointNames = None, start: ArrayLike | Mapping[str, float] | None = None, tolerance: float = 0.01,
     strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
 ) -> Sent:  # fmt: skip
-    """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller keeps its limits.
+    """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller respects its limits.
 
-    The motion, and what the controller makes of it, are certified with the motion's own scene, margin and tolerance.
+    The motion is certified before and after controller interpolation, with its own scene, margin and tolerance.
 
     Parameters
     ----------
@@ -77,18 +77,18 @@ def to_ros(
     rate : float, optional
         Points per second [1/s], for a whole number of periods; by default points at the knots.
     interpolation : {"quintic", "cubic", "linear"}
-        What the controller interpolates through: q, q̇ and q̈; q and q̇; or q. A limit on the jerk is not judged with
-        ``"cubic"``, nor one on the acceleration with ``"linear"``: such a controller cannot keep them.
+        What the controller interpolates: q, q̇ and q̈; q and q̇; or q. A jerk limit is not judged with ``"cubic"``, and an
+        acceleration limit is not judged with ``"linear"``, because such controllers cannot respect them.
     joint_names : mapping or sequence, optional
         Another order of the robot's joint names, or a mapping from them to the controller's.
     start : (n,) array or mapping, optional
-        Where the arm stands now, in the robot's order or by the written names [rad, m].
+        Current configuration of the arm, in the robot's order or by the written names [rad, m].
     tolerance : float
-        How far from there the motion may start [rad, m].
+        Largest difference between ``start`` and the start of the motion [rad, m].
     strict : bool
         Refuse instead of slowing for limits.
     keep_speed : bool
-        Refuse to slow a motion whose tool speed was asked (``constant_speed`` with a speed).
+        Refuse to slow a motion with a requested tool speed (``constant_speed`` with a speed).
     frame_id : str
         Of the message's header.
     allow : str or several
@@ -97,15 +97,15 @@ def to_ros(
     Returns
     -------
     Sent
-        What the controller executes, its certificate, and by how much the motion was slowed.
+        The motion after controller interpolation, its certificate, and the factor by which it was slowed.
 
     Raises
     ------
     InvalidInput, NoSolution, OutputError
-        An argument or a motion that a controller refuses; a plan that failed, or limits that slowing does not keep; a file that
+        An argument or a motion that a controller refuses; a plan that failed, or limits that slowing cannot meet; a file that
         cannot be written.
     InvalidMotion
-        The motion, or what the controller makes of it, violates something that ``allow`` does not permit.
+        The motion, before or after controller interpolation, has a violation that ``allow`` does not permit.
     """
     suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
     options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
@@ -130,7 +130,7 @@ def ros_message(
     frame_id: str = "",
     allow: Allow = (),
 ) -> tuple[dict[str, Any], Sent]:
-    """Return the message of a motion as plain data, and its certificate as the controller executes it; see `to_ros`.
+    """Return the message of a motion as plain data, and the certificate after controller interpolation; see `to_ros`.
 
     The motion itself is not certified. The message's stamp is 0, which is "now" to the controller.
     """

@@ -1,9 +1,10 @@
 """Brake a running motion as hard as its limits allow: a sweep of its clock to rest.
 
-The motion q(τ) is run by a clock τ(t) whose rate w = τ̇ falls from 1 to 0, or to a goal. In w, b = τ̈ and j = τ⃛ every limit
-is a row: of the second order on b, w² and w, of the third on j. A clock at any constant rate w ≤ 1 respects the limits, since
-the motion does. The least b from which b = 0 can still be reached in time is found backwards (viability). The sweep goes
-forwards with the least j that keeps b above it, until the greatest j brings b to 0 and w to its goal together.
+A clock τ(t) drives the motion q(τ). Its rate w = τ̇ decreases from 1 to 0, or to a goal. In w, b = τ̈ and j = τ⃛ every limit
+is a row: rows of second order contain b, w² and w, and rows of third order contain j. A clock with a constant rate w ≤ 1
+respects the limits, because the motion respects them. A backward pass finds the least b from which b = 0 can still be reached
+in time (viability). The sweep runs forwards with the least j that keeps b above this bound. It ends when the greatest j brings
+b to 0 and w to its goal at the same time.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from planners.timing._brake.viability import CLOCK_RATES
 from planners.trajectory import Trajectory
 
 ROUNDS, TIGHTER = 10, 5e-3
-"""Sweeps at most, each with rows tightened where the last one exceeds a limit between its knots, and by how much more."""
+"""Largest number of sweeps, and a margin: each sweep tightens the rows where the last one exceeds a limit between knots."""
 QUICK_RAMP = 0.02
-"""Fraction of a stop's duration in which b reaches its bound where no limit on a jerk holds."""
+"""Fraction of a stop's duration in which b reaches its bound if there is no jerk limit."""
 STOP_AHEAD = 1.5
-"""Part of the motion that is looked at, over what a stop from its start would need under constant limits."""
+"""Length of the examined part of the motion, relative to the length of a stop from its start under constant limits."""
 GAUSS = np.polynomial.legendre.leggauss(4)
 """Nodes in [−1, 1] and weights of the integral of q̇ over a piece."""
 
@@ -48,7 +49,7 @@ def brake(
 ) -> Braking | None:  # fmt: skip
     """Return the motion from time t of a running one until its clock has slowed from w and b to the rate `goal`, or None.
 
-    It uses a fraction `share` of the limits named in `scales`, each multiplied by its scale, or what the running motion uses.
+    It uses the fraction `share` of the limits in `scales`, each multiplied by its scale, or as much as the running motion uses.
     """
     left, (w, b) = running.end - t, clock
     jerk, length = _rough(Course(robot, running), limits, t, clock, scales)
@@ -86,7 +87,7 @@ def stop_time(
     clock: tuple[float, float],
     scales: dict[str, float],
 ) -> float:
-    """Return about how long [s] a stop takes from time t, were the limits along the motion what they are there."""
+    """Return the approximate duration [s] of a stop from time t, with the limits that hold at t."""
     return min(_rough(Course(robot, running), limits, t, clock, scales)[1], running.end - t)
 
 
@@ -100,7 +101,7 @@ def _tighten(
     x: Array,
     more: float,
 ) -> bool:
-    """Tighten the rows where the motion exceeds a limit inside its pieces; whether it does."""
+    """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
     bounds, done = limits.bounds(robot.n), False
     first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
     last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
@@ -121,7 +122,7 @@ def _tighten(
 def _rough(
     course: Course, limits: MotionLimits, t: float, clock: tuple[float, float], scales: dict[str, float]
 ) -> tuple[float, float]:
-    """The greatest |j|, and the part of the motion [s] that a stop needs, were the limits what they are at its start."""
+    """Return the greatest |j|, and the part of the motion [s] that a stop needs, with the limits that hold at its start."""
     left, (w, b) = course.end - t, clock
     cells = cells_of(course, limits, t, 1e-3 * left, scales, 1)
     with np.errstate(divide="ignore"):
@@ -135,10 +136,10 @@ def _rough(
 
 
 def _braking(running: Trajectory, start: float, swept: Array) -> Braking:
-    """The joints' motion for a motion (4, k + 1) of the clock.
+    """Return the joints' motion for a motion (4, k + 1) of the clock.
 
-    Each piece is made from how far the joints move on it, the integral of q̇: the difference of two positions would leave
-    rounding only of a motion of nanometres.
+    Each piece is computed from the displacement of the joints on it, the integral of q̇. For a motion of nanometres, the
+    difference of two positions would be only rounding error.
     """
     x, (w, b), t = np.minimum(swept[0], running.end - start), swept[1:3, :, None], swept[3]
     nodes, weights = GAUSS

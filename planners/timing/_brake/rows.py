@@ -1,4 +1,4 @@
-"""The limits on the clock of a running motion: rows in its rate, at both ends of cells of time."""
+"""Limits on the clock of a running motion, as rows in its rate at both ends of cells of time."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from planners.limits import MotionLimits, PathPoints
 from planners.trajectory import Trajectory
 
 CELLS_PER_PIECE = 2
-"""Cells of each piece of the motion: between their ends the rows are interpolated."""
+"""Number of cells of each piece of the motion; between the ends of a cell the rows are interpolated."""
 LEAST_CELLS = 20
-"""Least number of cells of the part of the motion that is looked at."""
+"""Least number of cells of the examined part of the motion."""
 NO_BOUND = 1e300
-"""A bound that is none."""
+"""Value that stands for no bound."""
 
 
 class Course(NamedTuple):
-    """A running motion as its limits see it: the points of a curve of the robot's joints."""
+    """A running motion for the evaluation of limits: points of a curve of the robot's joints."""
 
     robot: Robot
     trajectory: Trajectory
 
     @property
     def end(self) -> float:
-        """The duration [s]."""
+        """Return the duration [s]."""
         return self.trajectory.end
 
 
 class Cells(NamedTuple):
-    """A part of the motion in cells, and the limits at both ends of each.
+    """A part of the motion, divided into cells, and the limits at both ends of each cell.
 
-    ``x`` (k + 1,) are times from its start; ``last`` (k,) the end of the piece that each cell is part of; ``node`` (k, 2, m, 4)
+    ``x`` (k + 1,) are times from its start; ``last`` (k,) is the end of the piece with each cell; ``node`` (k, 2, m, 4)
     coefficients of b, w², w and 1; ``edge`` (k, 2, e, 6) of j, w b, w³, w, b and w²: each value is limited to [−1, 1].
     """
 
@@ -48,7 +48,7 @@ class Cells(NamedTuple):
 def cells_of(
     course: Course, limits: MotionLimits, t: float, length: float, scales: dict[str, float], least: int = LEAST_CELLS
 ) -> Cells:
-    """The part of a motion from t on, divided at its knots, and the limits there."""
+    """Return the part of a motion from t on, divided at its knots, and its limits."""
     knots = course.trajectory.knots
     inner = knots[(knots > t) & (knots < t + length)] - t
     inner = inner[np.diff(inner, prepend=0.0) > 1e-6 * length]
@@ -60,7 +60,7 @@ def cells_of(
     ends, middle = np.repeat(x, 2)[1:-1], t + 0.5 * (x[1:] + x[:-1])
     piece = np.repeat(piece_at(knots, middle), 2)
     at = PathPoints(
-        course,  # type: ignore[arg-type]  # what rows read of a joint path: robot and end
+        course,  # type: ignore[arg-type]  # rows need only `robot` and `end` of a joint path
         t + ends,
         derivatives_at(course.trajectory.padded, piece, t - knots[piece] + ends),
     )
@@ -76,12 +76,12 @@ def cells_of(
 
 
 def piece_at(knots: Array, t: Array) -> Indices:
-    """The pieces that hold times."""
+    """Return the pieces that contain times."""
     return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
 
 
 def derivatives_at(c: Array, piece: Indices, u: Array) -> Array:
-    """Q and its derivatives (4, k, n) at times u (k,) behind the first knots of pieces of quintics (6, m, n)."""
+    """Return q and its derivatives (4, k, n) at times u (k,) after the first knots of pieces of quintics (6, m, n)."""
     out = np.empty((4, u.size, c.shape[2]))
     _evaluate(c, piece, u, out)
     return out
@@ -101,7 +101,7 @@ def _evaluate(c: Array, piece: Indices, u: Array, out: Array) -> None:
 
 @compiled
 def _sides(known: float, share: float) -> tuple[float, float]:
-    """The sides of a row: the fraction `share`, or what the motion itself uses there and half of what it leaves."""
+    """Return the sides of a row: the fraction `share`, or the motion's own value plus half of the remaining range."""
     used = max(share, abs(known), 0.5 + 0.5 * min(abs(known), 1.0))
     return (-used if known < 0.0 else -share), (used if known > 0.0 else share)
 
@@ -110,7 +110,7 @@ def _sides(known: float, share: float) -> tuple[float, float]:
 def lines_at(
     cells: Cells, i: int, part: float, w: float, share: float, jerk: float, line: Array
 ) -> tuple[float, float, int]:
-    """Bounds on b by the rows of second order; and j as lines over b: base, half and slope (3, n), and how many."""
+    """Return bounds on b from the rows of second order, lines of j over b (base, half and slope, (3, n)), and their number."""
     low, high, R, E = -NO_BOUND, NO_BOUND, cells.node, cells.edge
     for m in range(R.shape[2]):
         p = (1.0 - part) * R[i, 0, m, 0] + part * R[i, 1, m, 0]
@@ -147,7 +147,7 @@ def lines_at(
 
 @compiled
 def jerks_at(line: Array, n: int, b: float) -> tuple[float, float]:
-    """Least and greatest j at b."""
+    """Return the least and the greatest j at b."""
     low, high = -NO_BOUND, NO_BOUND
     for e in range(n):
         middle = line[0, e] + line[2, e] * b
@@ -157,7 +157,7 @@ def jerks_at(line: Array, n: int, b: float) -> tuple[float, float]:
 
 @compiled
 def least_acceleration(line: Array, n: int, low: float) -> float:
-    """The least b, at least `low`, at which some j is allowed: each two lines bound b (Fourier–Motzkin elimination)."""
+    """Return the least b ≥ `low` at which some j is allowed; each pair of lines bounds b (Fourier–Motzkin elimination)."""
     for e in range(n):
         for f in range(e):
             d, off, room = line[2, e] - line[2, f], line[0, e] - line[0, f], line[1, e] + line[1, f]

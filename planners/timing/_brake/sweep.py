@@ -1,4 +1,4 @@
-"""The sweep of a clock to a lower rate, forwards in time: as hard as the limits allow, and above the least acceleration."""
+"""Forward sweep of a clock to a lower rate: it brakes as hard as the limits allow, above the least viable acceleration."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from planners.timing._brake.rows import NO_BOUND, Cells, jerks_at, lines_at
 from planners.timing._brake.viability import CLOCK_RATES, bound_at, viable
 
 SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 300
-"""Steps of a stop, about; fewer are swept again in shorter ones, and more are none."""
+"""Approximate number of steps of a stop, the number below which it is swept again in shorter steps, and the largest number."""
 RAMP_STEPS = 8
-"""Steps of the last ramp."""
+"""Number of steps of the last ramp."""
 REPAIRS, SOFTER = 12, 0.5
-"""Dead ends of a sweep that are passed by a gentler brake before them, and by what factor on b it is gentler."""
+"""Largest number of dead ends that a sweep avoids by braking more gently before them, and the factor on b for that."""
 NEGLIGIBLE = 2e-3
-"""Fraction of the hardest braking by which b may be below the least one."""
+"""Fraction of the hardest braking by which b may fall below its least value."""
 AT_GOAL, DEAD_END, TOO_SHORT, TOO_MANY_STEPS = range(4)
 """How a sweep ended: at rest, at a dead end, at the end of the cells, or after `MOST_SWEEP_STEPS`."""
 
 State = tuple[float, float, float, float]
-"""x, w, b and t."""
+"""Components of a knot: x, w, b and t."""
 
 
 @compiled
@@ -38,7 +38,7 @@ def _part(x: Array, at: float, i: int) -> float:
 
 @compiled
 def _until(d: float, w: float, b: float, j: float, h: float) -> float:
-    """The time in which w h + b h²/2 + j h³/6 = d, by Newton's steps from a guess; the guess where the clock stops before."""
+    """Return h with w h + b h²/2 + j h³/6 = d, by Newton steps from a guess; return the guess if the clock stops before."""
     t = h
     for _ in range(5):
         rate = w + t * (b + 0.5 * t * j)
@@ -54,9 +54,9 @@ def _until(d: float, w: float, b: float, j: float, h: float) -> float:
 def _ramp(
     cells: Cells, start: State, goal: float, use: tuple[float, float], part: float, line: Array, out: Array, k: int
 ) -> tuple[float, int]:
-    """Let b < 0 rise to 0 with a part of the greatest j: w − goal then, and the last knot; below 0 where w falls below before.
+    """Let b < 0 rise to 0 with a fraction of the greatest j; return w − goal at its end (< 0 if w falls below) and the knot.
 
-    It is `NO_BOUND` where no j above 0 is allowed on the way. Knots are written behind knot k where `k` is at least 0.
+    The value is `NO_BOUND` if no j above 0 is allowed on the way. If `k` is at least 0, knots are written after knot k.
     """
     x, w, b, t = start
     first, i = b, _cell(cells.x, x, 0)
@@ -83,7 +83,7 @@ def _ramp(
 def _last_ramp(
     cells: Cells, start: State, goal: float, use: tuple[float, float], line: Array, out: Array, k: int
 ) -> int:
-    """Write the ramp from a knot to the goal, b and w at once, by bisection of its jerk; the last knot, or −1 where none is."""
+    """Write the ramp that brings b and w to the goal together, by bisection of its jerk; return the last knot, or −1."""
     low, high = 0.0, 1.0
     for _ in range(50):
         part = 0.5 * (low + high)
@@ -102,7 +102,7 @@ def _last_ramp(
 def swept(
     cells: Cells, begin: tuple[float, float, float], share: float, jerk: float, least: Array, out: Array
 ) -> tuple[int, int]:
-    """Find the least b, and sweep from w and b to the goal: how it ended, and the last knot."""
+    """Find the least b, and sweep from w and b to the goal; return how the sweep ended, and the last knot."""
     w, _, goal = begin
     viable(cells, max(w, 1.0), share, jerk, least)
     low = 0.0
@@ -112,7 +112,7 @@ def swept(
     end, k, rounds, softer = TOO_MANY_STEPS, 0, 0, 1
     for _ in range(REPAIRS):
         end, k = _sweep(cells, begin, (share, jerk), total, least, out)
-        if end == DEAD_END:  # go past it with a gentler brake: the nearer to b = 0, the surer
+        if end == DEAD_END:  # avoid it by braking more gently: the nearer to b = 0, the safer
             first, last = _cell(cells.x, out[0, max(k - softer, 0)], 0), _cell(cells.x, out[0, k], 0)
             least[first : min(last + 3, least.shape[0])] *= SOFTER
             softer += 1
@@ -127,12 +127,12 @@ def swept(
 def _step(
     cells: Cells, i: int, at: State, use: tuple[float, float], longest: float, line: Array, least: Array, top: float
 ) -> tuple[float, float, float]:
-    """A step from x, w, b in cell i: its duration, the least j that is allowed on it, and the least b at its end."""
+    """Return for a step from x, w, b in cell i its duration, the least allowed j on it, and the least b at its end."""
     (x, w, b, _), (share, jerk) = at, use
     _, _, n = lines_at(cells, i, _part(cells.x, x, i), w, share, jerk, line)
     low, high = jerks_at(line, n, b)
     h = longest
-    reach = cells.x[cells.last[i]] - x  # to the next knot of the motion, where a step ends
+    reach = cells.x[cells.last[i]] - x  # up to the next knot of the motion, because every step ends there
     aligned = reach < 1.3 * h * w
     if aligned:
         h = reach / w
@@ -162,7 +162,7 @@ def _step(
 def _sweep(
     cells: Cells, begin: tuple[float, float, float], use: tuple[float, float], total: float, least: Array, out: Array
 ) -> tuple[int, int]:
-    """One sweep: how it ended, and its last knot."""
+    """Run one sweep; return how it ended, and its last knot."""
     w, b, goal = begin
     top = max(w, 1.0)
     x, t, i, k = 0.0, 0.0, 0, 0

@@ -1,4 +1,4 @@
-"""From which acceleration of the clock on a motion can still be braked without exceeding a limit later: backwards in time."""
+"""Viability: the least acceleration of the clock from which the motion can still be braked within the limits."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from optik.types import Array
 from planners.timing._brake.rows import Cells, jerks_at, least_acceleration, lines_at
 
 CLOCK_RATES = 8
-"""Rates of the clock for which the least b is found."""
+"""Number of clock rates for which the least b is found."""
 BISECTIONS = 7
-"""Halvings of the interval of b in that search."""
+"""Number of bisections of the interval of b in that search."""
 
 
 @compiled
 def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) -> None:
-    """Fill the least b (k + 1, CLOCK_RATES + 1) at the cells' ends and at rates up to `top` from which b = 0 is reached."""
+    """Fill in the least b (k + 1, CLOCK_RATES + 1) from which b = 0 is reached, at the cells' ends, for rates up to `top`."""
     line, after = np.empty((2, 3, 2 * cells.edge.shape[2] + 2))
     last = cells.x.shape[0] - 1
     for i in range(last, -1, -1):
@@ -43,7 +43,7 @@ def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) ->
 
 @compiled
 def _onward(cells: Cells, i: int, w: float, b: float, line: Array, n: int, top: float, least: Array) -> bool:
-    """Whether the greatest j leads from w and b at the start of a cell above the least b at its end, or to rest before."""
+    """Return whether the greatest j leads from w and b at a cell's start to above the least b at its end, or to rest before."""
     low, high = jerks_at(line, n, b)
     if high < low:
         return False
@@ -60,7 +60,7 @@ def _onward(cells: Cells, i: int, w: float, b: float, line: Array, n: int, top: 
 
 @compiled
 def bound_at(least: Array, i: int, w: float, top: float) -> float:
-    """The least b at the end of a cell, interpolated over the rate; towards rate 0 it goes with its square root."""
+    """Return the least b at a cell's end, interpolated over the rate; near rate 0 it is proportional to the square root."""
     r = w / top * CLOCK_RATES
     if r <= 1.0:
         return float(least[i, 1] * np.sqrt(r))

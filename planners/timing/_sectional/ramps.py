@@ -248,7 +248,7 @@ def ramp_ratio(
 
 
 def ratio_of(what: Table, ramp: Ramp, count: int = 24, most: float = np.inf) -> float:
-    """Factor by which a ramp must be slowed to keep the limits.
+    """Return the factor by which a ramp must be slowed to respect the limits.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ POSITION_BUDGETS = 4
 
 
 def positions(b: BudgetRows, sheets: list[Sheet], robot: Robot) -> Board:
-    """Spots on the graph paper, and the tool where a run stopped by its budget stands.
+    """Plot the spots on the graph paper, and where the tool is when the budget ends a run.
 
     Parameters
     ----------

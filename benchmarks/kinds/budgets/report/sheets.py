@@ -72,7 +72,7 @@ def sheets_of(b: BudgetRows) -> list[Sheet]:
 
 
 def sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Plot:
-    """An empty plot of a plane with equal scales [mm], and the tool of the robot at the start."""
+    """Return an empty plot of a plane with equal scales [mm], with the tool of the robot at the start."""
     tool = dict(zip("XYZ", 1e3 * robot.fk(start_of(robot, b.block.options["start_deg"]))[:3, 3], strict=True))
     plot = Plot(
         f"{name}-{b.block.id}-{sheet.u}{sheet.v}".lower(), f"{sheet.plane} sheet (offset along {sheet.normal.upper()})",

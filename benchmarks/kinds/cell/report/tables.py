@@ -93,7 +93,7 @@ def tables(run: Run) -> Sequence[Table]:
 
 
 def _budget_words(budget: Any, along: bool) -> str:
-    """How many iterations were made, and where."""
+    """Say how many iterations were made, and where."""
     return "the whole line" if budget is None else f"{budget} at each pose" if along else f"{budget} from the start"
 
 

@@ -9,11 +9,11 @@ from benchmarks.report.board import Control
 from benchmarks.report.run import Run
 
 DEFAULT_LAW = "optimal"
-"""The law with which a control opens: the default of `planners.plan`."""
+"""The law that a control selects first: the default of `planners.plan`."""
 
 
 def law_control(laws: Sequence[str], *more: str) -> Control:
-    """Return the control of laws, which opens on the default law where the run has it."""
+    """Return the control of laws; it selects the default law first, if the run has it."""
     return Control.of("law", "Time law", (*laws, *more), DEFAULT_LAW if DEFAULT_LAW in laws else "")
 
 
