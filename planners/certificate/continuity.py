@@ -14,6 +14,8 @@ JUMP = 1e-5
 """Difference of one-sided values, as a share of the joint's largest value of that derivative, above which it is a jump."""
 STEP_ROUNDING = 1e-14
 """Rounding of a derivative: this share of q, over the shorter piece's duration to the power of the derivative's order."""
+FROM_AFAR = 0.1
+"""Least q [rad or m] whose rounding counts: what is left of a motion that ends at 0 has the rounding of where it came from."""
 AT_REST = 1e-9
 """Final velocity, as a share of the joint's largest one, below which it is at rest; rounding is added to it."""
 
@@ -49,7 +51,8 @@ def _rounding(trajectory: Trajectory) -> Array:
     """What rounding may make of derivatives (4, m + 1, n) at the knots, where the shorter piece's duration divides it."""
     h = np.diff(trajectory.knots)
     shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
-    return np.asarray(STEP_ROUNDING * trajectory.extrema(0).worst / (shorter[:, None] ** np.arange(4)).T[:, :, None])
+    size = np.maximum(trajectory.extrema(0).worst, FROM_AFAR)
+    return np.asarray(STEP_ROUNDING * size / (shorter[:, None] ** np.arange(4)).T[:, :, None])
 
 
 def rest(trajectory: Trajectory) -> tuple[bool, bool]:

@@ -61,6 +61,7 @@ def judged_parts(motion: Examined, parts: tuple[LimitedPart, ...]) -> dict[str, 
 
 def _worse(first: Any, second: Any) -> Extreme | ToolExtreme:
     """Return the judgement with the larger ratio for each joint, or with the larger value if neither is limited."""
-    a, b = (np.where(np.isnan(x.ratio), x.value, x.ratio) for x in (first, second))
+    free = np.isnan(first.ratio) & np.isnan(second.ratio)
+    a, b = (np.where(free, x.value, np.nan_to_num(x.ratio, nan=-1.0, posinf=np.inf)) for x in (first, second))
     chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]
     return Extreme(*chosen) if isinstance(first, Extreme) else ToolExtreme(*(float(x) for x in chosen))

@@ -15,7 +15,7 @@ from planners.following.joint_path import JointPath
 from planners.plan import Asked, Plan
 from planners.replan.reason import reason
 from planners.replan.request import by_law, judged, mover
-from planners.replan.state import ENDED, MovingState, path_state, s_at
+from planners.replan.state import ENDED, MovingState, limits_at, path_state, s_at
 from planners.replan.stop import DELAYS, SHARES, scales_of
 from planners.splice import begun, joined, rest_of, start_of
 from planners.timing._brake import brake, stop_time
@@ -67,8 +67,9 @@ def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajector
 
 def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion that slows down within the plan's own limits until it can respect the new ones, at the latest at rest."""
-    running, rest, old = plan.trajectory, start.rest, replace(asked, limits=plan.limits)
-    if rest is None or asked.limits == plan.limits or asked.limits.names != plan.limits.names:
+    running, rest, limits = plan.trajectory, start.rest, limits_at(plan, start.t)
+    old = replace(asked, limits=limits)
+    if rest is None or asked.limits == limits or asked.limits.names != limits.names:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
@@ -76,23 +77,23 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
-    usual = stop_time(plan.robot, running, plan.limits, start.t, start.clock, scales_of(old, plan))
+    usual = stop_time(plan.robot, running, limits, start.t, start.clock, scales_of(old, plan))
     for delay, share in itertools.product((0.0, *(usual * np.array(DELAYS))), SHARES[:2]):
         t, clock = start.t + delay * rate, start.clock if delay == 0.0 else (rate, 0.0)
         if slower <= 1.0 or t >= running.end:
             break
         goal = rate / (slower * CLOCK_SLOWER)
-        braking = brake(plan.robot, running, plan.limits, t, clock, scales_of(old, plan), share, goal)
+        braking = brake(plan.robot, running, limits, t, clock, scales_of(old, plan), share, goal)
         if braking is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)
         slow = rest_of(running, braking.end, s).slowed(1.0 / goal)
-        first = begun(braking.motion, start.joints, plan.limits) if delay == 0.0 else braking.motion
+        first = begun(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
         first = joined(start_of(rest, delay), first) if delay else first
         found = _from_slow(asked, plan, start, first, s, slow)
         if found is not None:
             return found
-    found = judged(replace(asked, before=(plan.limits, rest.end)), plan, start, rest, None)
+    found = judged(replace(asked, before=(limits, rest.end)), plan, start, rest, None)
     return found if found else None
 
 
@@ -100,7 +101,7 @@ def _from_slow(
     asked: Asked, plan: Plan, start: MovingState, first: Trajectory, s: float, slow: Trajectory
 ) -> Plan | None:
     """Return the plan of a motion that has braked and continues by the law, or by the slowed running motion."""
-    later = replace(asked, before=(plan.limits, first.end))
+    later = replace(asked, before=(limits_at(plan, start.t), first.end))
     at = path_state(plan.joint_path, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
     quick = by_law(mover(asked), asked, plan.joint_path, asked.limits, at)
     for second in (quick, slow):

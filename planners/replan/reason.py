@@ -40,6 +40,8 @@ def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSoluti
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
     proof = judged(asked, plan, start, start.rest, StopKind.END).certificate
+    if not proof.keeps:
+        return NoSolution(f"{none} was found: {'; '.join(proof.broken)}", s=start.at.s, advice=advice)
     field = max(proof.keeps, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
     ratio, joint, t = proof.worst(field)
     s = float(np.interp(t, proof.binding.t, proof.binding.s))

@@ -49,11 +49,11 @@ def request(
     check_scene(plan.robot, scene, margin)
     law = law_for(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
-    if limits is None:  # limits that the plan was allowed to exceed
-        limits, kept = plan.limits, plan.certificate.keeps
-        allow = tuple({word_of_limit(name) for name in limits.given_names if name not in kept})
+    limits, kept = plan.limits if limits is None else limits, plan.certificate.keeps
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
+    if timing is None:  # limits that the plan was allowed to exceed
+        allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in kept})
     if timing is not None:
         law.need(limits, plan.robot)
     limits.check_path(plan.path)

@@ -13,6 +13,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.following.joint_path import JointPath
 from planners.following.place import place_between, place_on
+from planners.limits import MotionLimits
 from planners.plan import Plan
 from planners.splice import State, begun, rest_of
 from planners.timing.base import PathState
@@ -75,6 +76,11 @@ def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike
         raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
     rest = begun(rest_of(running, t, at.s), own, plan.limits) if left else None
     return MovingState(at, t, (1.0, 0.0), rest, still, error)
+
+
+def limits_at(plan: Plan, t: float) -> MotionLimits:
+    """Return the limits that the plan's motion respects at a time [s]."""
+    return plan.before[0] if plan.before is not None and t < plan.before[1] else plan.limits
 
 
 def s_at(plan: Plan, t: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from planners.plan import Asked, Plan
 from planners.replan.reason import reason
 from planners.replan.request import judged
-from planners.replan.state import MovingState, s_at
+from planners.replan.state import MovingState, limits_at, s_at
 from planners.splice import begun, joined, start_of
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import StopKind
@@ -24,7 +24,7 @@ DELAYS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5, 7.0)
 SHORTEST = 1e-6
 """Braking distance, relative to the path length, below which only the sweep is tried: the joint path is straight there."""
 FIRST_END, CLOSE_ENDS = 0.95, 0.01
-"""Braking distance, relative to that of the sweep, for which the optimum is tried first, and the interval that ends the search."""
+"""Braking distance, relative to the sweep's, at which the optimum is tried first, and the interval that ends the search."""
 
 
 def stopped_plan(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
@@ -32,13 +32,13 @@ def stopped_plan(asked: Asked, plan: Plan, start: MovingState, time_limit: float
 
     If no stop respects lower limits, the plan's own limits hold until the arm is at rest.
     """
-    first = _first_stop(asked, plan, start, time_limit)
-    if first or asked.limits == plan.limits or asked.limits.names != plan.limits.names:
+    first, limits = _first_stop(asked, plan, start, time_limit), limits_at(plan, start.t)
+    if first or asked.limits == limits or asked.limits.names != limits.names:
         return first
-    old = _first_stop(replace(asked, limits=plan.limits), plan, start, time_limit)
+    old = _first_stop(replace(asked, limits=limits), plan, start, time_limit)
     if not old:
         return first
-    later = replace(asked, before=(plan.limits, old.trajectory.end))
+    later = replace(asked, before=(limits, old.trajectory.end))
     assert old.span is not None
     return judged(later, plan, start, old.trajectory, old.stop_kind, old.span[1])
 

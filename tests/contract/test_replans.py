@@ -281,6 +281,38 @@ def test_lower_limits_hold_from_an_instant_on_and_the_old_ones_before(
         assert not replace(stored, before=None).certify().holds
 
 
+@pytest.mark.parametrize("new", [True, False])
+def test_a_limit_of_one_part_only_is_judged_there(running: Plan, new: bool) -> None:
+    """The acceleration is limited in one part only, and exceeded there."""
+    t = float(running.trajectory.knots[running.trajectory.knots.size // 3])
+    tight, free = MotionLimits(3.0, 5.0, 300.0), MotionLimits(3.0, None, 300.0)
+    limits, old = (tight, free) if new else (free, tight)
+    proof = certify(running.robot, running.path, running.trajectory, limits, before=(old, t))
+    part = slice(t, None) if new else slice(None, t)
+    at = np.linspace(part.start or 0.0, part.stop or running.trajectory.end, 3001)
+    assert np.nanmax(proof.acceleration.ratio) >= np.abs(running.trajectory(at, 2)).max() / 5.0 - 1e-9 > 1.0
+    assert not proof.holds
+
+
+@pytest.mark.parametrize("law", ["optimal", "ruckig", "smooth"])
+def test_a_motion_to_the_zero_of_its_joints_can_be_stopped_just_before_its_end(law: str) -> None:
+    robot = paper6r()
+    home = plan(robot, JointLine(robot, [0.9, -0.3, 0.4, 0.2, 0.5, 0.1], np.zeros(6)), [0.9, -0.3, 0.4, 0.2, 0.5, 0.1],
+                limits=LIMITS, timing=law)  # fmt: skip
+    for left in 10.0 ** -np.arange(2.0, 6.5, 0.5):
+        for stop in (False, True):
+            assert replan(home, home.trajectory.end - left, stop=stop), (left, stop)
+
+
+def test_a_motion_that_meets_lower_limits_later_can_be_stopped_before_and_after(running: Plan) -> None:
+    slower = replan(running, 0.35 * running.trajectory.end, limits=MotionLimits(2.0, 4.0, 40.0))
+    assert slower.within_limits_from > 0.0
+    for t in (0.02, 0.5 * slower.within_limits_from, 0.5 * (slower.within_limits_from + slower.trajectory.end)):
+        if t < slower.trajectory.end - 1e-3:
+            assert replan(slower, t, stop=True)
+            assert replan(slower, t)
+
+
 def test_limits_of_other_kinds_and_times_off_the_knots_are_refused(running: Plan) -> None:
     for before in ((LIMITS, -1.0), (LIMITS, 0.123456), LIMITS, ("x", 0.1), (LIMITS, float("nan"))):
         with pytest.raises(InvalidInput) as info:

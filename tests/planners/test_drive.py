@@ -266,7 +266,7 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
 
     def refuses(*hopeless: MotionLimits) -> Any:
         def other(running: Plan, t: float, **options: Any) -> Plan:
-            if options["limits"] in hopeless:
+            if options.get("limits", both[0]) in hopeless:
                 options["tolerance"] = (1e-15, 1e-15)
             return replan(running, t, **options)
 

@@ -62,7 +62,10 @@ def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
         if found:
             return replace(found, scene=running.scene, margin=running.margin)
         stops.append(found)
-    return stops[-1]
+    found = (
+        replan(plan, t, stop=True) if share == 1.0 else stops[-1]
+    )  # a law without jerk limits may stop with any jerk
+    return replace(found, scene=running.scene, margin=running.margin) if found else stops[-1]
 
 
 def ends_at_goal(plan: Plan) -> bool:
