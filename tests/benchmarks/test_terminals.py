@@ -33,7 +33,7 @@ def python(*arguments: str, **variables: str) -> subprocess.CompletedProcess[byt
     ("command", "wanted"),
     [
         (["ik", "--xyz", "0.1,0.3,0.2", "--rpy-deg", "-90,10,20", "--start-deg", START], ["joint6"]),
-        (["plan", "line", "--timing", "ruckig"], ["holds"]),
+        (["plan", "line", "--timing", "ruckig"], ["valid"]),
         (["bench", "list"], ["ik"]),
     ],
     ids=lambda x: " ".join(x[:2]),

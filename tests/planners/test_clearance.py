@@ -250,6 +250,16 @@ def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
     assert planners.plan(panda(), REACHED, REST).certificate.clearance is None
 
 
+@pytest.mark.parametrize("stop", [False, True])
+def test_a_state_that_touches_a_new_scene_is_refused_with_the_pair_and_the_position(stop: bool) -> None:
+    made = solved()
+    here = pose(panda().fk(made.trajectory(0.3))[:3, 3])
+    refused = planners.replan(made, 0.3, stop=stop, scene=Scene(boxes=[(here, (0.05, 0.05, 0.05))]))
+    assert refused.status is PlanStatus.CONTACT and refused.stop is not None and not refused.has_motion
+    assert "box" in refused.stop.reason and "joint7" in refused.stop.reason
+    np.testing.assert_allclose(made.joint_path(refused.stop.s), made.trajectory(0.3), atol=1e-6)
+
+
 def test_a_plan_that_touches_names_the_place_and_the_pair() -> None:
     through = REST + np.array([0.4, 0.9, 0.0, 0.3, 0.0, 0.0, 0.0])
     refused = planners.plan(panda(), through, REST, scene=table())
