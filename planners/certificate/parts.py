@@ -53,9 +53,13 @@ def judged_parts(motion: Examined, parts: tuple[LimitedPart, ...]) -> dict[str, 
     if len(parts) > 1:
         k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
         jump = motion.jumps[:3, k].any(axis=0)
-        if jump.any():
-            jerk = found["jerk"]
-            found["jerk"] = jerk._replace(ratio=np.where(jump & np.isfinite(jerk.ratio), np.inf, jerk.ratio))
+        for kind in parts[-1].limits.kinds if jump.any() else ():
+            if (
+                kind.order > 2
+            ):  # a jump of the acceleration is an infinite rate; one of a joint moves the torques of all
+                worst, where = found[kind.name], jump if kind.name == "jerk" else jump.any()
+                ratio = np.where(where & ~np.isnan(worst.ratio), np.inf, worst.ratio)
+                found[kind.name] = worst._replace(ratio=ratio)
     return found
 
 

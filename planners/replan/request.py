@@ -20,7 +20,7 @@ from planners.timing.optimal import Optimal
 from planners.trajectory import Trajectory
 
 
-class Enforced(TimeLaw):
+class RecordedLaw(TimeLaw):
     """A stand-in for the law of a plan: its name, the limits that it enforces, and the requested speed."""
 
     keeps = ()
@@ -66,12 +66,12 @@ def _own_law(plan: Plan) -> TimeLaw:
         law = law_for(plan.law)
         if type(law).run_from is not TimeLaw.run_from:
             return law
-    return Enforced(plan)
+    return RecordedLaw(plan)
 
 
 def mover(asked: Asked) -> TimeLaw:
     """Return the law that continues from a moving state."""
-    return Optimal() if isinstance(asked.law, Enforced) else asked.law
+    return Optimal() if isinstance(asked.law, RecordedLaw) else asked.law
 
 
 def judged(

@@ -32,7 +32,9 @@ from planners import (
     plan,
     replan,
 )
+from planners.hermite import quintic
 from planners.plan import StopKind
+from planners.splice import joined, start_of
 from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
 from tests import oracles
@@ -292,6 +294,18 @@ def test_a_limit_of_one_part_only_is_judged_there(running: Plan, new: bool) -> N
     at = np.linspace(part.start or 0.0, part.stop or running.trajectory.end, 3001)
     assert np.nanmax(proof.acceleration.ratio) >= np.abs(running.trajectory(at, 2)).max() / 5.0 - 1e-9 > 1.0
     assert not proof.holds
+
+
+def test_a_jump_of_the_acceleration_where_the_limits_change_is_no_finite_rate(running: Plan) -> None:
+    motion = running.trajectory
+    t, still = float(motion.knots[motion.knots.size // 3]), np.zeros((1, 6))
+    at = tuple(motion(t, order)[None] for order in range(3))
+    onward = quintic(np.array([0.0, 1.0]), (at[0], at[1], at[2] + 5.0), (at[0] + 0.1, still, still))
+    jumping = joined(start_of(motion, t), Trajectory(onward))
+    torque = MotionLimits(1e3, 1e6, 1e9, torque=1e9, torque_rate=1e12)
+    proof = certify(running.robot, running.path, jumping, torque, before=(torque, t))
+    assert np.isinf(proof.jerk.ratio).any()
+    assert np.isinf(proof.torque_rate.ratio).all()
 
 
 @pytest.mark.parametrize("law", ["optimal", "ruckig", "smooth"])
