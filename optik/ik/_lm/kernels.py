@@ -196,7 +196,7 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
                 stepping = stepping or w[PROBLEM, l] != IDLE
                 continue
             p = int(w[PROBLEM, l])
-            status = advance(arm, w, g, n, targets[p], starts[p], l)
+            status = advance(arm, w, n, targets[p], starts[p], l)
             if status == STEP:
                 stepping = True
                 holding = holding or w[HELD_JOINTS, l] != 0.0

@@ -48,6 +48,9 @@ PICKED, NEXT = 151, 153
 ROWS = 165
 """Rows of the work array."""
 
+PUSHED = -1.0
+"""Value of HELD_JOINTS for a lane that holds whichever joints its error pushes out of their bounds, step by step."""
+
 # Rows of the geometry g (GEOMETRY, L): joint origins, joint axes. The Jacobian J (6 n, L) is kept by columns.
 O, Z = 0, 36
 GEOMETRY = 72
@@ -184,39 +187,22 @@ def face_about(w: Array, l: int) -> None:
 
 @inlined
 def hold(w: Array, J: Array, n: int) -> None:
-    """Take the joints that a lane holds out of its Jacobian, so that the others alone make its step.
+    """Set the columns of held joints in the Jacobians J (6 n, L) to 0, so that the other joints alone make the step.
 
-    Parameters
-    ----------
-    w : (ROWS, L) array
-        Lanes [as the rows say].
-    J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1]; columns of held joints are set to 0.
-    n : int
-        Number of joints.
+    A lane marked PUSHED holds the joints at a bound that Jᵀ e pushes out of it (Bertsekas 1982).
     """
     for l in range(w.shape[1]):
         if w[HELD_JOINTS, l] == 0.0:
             continue
-        held = int(w[HELD_JOINTS, l])
+        pushed, joints = w[HELD_JOINTS, l] == PUSHED, int(w[HELD_JOINTS, l])
         for i in range(n):
-            if held >> i & 1:
+            down = J[6 * i, l] * w[e, l] + J[6 * i + 1, l] * w[e + 1, l] + J[6 * i + 2, l] * w[e + 2, l]
+            down += J[6 * i + 3, l] * w[e + 3, l] + J[6 * i + 4, l] * w[e + 4, l] + J[6 * i + 5, l] * w[e + 5, l]
+            q = w[Q + i, l]
+            out = (down < 0.0 and q <= w[LOW + i, l]) or (down > 0.0 and q >= w[HIGH + i, l])
+            if out if pushed else joints >> i & 1:
                 for r in range(6):
                     J[6 * i + r, l] = 0.0
-
-
-@inlined
-def joint_column(arm: Array, w: Array, g: Array, i: int, l: int) -> tuple[float, float, float, float, float, float]:
-    """Return a joint's column (v, ω) of a lane's Jacobian; 0 where the joint is locked."""
-    slides, moves = arm[AT_SLIDES + i], arm[AT_MOVES + i]
-    turns = (1.0 - slides) * moves
-    slides = slides * moves
-    zx, zy, zz = g[Z + 3 * i, l], g[Z + 3 * i + 1, l], g[Z + 3 * i + 2, l]
-    rx, ry, rz = w[P, l] - g[O + 3 * i, l], w[P + 1, l] - g[O + 3 * i + 1, l], w[P + 2, l] - g[O + 3 * i + 2, l]
-    return (
-        turns * (zy * rz - zz * ry) + slides * zx, turns * (zz * rx - zx * rz) + slides * zy,
-        turns * (zx * ry - zy * rx) + slides * zz, turns * zx, turns * zy, turns * zz,
-    )  # fmt: skip
 
 
 @inlined
@@ -238,11 +224,21 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -
     holding : bool
         Whether some lane may hold joints; always True for more than six joints.
     """
+    L = w.shape[1]
     for i in range(n):
-        for l in range(w.shape[1]):
-            (J[6 * i, l], J[6 * i + 1, l], J[6 * i + 2, l], J[6 * i + 3, l], J[6 * i + 4, l], J[6 * i + 5, l]) = (
-                joint_column(arm, w, g, i, l)
-            )
+        # a joint turns the tool, slides it, or is locked and does neither
+        slides, moves = arm[AT_SLIDES + i], arm[AT_MOVES + i]
+        turns = (1.0 - slides) * moves
+        slides = slides * moves
+        for l in range(L):
+            zx, zy, zz = g[Z + 3 * i, l], g[Z + 3 * i + 1, l], g[Z + 3 * i + 2, l]
+            rx, ry, rz = w[P, l] - g[O + 3 * i, l], w[P + 1, l] - g[O + 3 * i + 1, l], w[P + 2, l] - g[O + 3 * i + 2, l]
+            J[6 * i, l] = turns * (zy * rz - zz * ry) + slides * zx
+            J[6 * i + 1, l] = turns * (zz * rx - zx * rz) + slides * zy
+            J[6 * i + 2, l] = turns * (zx * ry - zy * rx) + slides * zz
+            J[6 * i + 3, l] = turns * zx
+            J[6 * i + 4, l] = turns * zy
+            J[6 * i + 5, l] = turns * zz
     if n > 6 or holding:
         hold(w, J, n)
 

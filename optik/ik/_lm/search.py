@@ -32,14 +32,13 @@ from optik.ik._lm.lanes import (
     NEARLY_HALF_TURN,
     NEXT,
     OUTSIDE,
+    PUSHED,
     STALL,
     TOTAL,
     E,
     Q,
     S,
-    e,
     face_about,
-    joint_column,
 )  # fmt: skip
 from optik.ik._lm.packed import (
     AT_ATTEMPTS,
@@ -213,7 +212,8 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
         if w[CLAMPED, l] != 0.0 or wrap_inside(arm, w, n, start, l):
             return SOLVED
         w[OUTSIDE, l], w[CLAMPED, l], w[LEAST_E, l], w[STALL, l] = 1.0, 1.0, np.inf, 0.0
-        w[ENDING, l] = BOUNDED if w[ATTEMPT, l] >= FREE else 0.0
+        if w[ATTEMPT, l] >= FREE:
+            w[ENDING, l], w[HELD_JOINTS, l] = BOUNDED, PUSHED
         for i in range(n):
             put(arm, w, l, i, w[Q + i, l])
         return HELD
@@ -262,20 +262,7 @@ def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: f
 
 
 @inlined
-def hold_pushed(arm: Array, w: Array, g: Array, n: int, l: int) -> None:
-    """Hold the joints of a lane that stand at a limit and that Jᵀ e pushes out of it (Bertsekas 1982)."""
-    w[HELD_JOINTS, l] = 0.0
-    for i in range(n):
-        v0, v1, v2, w0, w1, w2 = joint_column(arm, w, g, i, l)
-        down = v0 * w[e, l] + v1 * w[e + 1, l] + v2 * w[e + 2, l]
-        down += w0 * w[e + 3, l] + w1 * w[e + 4, l] + w2 * w[e + 5, l]
-        q = w[Q + i, l]
-        if (down < 0.0 and q <= arm[AT_LOWER + i]) or (down > 0.0 and q >= arm[AT_UPPER + i]):
-            w[HELD_JOINTS, l] += float(1 << i)
-
-
-@inlined
-def advance(arm: Array, w: Array, g: Array, n: int, target: Array, start: Array, l: int) -> int:
+def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -> int:
     """Decide how a flagged lane goes on.
 
     Parameters
@@ -284,8 +271,6 @@ def advance(arm: Array, w: Array, g: Array, n: int, target: Array, start: Array,
         The arm [as `pack` writes it].
     w : (ROWS, L) array
         Lanes [as the rows say]; overwritten.
-    g : (GEOMETRY, L) array
-        Joint origins and axes [m, 1].
     n : int
         Number of joints.
     target : (4, 4) array
@@ -307,8 +292,6 @@ def advance(arm: Array, w: Array, g: Array, n: int, target: Array, start: Array,
     if status == STEP:
         w[ITERATION, l] += 1.0
         w[TOTAL, l] += 1.0
-        if w[ENDING, l] == BOUNDED:
-            hold_pushed(arm, w, g, n, l)
     elif status in (MAX_ITERATIONS, STALLED):
         proved = outside_reach(arm[AT_REACH : AT_REACH + 8], target, arm[AT_TOLERANCE_P], arm[AT_TOLERANCE_R]) >= 0.0
         if next_attempt(arm, w, n, start, l, 0.0 if proved else arm[AT_ATTEMPTS]):

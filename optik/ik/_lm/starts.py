@@ -123,15 +123,17 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
         elif spare:
             hold_nearest(arm, w, n, start, late, l)
         return
-    turn = late - again
-    if late < 0:
-        from_seed(arm, w, n, INSIDE, attempt - 1, 1.0, l)
-    elif spare and turn % 2 == 0:
-        from_seed(arm, w, n, ON_LIMITS, turn // 2, 1.0, l)
-    else:
+    kind, k, way = INSIDE, attempt - 1, 1.0
+    if late >= 0:
+        turn = late - again
         k = turn // 2 if spare else turn
-        on_the_way = attempt >= NEAR_BEST and w[BEST_E, l] < np.inf
-        from_seed(arm, w, n, INSIDE, k + FREE - 1, 0.5 ** (k % 3) if on_the_way else 1.0, l)
+        if spare and turn % 2 == 0:
+            kind = ON_LIMITS
+        else:
+            if attempt >= NEAR_BEST and w[BEST_E, l] < np.inf:
+                way = 0.5 ** (k % 3)
+            k += FREE - 1
+    from_seed(arm, w, n, kind, k, way, l)
 
 
 @inlined
