@@ -543,6 +543,21 @@ def test_a_curve_of_solutions_of_an_arm_with_rounded_numbers_is_no_list_of_isola
         assert len(isolated) <= 8
 
 
+def test_a_straight_wrist_of_an_arm_with_rounded_numbers_has_its_branch():
+    """Its three axes miss one another by 1e-7 m: the search inside the limits meets the target within the tolerance only."""
+    robot, rng = optik.load("puma560"), np.random.default_rng(33)
+    for _ in range(10):
+        fixed = robot.fixed.copy()
+        fixed[:, :3, 3] += 1e-7 * rng.choice([-1.0, 1.0], (6, 3))
+        solver = ClosedForm(Robot("rounded", fixed, robot.prismatic, robot.tool, robot.limits), backend="enumeration")
+        for q in robot.limits.draw(rng, 10):
+            q[4] = 0.0
+            target = solver.robot.fk(q)
+            found = solver.branches(target)
+            assert 0 < len(found.q) <= 64
+            assert np.abs(solver.robot.errors(found.q, target)).max() < 1e-6
+
+
 @pytest.mark.parametrize("limit", [1e-6, 1e-7, -1e-7, 1e-8])
 def test_an_almost_straight_wrist_at_a_limit_has_its_branch(limit):
     """The closed form takes such a wrist for straight: its roots miss the target by more than rounding."""

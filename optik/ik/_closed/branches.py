@@ -23,6 +23,7 @@ from optik.ik._closed.roots import (
     SAME_ROOT,
     keep_inside,
     refine,
+    refine_within,
 )
 from optik.ik._null_space import SHARE_OF_TOLERANCE, descend
 from optik.kinematics import Range
@@ -195,7 +196,8 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array, tolerance: tuple
             for _ in range(LOOKS):
                 ahead = q + LOOK_AHEAD * d
                 x = ahead.copy()
-                _, position, rotation = refine(robot.chain, free, target, POLISHING_STEPS, x)
+                # only onto the curve: towards rounding, points of a curve that meets the target no better move along it
+                _, position, rotation = refine_within(robot.chain, free, target, tolerance, POLISHING_STEPS, x)
                 went = float(np.linalg.norm(x - q))
                 if position > tolerance[0] or rotation > tolerance[1] or not 0.2 * LOOK_AHEAD < went < 5.0 * LOOK_AHEAD:
                     break  # no root, the way back, or another branch
@@ -231,7 +233,8 @@ def slide(robot: Robot, target: Array, q: Array, reference: Array, tolerance: tu
     refine(robot.chain, limits, target, CLAMPED_STEPS, x)
     within = tolerance[0] / SHARE_OF_TOLERANCE, tolerance[1] / SHARE_OF_TOLERANCE
     descend(robot.chain, limits, (POSE.flags, target), within, (NEAREST_WISH, reference), x)
-    refine(robot.chain, limits, target, CLAMPED_STEPS, x)
+    if max(tolerance) <= ROOT_ERROR:  # a curve that meets the target no better has few points that do
+        refine(robot.chain, limits, target, CLAMPED_STEPS, x)
     return x
 
 

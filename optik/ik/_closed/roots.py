@@ -37,6 +37,16 @@ CLAMPED_STEPS = 20
 
 
 @compiled
+def refine_within(
+    chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float], steps: int, q: Array
+) -> tuple[int, float, float]:
+    """Refine q (n,) inside bounds until it meets a target pose within a tolerance; return what `refine` returns."""
+    rule = (tolerance[0], tolerance[1], float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
+    k, _, p2, r2 = descend_inside(chain, bounds, (WHOLE_POSE.copy(), target), rule, 0, q, np.empty((0, 6)))
+    return k, sqrt(p2), sqrt(r2)
+
+
+@compiled
 def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> tuple[int, float, float]:
     """Refine q (n,) inside bounds to a target pose, up to rounding; a candidate with errors below 1e-12 is not changed.
 
@@ -46,9 +56,7 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
     p2, r2 = error_of_pose(chain, target, q, frame, T, np.empty(6))
     if p2 + r2 < NEAR_ROOT * NEAR_ROOT:
         return 0, sqrt(p2), sqrt(r2)
-    rule = (ROOT_ROUNDING, ROOT_ROUNDING, float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
-    k, _, p2, r2 = descend_inside(chain, bounds, (WHOLE_POSE.copy(), target), rule, 0, q, np.empty((0, 6)))
-    return k, sqrt(p2), sqrt(r2)
+    return refine_within(chain, bounds, target, (ROOT_ROUNDING, ROOT_ROUNDING), steps, q)
 
 
 @compiled
