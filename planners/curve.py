@@ -8,6 +8,7 @@ from math import comb
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
 
 from optik.compiled import compiled
 from optik.errors import InvalidInput
@@ -36,7 +37,7 @@ class Curve(ABC):
     def _evaluate(self, x: Array, order: int) -> Array:
         """Values (k, ...) of the derivative at x (k,), which lies in the interval."""
 
-    def __call__(self, x: ArrayLike, order: int = 0) -> Array:
+    def __call__(self, x: float | ArrayLike, order: int = 0) -> Array:
         """Value or derivative.
 
         Parameters
@@ -58,6 +59,9 @@ class Curve(ABC):
         """
         if order not in range(self.highest_order + 1):
             raise InvalidInput("order", repr(order), f"0 to {self.highest_order}")
+        if isinstance(x, float) and 0.0 <= x <= self.end:  # the usual scalar, without the checks of arrays
+            value: Array = self._evaluate(np.array([x]), order)[0]
+            return value
         try:
             at = np.asarray(x, dtype=np.float64)
         except (TypeError, ValueError):
@@ -70,6 +74,38 @@ class Curve(ABC):
             raise InvalidInput(self.parameter, f"{wrong:.9g}", f"values in [0, {self.end:.9g}]")
         values = self._evaluate(np.atleast_1d(np.clip(at, 0.0, self.end)), order)
         return values[0] if at.ndim == 0 else values
+
+
+class PiecewiseCurve(Curve):
+    """A curve of piecewise polynomials with coefficients (at most 6, m, n) between knots (m + 1,)."""
+
+    def _set_polynomial(self, polynomial: PPoly) -> None:
+        self._polynomial = polynomial
+        self._x = np.require(polynomial.x, np.float64, ["C", "W"])
+        self._c = np.require(polynomial.c, np.float64, ["C", "W"])
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        out = np.empty((x.size, self._c.shape[2]))
+        evaluate(self._c, self._x, x, order, out)
+        return out
+
+
+@compiled
+def evaluate(c: Array, knots: Array, x: Array, order: int, out: Array) -> None:
+    """Write the derivatives (k, n) of piecewise polynomials at x (k,); at knots they are right-hand values."""
+    last, degree = knots.shape[0] - 2, c.shape[0] - 1
+    for i in range(x.shape[0]):
+        k = min(max(np.searchsorted(knots, x[i], side="right") - 1, 0), last)
+        u = x[i] - knots[k]
+        for n in range(c.shape[2]):
+            value, power = 0.0, 1.0
+            for j in range(degree - order, -1, -1):
+                term = c[j, k, n]
+                for d in range(order):
+                    term *= degree - j - d
+                value += term * power
+                power *= u
+            out[i, n] = value
 
 
 # ---------------------------------------------------------------- curves along which s(t) moves

@@ -11,7 +11,7 @@ from scipy.interpolate import PPoly
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import Curve
+from planners.curve import PiecewiseCurve
 from planners.extrema import piece_ends, piece_extrema
 
 
@@ -34,7 +34,7 @@ class Extrema(NamedTuple):
         return np.where(np.abs(self.least) > np.abs(self.greatest), self.t_least, self.t_greatest)
 
 
-class Trajectory(Curve):
+class Trajectory(PiecewiseCurve):
     """Joint motion q(t), t in [0, duration] seconds.
 
     ``trajectory(t, order)`` gives q, q̇, q̈ or the jerk; where a derivative jumps, its right-hand value.
@@ -62,14 +62,14 @@ class Trajectory(Curve):
             raise InvalidInput(
                 "places", f"an array of shape {np.shape(places)}", f"one for each knot: {polynomial.x.shape}"
             )
-        self._orders = [polynomial]
+        self._set_polynomial(polynomial)
         self.places = places
         self._extrema: dict[int, Extrema] = {}
 
     @property
     def end(self) -> float:
         """The duration [s]."""
-        return float(self._orders[0].x[-1])
+        return float(self._x[-1])
 
     @property
     def duration(self) -> float:
@@ -79,17 +79,17 @@ class Trajectory(Curve):
     @property
     def knots(self) -> Array:
         """Times of the knots (m + 1,) [s]."""
-        return _locked(self._orders[0].x)
+        return _locked(self._x)
 
     @property
     def coefficients(self) -> Array:
         """Coefficients (6, m, n), highest power first, in the time since each piece's first knot."""
-        return _locked(self._orders[0].c)
+        return _locked(self._c)
 
     @cached_property
     def padded(self) -> Array:
         """Coefficients of quintics (6, m, n), whatever the degree: `coefficients` behind zeros."""
-        p = self._orders[0].c
+        p = self._c
         c = np.zeros((6, *p.shape[1:]))
         c[6 - len(p) :] = p
         return c
@@ -97,13 +97,7 @@ class Trajectory(Curve):
     @property
     def n(self) -> int:
         """Number of joints."""
-        return int(self._orders[0].c.shape[2])
-
-    def _evaluate(self, x: Array, order: int) -> Array:
-        while len(self._orders) <= order:
-            self._orders.append(self._orders[-1].derivative())
-        values: Array = self._orders[order](x)
-        return values
+        return int(self._c.shape[2])
 
     def sample(self, rate: float) -> tuple[Array, Array]:
         """Sample the motion at a rate, the end always included.
@@ -267,7 +261,7 @@ class Trajectory(Curve):
             A factor that is not above 0.
         """
         check_number(factor, "factor", "a number above 0", above=0.0)
-        p = self._orders[0]
+        p = self._polynomial
         powers = np.arange(p.c.shape[0])[::-1][:, None, None]
         return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.places)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from optik.arm.robot import Robot
@@ -172,7 +173,7 @@ class Certificate:
         subject = kind_of(field).subject
         return found.worst(self.joint_names if subject is None else (subject,))
 
-    @property
+    @cached_property
     def failures(self) -> tuple[Failure, ...]:
         """The promises that do not hold; empty where the certificate holds."""
         moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration, "limits")]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from optik import kinematics, se3
 from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
-from planners.curve import Curve
+from planners.curve import PiecewiseCurve
 from planners.following import march
 from planners.hermite import through
 from planners.paths.base import Path
@@ -35,7 +35,7 @@ class IKRecord(NamedTuple):
     s: Array = np.empty(0)
 
 
-class JointPath(Curve):
+class JointPath(PiecewiseCurve):
     """Configurations q(s) along a path: quintic Hermite between polished samples with exact q', q''.
 
     Attributes
@@ -66,7 +66,7 @@ class JointPath(Curve):
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
         self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
         self.nodes = knots[self._chosen]
-        self._orders = [through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1))]
+        self._set_polynomial(through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1)))
 
     @property
     def end(self) -> float:
@@ -76,20 +76,14 @@ class JointPath(Curve):
     @property
     def polynomial(self) -> Any:
         """The piecewise polynomial of q between the nodes, a `scipy.interpolate.PPoly` in s."""
-        return self._orders[0]
+        return self._polynomial
 
     @property
     def coefficients(self) -> Array:
         """Coefficients (6, m − 1, n) of q between the nodes, highest power first, in s from each piece's first node on."""
-        view: Array = self._orders[0].c.view()
+        view: Array = self._c.view()
         view.setflags(write=False)
         return view
-
-    def _evaluate(self, x: Array, order: int) -> Array:
-        while len(self._orders) <= order:
-            self._orders.append(self._orders[-1].derivative())
-        values: Array = self._orders[order](x)
-        return values
 
     @cached_property
     def singular_values(self) -> Array:

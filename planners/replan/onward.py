@@ -84,7 +84,7 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
             break
         goal = rate / (slower * CLOCK_SLOWER)
         braking = brake(plan.robot, running, limits, t, clock, scales_of(old, plan), share, goal)
-        if braking is None or braking.end >= running.end - ENDED:
+        if braking.motion is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)
         slow = rest_of(running, braking.end, s).slowed(1.0 / goal)

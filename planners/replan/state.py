@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,19 +31,33 @@ SEVERAL = 3
 """Number of instants from which the search for the instant nearest to a state starts."""
 
 
-class MovingState(NamedTuple):
+@dataclass(frozen=True)
+class MovingState:
     """A state on the path, its time in the running motion, and the rate and acceleration of the motion's clock at that time.
 
-    ``rest`` is the remaining motion at the clock's rate, or None for a rate above 1. ``error`` has the largest differences
-    between a measured state and the motion's own state, which replaced it.
+    ``error`` has the largest differences between a measured state and the motion's own state, which replaced it.
     """
 
+    plan: Plan
     at: PathState
     t: float
     clock: tuple[float, float]
-    rest: Trajectory | None
     still: bool
     error: tuple[float, float, float] | None
+
+    @property
+    def left(self) -> float | None:
+        """The duration of `rest` [s]."""
+        end, rate = self.plan.trajectory.end, self.clock[0]
+        return (end - self.t) / rate if 0.0 < rate <= 1.0 and self.t < end - ENDED else None
+
+    @cached_property
+    def rest(self) -> Trajectory | None:
+        """The remaining motion at the clock's rate, or None for a rate above 1 and at its end."""
+        if self.left is None:
+            return None
+        rest = rest_of(self.plan.trajectory, self.t, self.at.s)
+        return begun(rest if self.clock[0] == 1.0 else rest.slowed(1.0 / self.clock[0]), self.joints, self.plan.limits)
 
     @property
     def joints(self) -> State:
@@ -74,8 +89,7 @@ def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike
         at = at._replace(speed=0.0, acceleration=0.0)
     if at.s >= joints.end * (1.0 - 1e-9) and not left:
         raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
-    rest = begun(rest_of(running, t, at.s), own, plan.limits) if left else None
-    return MovingState(at, t, (1.0, 0.0), rest, still, error)
+    return MovingState(plan, at, t, (1.0, 0.0), still, error)
 
 
 def limits_at(plan: Plan, t: float) -> MotionLimits:
@@ -159,10 +173,7 @@ def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> 
         raise InvalidInput("state", f"the path's end (s = {s:.9g})", "a state before it, with some path left")
     at = PathState(s, 0.0 if still else max(speed, 0.0), 0.0 if still else acceleration, given)
     t, clock = _clock(plan, given, s)
-    rest = None
-    if 0.0 < clock[0] <= 1.0 and t < running.end - ENDED:  # the motion itself, slowed to that rate
-        rest = begun(rest_of(running, t, s).slowed(1.0 / clock[0]), given, plan.limits)
-    return MovingState(at, t, clock, rest, still, None)
+    return MovingState(plan, at, t, clock, still, None)
 
 
 def _table(plan: Plan) -> tuple[Array, Array]:

@@ -19,11 +19,11 @@ from planners.timing.optimal import Optimal
 
 SHARES = (0.995, 0.9)
 """Fractions of the limits for a sweep, tried in turn, because a sweep slightly exceeds its limits between its knots."""
-DELAYS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5, 7.0)
+DELAYS = (0.15, 0.35, 0.7, 1.2, 2.0, 3.5, 7.0)
 """Times for which the arm follows the motion if it cannot brake at once, as multiples of the time of a usual stop."""
 SHORTEST = 1e-6
 """Braking distance, relative to the path length, below which only the sweep is tried: the joint path is straight there."""
-FIRST_END, CLOSE_ENDS = 0.95, 0.01
+FIRST_END, CLOSE_ENDS = 0.85, 0.01
 """Braking distance, relative to the sweep's, at which the optimum is tried first, and the interval that ends the search."""
 
 
@@ -47,10 +47,9 @@ def _first_stop(asked: Asked, plan: Plan, start: MovingState, time_limit: float)
     best = next((p for p in _swept_stops(asked, plan, start) if p), None)
     if best is not None and time_limit > 0.0:
         best = _refined(asked, plan, start, best, perf_counter() + time_limit)
-    rest = start.rest
-    if best is not None and (rest is None or best.trajectory.duration <= rest.duration):
+    if best is not None and (start.left is None or best.trajectory.duration <= start.left):
         return best
-    end = None if rest is None else judged(asked, plan, start, rest, StopKind.END)
+    end = None if start.rest is None else judged(asked, plan, start, start.rest, StopKind.END)
     if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):
         return end
     return best or asked.infeasible(plan.joint_path, reason(asked, plan, start, True))
@@ -58,13 +57,16 @@ def _first_stop(asked: Asked, plan: Plan, start: MovingState, time_limit: float)
 
 def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
-    running, scales, rest, rate = plan.trajectory, scales_of(asked, plan), start.rest, start.clock[0]
+    running, scales, rate = plan.trajectory, scales_of(asked, plan), start.clock[0]
     for share in SHARES:
         braking = brake(plan.robot, running, asked.limits, start.t, start.clock, scales, share)
-        if braking is not None:
+        if braking.end > running.end:
+            return
+        if braking.motion is not None:
             motion = begun(braking.motion, start.joints, asked.limits)
             yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
-    if rest is None or rate <= 0.0:
+    rest = start.rest
+    if rest is None:
         return
     usual = stop_time(plan.robot, running, asked.limits, start.t, start.clock, scales)
     for delay in usual * np.array(DELAYS):
@@ -72,7 +74,9 @@ def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]
         if t >= running.end:
             return
         braking = brake(plan.robot, running, asked.limits, t, (rate, 0.0), scales, SHARES[0])
-        if braking is not None:
+        if braking.end > running.end:
+            return
+        if braking.motion is not None:
             motion = joined(start_of(rest, delay), braking.motion)
             yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
 
@@ -95,19 +99,20 @@ def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: fl
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:
         return best
-    low, high, factor = 0.0, 1.0, FIRST_END
+    low, high, factor, found = 0.0, 1.0, FIRST_END, []
     while high - low > CLOSE_ENDS:
         began = perf_counter()
         if began + longest > until:
             break
         end = start.at.s + way * factor
-        motion, found = law.run_to(joints, asked.limits, start.at, end), None
+        motion = law.run_to(joints, asked.limits, start.at, end)
         if motion is not None and motion.duration < best.trajectory.duration:
-            found = judged(asked, plan, start, begun(motion, start.joints, asked.limits), StopKind.OPTIMUM, end)
-        if found:
-            best, high = found, factor
+            found.append((motion, end))
+            high = factor
         else:
             low = factor
         factor = high * FIRST_END if low == 0.0 else 0.5 * (low + high)
         longest = max(longest, perf_counter() - began)
-    return best
+    found.sort(key=lambda each: each[0].duration)
+    optima = (judged(asked, plan, start, begun(m, start.joints, asked.limits), StopKind.OPTIMUM, s) for m, s in found)
+    return next((optimum for optimum in optima if optimum), best)

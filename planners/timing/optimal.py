@@ -44,8 +44,8 @@ SLOWER = 1.5
 """Largest factor by which an initial guess is slowed as a whole: one bad place should not slow a long path."""
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
 """Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
-STOP_INTERVALS = 48
-"""Number of intervals of a stop."""
+STOP_INTERVALS, STOP_ITERATIONS = 48, 50
+"""Number of intervals of a stop, and most iterations for it: a stop that exists takes 10 (median), 36 at most."""
 PROOF_EXCESS = 2e-5
 """Share of the limits on torque and its rate that is left to the proof: its bounds exceed the largest values by half of it."""
 SLOWDOWN_LEFT, SLOWDOWN_LOADED = 2e-4, 5e-4
@@ -169,7 +169,7 @@ class Optimal(TimeLaw):
         """
         try:
             problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
-            found = None if problem is None else _solved(joint_path, problem, limits, 0.0)
+            found = None if problem is None else _solved(joint_path, problem, limits, 0.0, most=STOP_ITERATIONS)
         except NoSolution:
             return None
         return None if found is None else found.motion
@@ -220,8 +220,9 @@ class _Found(NamedTuple):
 
 
 def _solved(
-    joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0
-) -> _Found | None:
+    joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0,
+    most: int = MOST_ITERATIONS,
+) -> _Found | None:  # fmt: skip
     """The motion whose exact extrema exceed the limits by a share `close` at most, or by more if it is slowed afterwards."""
     z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
@@ -230,12 +231,7 @@ def _solved(
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
         problem = given.problem
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
-        if (
-            iteration.solve(
-                problem, z, weight, GAP / (2.0 * rows), MOST_ITERATIONS if found is None else WARM_ITERATIONS
-            )
-            < 0
-        ):
+        if iteration.solve(problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS) < 0:
             break
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)

@@ -37,46 +37,53 @@ GAUSS = np.polynomial.legendre.leggauss(4)
 
 
 class Braking(NamedTuple):
-    """The joints' motion while they brake, and the time of the running motion at which it ends."""
+    """The joints' motion while they brake, None if none was found, and the time of the running motion at which it ends.
 
-    motion: Trajectory
+    The time is infinite if the running motion ends before the clock can reach its goal.
+    """
+
+    motion: Trajectory | None
     end: float
+
+
+NONE_FOUND, ENDS_BEFORE = Braking(None, 0.0), Braking(None, np.inf)
+"""No braking was found, or the running motion ends before it."""
 
 
 def brake(
     robot: Robot, running: Trajectory, limits: MotionLimits, t: float, clock: tuple[float, float],
     scales: dict[str, float], share: float, goal: float = 0.0,
-) -> Braking | None:  # fmt: skip
-    """Return the motion from time t of a running one until its clock has slowed from w and b to the rate `goal`, or None.
+) -> Braking:  # fmt: skip
+    """Return the motion from time t of a running one until its clock has slowed from w and b to the rate `goal`.
 
     It uses the fraction `share` of the limits in `scales`, each multiplied by its scale, or as much as the running motion uses.
     """
     left, (w, b) = running.end - t, clock
+    if w <= goal or left <= 0.0:
+        return NONE_FOUND
     jerk, length = _rough(Course(robot, running), limits, t, clock, scales)
     kinds = [
         k
         for k in limits.kinds
         if k.order > 1 and k.name in scales and np.isfinite(limits.bounds(robot.n)[k.name]).any()
     ]
-    cells, rounds = None, 0
+    cells, rounds = cells_of(Course(robot, running), limits, t, min(length, left), scales), 0
     out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
-    while w > goal and left > 0.0:
-        cells = cells or cells_of(Course(robot, running), limits, t, min(length, left), scales)
+    while rounds < ROUNDS:
         least = np.zeros((cells.x.size, CLOCK_RATES + 1))
         end, count = swept(cells, (w, b, goal), share, jerk, least, out)
         if end == TOO_SHORT and length < left:
-            length, cells = 2.0 * length, None
+            length, before = 2.0 * length, cells
+            cells = cells_of(Course(robot, running), limits, t, min(length, left), scales)
+            cells.take(before)
             continue
         if end != AT_GOAL:
-            return None
-        braking = _braking(running, t, out[:, : count + 1])
+            return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND
+        motion, stopped = _braking(running, t, out[:, : count + 1])
         rounds += 1
-        more = TIGHTER * rounds
-        if not _tighten(cells, robot, braking.motion, limits, kinds, scales, out[0, : count + 1], more):
-            return braking
-        if rounds == ROUNDS:
-            return None
-    return None
+        if not _tighten(cells, robot, motion, limits, kinds, scales, out[0, : count + 1], rounds):
+            return Braking(motion, stopped)
+    return NONE_FOUND
 
 
 def stop_time(
@@ -99,9 +106,10 @@ def _tighten(
     kinds: list[Limit],
     scales: dict[str, float],
     x: Array,
-    more: float,
+    rounds: int,
 ) -> bool:
     """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
+    more = TIGHTER * rounds
     bounds, done = limits.bounds(robot.n), False
     first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
     last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
@@ -112,9 +120,10 @@ def _tighten(
             if isinstance(kind, LoadedLimit) is not loaded:
                 continue
             ratios = kind.piece_ratios(examined(robot, motion), bounds[kind.name]).max(axis=1) / scales[kind.name]
-            rows = cells.node if kind.order == 2 else cells.edge
             for piece in np.flatnonzero(ratios > 1.0):
-                rows[first[piece] : last[piece] + 1] *= 1.0 + 1.5 * (ratios[piece] - 1.0) + more
+                cells.tighten(
+                    kind.order, slice(first[piece], last[piece] + 1), 1.0 + 1.2 * (ratios[piece] - 1.0) + more
+                )
                 done = True
     return done
 
@@ -135,8 +144,8 @@ def _rough(
     return 4.0 * jerk, STOP_AHEAD * w * (ramp + 0.5 * w / most)
 
 
-def _braking(running: Trajectory, start: float, swept: Array) -> Braking:
-    """Return the joints' motion for a motion (4, k + 1) of the clock.
+def _braking(running: Trajectory, start: float, swept: Array) -> tuple[Trajectory, float]:
+    """Return the joints' motion for a motion (4, k + 1) of the clock, and its end in the time of the running motion.
 
     Each piece is computed from the displacement of the joints on it, the integral of q̇. For a motion of nanometres, the
     difference of two positions would be only rounding error.
@@ -153,4 +162,4 @@ def _braking(running: Trajectory, start: float, swept: Array) -> Braking:
     moved = np.einsum("k,kin,i->kn", np.diff(x), q1[2 * k :].reshape(*inner.shape, -1), 0.5 * weights)
     motion = quintic(t, (np.zeros_like(moved), *first), (moved, *last))
     motion.c[5] = q[0] + np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)[:-1]])
-    return Braking(Trajectory(motion), min(start + float(x[-1]), running.end))
+    return Trajectory(motion), min(start + float(x[-1]), running.end)

@@ -37,12 +37,30 @@ class Cells(NamedTuple):
 
     ``x`` (k + 1,) are times from its start; ``last`` (k,) is the end of the piece with each cell; ``node`` (k, 2, m, 4)
     coefficients of b, w², w and 1; ``edge`` (k, 2, e, 6) of j, w b, w³, w, b and w²: each value is limited to [−1, 1].
+    ``tight`` (2, k) are the factors by which `tighten` has multiplied both; ``soft`` (k + 1,) are factors on the least b that
+    avoid dead ends.
     """
 
     x: Array
     last: Indices
     node: Array
     edge: Array
+    tight: Array
+    soft: Array
+
+    def tighten(self, order: int, which: slice, factor: float) -> None:
+        """Multiply the rows of an order in some cells."""
+        (self.node if order == 2 else self.edge)[which] *= factor
+        self.tight[order - 2, which] *= factor
+
+    def take(self, other: Cells) -> None:
+        """Apply the factors of cells that cover a shorter part of the motion."""
+        middle = 0.5 * (self.x[1:] + self.x[:-1])
+        for k in np.flatnonzero(middle < other.x[-1]):
+            i = int(np.searchsorted(other.x[1:], middle[k]))
+            for order in (2, 3):
+                self.tighten(order, slice(k, k + 1), other.tight[order - 2, i])
+            self.soft[k] = other.soft[i]
 
 
 def cells_of(
@@ -72,7 +90,7 @@ def cells_of(
             padded[..., : found.shape[2]] = found
             rows[kind.order] = np.concatenate([wide, padded], axis=1)
     node, edge = (each.reshape(x.size - 1, 2, *each.shape[1:]) for each in rows.values())
-    return Cells(x, last[which], node, edge)
+    return Cells(x, last[which], node, edge, np.ones((2, x.size - 1)), np.ones(x.size))
 
 
 def piece_at(knots: Array, t: Array) -> Indices:

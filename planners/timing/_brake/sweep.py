@@ -114,7 +114,8 @@ def swept(
         end, k = _sweep(cells, begin, (share, jerk), total, least, out)
         if end == DEAD_END:  # avoid it by braking more gently: the nearer to b = 0, the safer
             first, last = _cell(cells.x, out[0, max(k - softer, 0)], 0), _cell(cells.x, out[0, k], 0)
-            least[first : min(last + 3, least.shape[0])] *= SOFTER
+            cells.soft[first : last + 3] *= SOFTER
+            viable(cells, max(w, 1.0), share, jerk, least)
             softer += 1
         elif end == AT_GOAL and k < FEWEST_STEPS and rounds < 2:
             total, rounds = out[3, k], rounds + 1
@@ -126,8 +127,12 @@ def swept(
 @compiled
 def _step(
     cells: Cells, i: int, at: State, use: tuple[float, float], longest: float, line: Array, least: Array, top: float
-) -> tuple[float, float, float]:
-    """Return for a step from x, w, b in cell i its duration, the least allowed j on it, and the least b at its end."""
+) -> tuple[float, float, float, float]:
+    """Return for a step in cell i its duration, the least allowed j on it, the least b at its end, and a forced b above 0.
+
+    A clock that has b ≤ 0 keeps b ≤ 0, because it may always go on at its rate. Where the rows force b above 0, it has braked
+    too hard before.
+    """
     (x, w, b, _), (share, jerk) = at, use
     _, _, n = lines_at(cells, i, _part(cells.x, x, i), w, share, jerk, line)
     low, high = jerks_at(line, n, b)
@@ -142,7 +147,7 @@ def _step(
     _, _, n = lines_at(cells, middle, _part(cells.x, x + 0.5 * h * w, middle), w + 0.5 * h * b, share, jerk, line)
     m1, m2 = jerks_at(line, n, b)
     low, high = max(low, m1), max(min(high, m2), m1)
-    j, need = max(low, min(0.0, high)), 0.0
+    j, need, forced = max(low, min(0.0, high)), 0.0, 0.0
     for _ in range(4):
         if aligned:
             h = _until(reach, w, b, j, h)
@@ -154,8 +159,11 @@ def _step(
         need = (1.0 - part) * bound_at(least, c, w1, top) + part * bound_at(least, c + 1, w1, top)
         _, _, n = lines_at(cells, c, part, w1, share, jerk, line)
         j1, j2 = jerks_at(line, n, b + h * j)
-        j = min(max(max(low, j1), (need - b) / h), max(min(high, j2), low))
-    return (_until(reach, w, b, j, h) if aligned else h), j, need
+        softest = max(low, j1)
+        j = min(max(softest, (need - b) / h), max(min(high, j2), low))
+        if b <= 0.0:
+            j, forced = min(j, -b / h), b + h * softest
+    return (_until(reach, w, b, j, h) if aligned else h), j, need, forced
 
 
 @compiled
@@ -170,7 +178,7 @@ def _sweep(
     out[0, 0], out[1, 0], out[2, 0], out[3, 0] = x, w, b, t
     longest, slack = total / SWEEP_STEPS, NEGLIGIBLE * np.abs(least).max()
     while k < MOST_SWEEP_STEPS:
-        h, j, need = _step(cells, i, (x, w, b, t), use, longest, line, least, top)
+        h, j, need, forced = _step(cells, i, (x, w, b, t), use, longest, line, least, top)
         x1, w1, b1 = x + h * (w + h * (0.5 * b + h * j / 6.0)), w + h * (b + 0.5 * h * j), b + h * j
         rest = -1.0
         if w1 > goal:
@@ -185,7 +193,7 @@ def _sweep(
             if last < 0:
                 return DEAD_END, k
             return (AT_GOAL if out[0, last] <= cells.x[-1] else TOO_SHORT), last
-        if b1 < need - 0.05 * abs(need) - slack:
+        if forced > slack or b1 < need - 0.05 * abs(need) - slack:
             return DEAD_END, k
         x, w, b, t, k = x1, w1, b1, t + h, k + 1
         i = _cell(cells.x, x + 1e-12 * cells.x[-1], i)

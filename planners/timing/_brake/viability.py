@@ -38,7 +38,7 @@ def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) ->
                     else:
                         low = b
                 low = high
-            least[i, r] = low
+            least[i, r] = low * cells.soft[i]
 
 
 @compiled
