@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs drawings soak mutants clean
+.PHONY: demo test lint docs drawings soak newest mutants clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -18,6 +18,16 @@ test: $(VENV)/.dev
 
 soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m soak -n auto
+	$(MAKE) newest
+
+# The tests on the newest Python of this machine; an extra without wheels for it is skipped by name.
+NEWEST := $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
+newest:
+	$(NEWEST) -m venv .venv-newest
+	for extra in tests closed-form ros figures distributed shapes sim view ros2 peers; do \
+	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: $$extra has no wheels for $(NEWEST)"; \
+	done
+	.venv-newest/bin/python -m pytest -n auto --dist loadfile
 
 # Changes one point of the code at a time: some test must notice. Goes on where it was stopped; results in .mutants.jsonl.
 mutants: $(VENV)/.dev
@@ -56,4 +66,4 @@ $(VENV)/.docs: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@ $(VENV)/.core
 
 clean:
-	rm -rf $(VENV) $(OUT) docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-newest $(OUT) docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

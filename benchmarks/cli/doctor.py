@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
-import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import typer
 from numba.extending import is_jitted
+from packaging.requirements import Requirement
 from rich.markup import escape
 from rich.table import Table
 
@@ -107,11 +107,11 @@ def _needed(extra: str | None) -> list[str]:
     except importlib.metadata.PackageNotFoundError:
         return []
     found = []
-    for line in asked:
-        name, _, condition = line.partition(";")
-        match = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", condition)
-        if (match[1] if match else None) == extra and not name.startswith(OPTIK):
-            found.append(re.split(r"[\s<>=!~\[;(]", name.strip(), maxsplit=1)[0])
+    for requirement in map(Requirement, asked):
+        marker = requirement.marker
+        here = marker is None or marker.evaluate({"extra": extra or ""})  # sys_platform and such decide too
+        if here and ("extra" in str(marker)) == (extra is not None) and requirement.name != OPTIK:
+            found.append(requirement.name)
     return list(dict.fromkeys(found))
 
 

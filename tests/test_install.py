@@ -1,0 +1,60 @@
+"""What this distribution needs on each platform, and what works without the packages that have wheels on some only."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+PLATFORMS = {
+    "Linux x86_64": ("linux", "x86_64", set()),
+    "Linux aarch64": ("linux", "aarch64", {"ruckig", "toppra"}),
+    "macOS arm64": ("darwin", "arm64", {"toppra"}),
+    "Windows": ("win32", "AMD64", {"toppra"}),
+}
+"""For each platform `sys_platform`, `platform_machine`, and the packages without wheels there."""
+
+WITHOUT = """
+import sys
+sys.modules["ruckig"] = sys.modules["toppra"] = None
+import optik
+from planners import Line, MotionLimits, plan, replan
+robot = optik.load("ur5e")
+q = [0.3, -1.2, 1.4, -0.6, 0.9, 0.2]
+goal = robot.fk(q)
+goal[:3, 3] += [0.1, 0.05, 0.05]
+path = Line(robot.fk(q), goal)
+for law in ("optimal", "smooth", "constant_speed"):
+    made = plan(robot, path, q, limits=MotionLimits(2.0, 10.0, 100.0), timing=law)
+    assert made, made
+    assert replan(made, 0.3 * made.trajectory.duration, stop=True)
+for law in ("ruckig", "toppra"):
+    try:
+        plan(robot, path, q, timing=law)
+    except optik.errors.MissingDependency as error:
+        print(error)
+"""
+
+
+def test_planning_and_stopping_work_without_ruckig_and_toppra_and_their_laws_say_how_to_install_them() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    words = done.stdout.splitlines()
+    assert len(words) == 2
+    for name, line in zip(("ruckig", "toppra"), words, strict=True):
+        assert f"needs the package {name}" in line
+        assert "pip install 'optik-toolkit[laws]'" in line
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_what_has_no_wheels_on_a_platform_is_not_required_there(platform: str) -> None:
+    system, machine, absent = PLATFORMS[platform]
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for requirement in map(Requirement, project["dependencies"]):
+        marker = requirement.marker
+        here = marker is None or marker.evaluate({"sys_platform": system, "platform_machine": machine})
+        assert here == (requirement.name not in absent), requirement
