@@ -73,7 +73,9 @@ class Optimal(TimeLaw):
     Parameters
     ----------
     intervals : int, optional
-        Number of intervals of s; the default brings the motion within about 0.1 % of the optimum.
+        Number of intervals of s. The default is about 130 on a line and grows with the breaks of the path, to over 1,000 on
+        long polylines; fewer than that make the motion longer. It brings the motion within about 0.1 % of the optimum on
+        lines, and within 5 % on polylines with sharp corners, where more intervals help.
 
     Raises
     ------
