@@ -25,6 +25,8 @@ OFF_PATH = 1e-6
 acceleration; encoders resolve less."""
 ENDED = 1e-9
 """Time before its end at which a motion counts as ended [s]: controllers count in nanoseconds."""
+BEFORE_END = 1e-6
+"""Time before the end of the motion [s] at which a measured state with any velocity or acceleration is at the latest."""
 STANDING = 1e-6
 """Speed and acceleration along the path [1/s, 1/s²] below which a measured state counts as stopped."""
 SEVERAL = 3
@@ -71,6 +73,8 @@ def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike
     if isinstance(state, tuple | list):
         given = _measured(plan, state)
         t = _nearest_time(running, given)
+        if t > running.end - BEFORE_END and (given[1].any() or given[2].any()):  # noise hides whether it has ended
+            t = max(running.end - BEFORE_END, 0.0)
         own = _at(running, t)
         off = [float(np.abs(x - y).max()) for x, y in zip(given, own, strict=True)]
         if not all(each <= most for each, most in zip(off, _tolerances(given), strict=True)):

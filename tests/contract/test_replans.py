@@ -236,6 +236,18 @@ def test_a_measured_state_near_the_motion_is_replaced_by_its_own(running: Plan, 
     assert replan(running, t, stop=stop).start_error is None
 
 
+def test_a_measured_state_that_noise_hides_from_the_end_is_continued() -> None:
+    """Near the end of a slow motion, noise of 1e-7 exceeds all that is left; the arm may be moving still."""
+    slow = plan(paper6r(), default_line(), START, limits=LIMITS, timing="smooth", duration=20.0)
+    noise = np.random.default_rng(6).normal(0.0, 1e-7, (8, 3, 6))
+    for each in noise:
+        state = tuple(slow.trajectory(slow.trajectory.end - 5e-6, order) + each[order] for order in range(3))
+        assert replan(slow, state)
+    still = tuple(slow.trajectory(slow.trajectory.end) * (order == 0) for order in range(3))
+    with pytest.raises(InvalidInput, match="path's end"):
+        replan(slow, still)
+
+
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("factor", [0.8, 0.97])
 def test_a_measured_state_on_the_path_but_off_the_motion_is_begun_exactly(
