@@ -8,12 +8,14 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs drawings soak newest mutants clean
+.PHONY: demo test lint docs drawings soak newest mutants kernels wheel clean
 
 demo: $(VENV)/.core
+	$(BIN)/optik kernels --compile
 	$(BIN)/optik demo --out $(OUT)
 
 test: $(VENV)/.dev
+	$(BIN)/optik kernels --compile
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 soak: $(VENV)/.dev
@@ -37,6 +39,15 @@ mutants: $(VENV)/.dev
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build
 
+# Compiled for every processor of this kind, collected anew from what users run first; a checkout uses them, too.
+kernels: $(VENV)/.dev
+	$(BIN)/python -P -m benchmarks.kernels.build
+
+# In dist/, for this platform and Python, with the kernels; without them it would be pure.
+wheel: kernels
+	@rm -f dist/*.whl
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+
 # The drawings of docs/cell.md, from the objects that they show; a test compares them.
 drawings: $(VENV)/.core
 	$(BIN)/python docs/drawings.py
@@ -49,21 +60,25 @@ lint: $(VENV)/.dev
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "optik needs Python 3.11 or newer; name one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "Python's venv module is missing; on Debian and Ubuntu: apt install python3-venv"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	@echo "creating an environment in $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.core: pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet -e '.[closed-form]'
+	@echo "installing optik and what it needs into $(VENV)"
+	$(BIN)/python -m pip install --progress-bar off -e '.[closed-form]'
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet -e '.[dev]'
+	@echo "installing optik, the tools of its developers and the peers into $(VENV)"
+	$(BIN)/python -m pip install --progress-bar off -e '.[dev]'
 	$(BIN)/optik bench peer optik_py --install
 	$(BIN)/optik bench peer placo --install
 	@touch $@ $(VENV)/.core
 
 $(VENV)/.docs: pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet -e '.[docs]'
+	@echo "installing optik and what the documentation needs into $(VENV)"
+	$(BIN)/python -m pip install --progress-bar off -e '.[docs]'
 	@touch $@ $(VENV)/.core
 
 clean:
-	rm -rf $(VENV) .venv-newest $(OUT) docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-newest $(OUT) dist optik/compiled/_kernels docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -16,6 +16,7 @@ from benchmarks.cli.bench import bench_app, demo
 from benchmarks.cli.cell import cell
 from benchmarks.cli.doctor import doctor
 from benchmarks.cli.drive import drive
+from benchmarks.cli.kernels import kernels
 from benchmarks.cli.output import guard_output
 from benchmarks.cli.peer import bench_peer
 from benchmarks.cli.plan import plan_app
@@ -284,6 +285,7 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
 command(app)(demo)
 command(app)(doctor)
 command(app)(drive)
+command(app)(kernels)
 command(app)(cell)
 command(app)(view)
 command(bench_app, "peer")(bench_peer)

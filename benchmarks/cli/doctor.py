@@ -15,12 +15,13 @@ from rich.markup import escape
 from rich.table import Table
 
 import optik
+from benchmarks.cli.kernels import shipped_words
 from benchmarks.cli.shared import AsJson, out_console, print_json
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import missing, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance
-from optik.compiled import KernelCache
+from optik.compiled.cache import KernelCache
 from optik.kinematics import forward
 from optik.plugins.installed import distribution_of
 from optik.registry import GROUPS, installed, load_method, own_names, refused
@@ -132,6 +133,8 @@ def _cache() -> Iterator[Row]:
         yield Row("compiled code", "cache", "problem", words)
     else:
         yield Row("compiled code", "cache", "usable", place)
+    words = shipped_words()
+    yield Row("compiled code", "shipped", "usable" if words.endswith(" used") else "absent", words)
 
 
 def _extras() -> Iterator[Row]:

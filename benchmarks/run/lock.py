@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +18,12 @@ else:
     import fcntl
 
 
+WAIT = 0.2
+"""Between two attempts to get a lock that another process holds [s]."""
+
+
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, wait: bool = False) -> Iterator[None]:
     """Work in a run folder as the only process; the folder is made where it does not exist.
 
     The operating system holds the lock and releases it when the process ends, in whatever way: a lock of a dead process
@@ -28,6 +33,8 @@ def locked(folder: Path) -> Iterator[None]:
     ----------
     folder : Path
         The run folder.
+    wait : bool, optional
+        Wait for another process instead of raising.
 
     Yields
     ------
@@ -42,7 +49,8 @@ def locked(folder: Path) -> Iterator[None]:
     file = folder / LOCK
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        opened = _opened(file)
+        while (opened := _opened(file)) is None and wait:
+            time.sleep(WAIT)
     except OSError as error:
         raise OutputError(folder, f"cannot be written ({error.strerror})") from None
     if opened is None:

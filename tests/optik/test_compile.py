@@ -1,6 +1,8 @@
 """The one way a hot loop is compiled: kept on disk for as long as all that it depends on is the same, and no longer."""
 
+import cProfile
 import ctypes
+import gc
 import importlib
 import os
 import pickle
@@ -10,13 +12,16 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba import typeof, types
+from numba.extending import is_jitted
 
-import optik.compiled
-from optik.compiled import compiled
-from optik.fingerprint import Opaque, fingerprint
+import optik.compiled.cache
+from optik.compiled import compiled, inlined
+from optik.compiled.fingerprint import Opaque, fingerprint
+from optik.compiled.kernel import Helper, Kernel
 from tests.oracles import REPOSITORY
 
 INNER = "from optik.compiled import compiled\n\n@compiled\ndef inner(x):\n    return {} * x\n"
@@ -262,6 +267,32 @@ def test_a_kernel_depends_on_how_numba_compiles(monkeypatch):
     assert fingerprint(compiled(doubled), ()) != before
 
 
+def test_a_kernel_does_not_depend_on_patches_of_python_and_numpy(tmp_path):
+    (tmp_path / "kernel.py").write_text("from optik.compiled import compiled\n@compiled\ndef f(x):\n    return x\n")
+    change = "import importlib.util, sys, llvmlite, numba, numpy; {}\n"
+    code = change + "import optik.compiled.fingerprint as f, kernel; print(f.fingerprint(kernel.f, ()))"
+
+    def print_with(words):
+        env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)])}
+        run = [sys.executable, "-c", code.format(words)]
+        return subprocess.run(run, env=env, capture_output=True, text=True, check=True).stdout
+
+    before = print_with("")
+    major = np.__version__.split(".")[0]
+    assert print_with(f"numpy.__version__ = '{major}.99.1'; sys.version = '3.99 (another build)'") == before
+    others = ("numba.__version__ = '0.1'", "llvmlite.__version__ = '0.1'", "numpy.__version__ = '99.1.0'")
+    magic = "importlib.util.MAGIC_NUMBER = b'1234'"
+    assert len({before, *map(print_with, (*others, magic))}) == 5
+
+
+def test_a_profiler_changes_nothing():
+    kernel = compiled(doubled)
+    before = fingerprint(kernel, ())
+    with cProfile.Profile():  # Numba changes the flags of the code then
+        kernel(1.0), kernel(2.0)
+    assert fingerprint(kernel, ()) == before
+
+
 def test_a_function_without_a_file_is_compiled_and_kept_nowhere(recwarn):
     kernel = without_file("def f(x):\n    return 2.0 * x\n")
     assert kernel(1.5) == 3.0
@@ -413,8 +444,8 @@ def test_where_nothing_can_be_written_a_private_folder_keeps_it_with_one_line_of
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="users as POSIX has them")
 def test_a_private_folder_is_nobody_elses(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(optik.compiled, "_warn", lambda what: None)
-    found = optik.compiled._private_folder.__wrapped__
+    monkeypatch.setattr(optik.compiled.cache, "_warn", lambda what: None)
+    found = optik.compiled.cache._private_folder.__wrapped__
     usual = tmp_path / f"optik-{os.getuid()}"
     assert found() == usual == found()
     assert stat.S_IMODE(usual.stat().st_mode) == 0o700
@@ -433,8 +464,8 @@ def test_a_private_folder_is_nobody_elses(tmp_path, monkeypatch):
 
 
 def test_where_no_folder_at_all_can_be_written_it_is_compiled_all_the_same(monkeypatch):
-    monkeypatch.setattr(optik.compiled._Place, "_locator_classes", ())
-    optik.compiled._warn.cache_clear()
+    monkeypatch.setattr(optik.compiled.cache._Place, "_locator_classes", ())
+    optik.compiled.cache._warn.cache_clear()
     kernel = compiled(doubled)
     with pytest.warns(RuntimeWarning, match="NUMBA_CACHE_DIR"):
         assert kernel(1.5) == 3.0
@@ -449,3 +480,76 @@ def test_division_by_zero_is_infinite_and_nan_stays_nan():
     assert divided(1.0, 0.0) == np.inf
     assert np.isnan(divided(0.0, 0.0))
     assert np.isnan(divided(np.nan, 1.0) * 0.0)  # no fast-math
+
+
+# ---------------------------------------------------------------- what is left out of the compilation
+
+
+@inlined
+def tripled(x):
+    return 3.0 * x
+
+
+def test_a_helper_can_be_called_from_python():
+    assert tripled(1.5) == 4.5
+
+
+@pytest.mark.parametrize("package", ["optik", "planners", "benchmarks"])
+def test_every_helper_of_ours_is_compiled_into_kernels_only(package):
+    """Numba's call of code that has no wrapper would end the process; see the call above."""
+    assert Helper.__call__ is not Kernel.__call__
+    for file in (REPOSITORY / package).rglob("*.py"):
+        if "import compiled, inlined" in file.read_text(encoding="utf-8"):
+            module = importlib.import_module(".".join(file.relative_to(REPOSITORY).with_suffix("").parts))
+            assert not [k for k in vars(module).values() if is_jitted(k) and not isinstance(k, Kernel)]
+
+
+def test_an_integer_that_is_known_while_compiling_gets_no_code_of_its_own(cache):
+    @compiled
+    def power(x, n):
+        return x**n
+
+    @compiled
+    def powers(x, n):
+        return power(x, 2) + power(x, 3) + power(x, n)
+
+    assert powers(2.0, 4) == 28.0
+    assert power.signatures == [(types.float64, types.int64)]
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_the_collector_is_as_before_even_after_an_error(collects):
+    @compiled
+    def wrong(x):
+        return x.nothing
+
+    level = numba.core.config.OPT
+    (gc.enable if collects else gc.disable)()
+    try:
+        with pytest.raises(numba.core.errors.TypingError):
+            wrong(1.0)
+        assert compiled(doubled)(1.0) == 2.0
+        assert gc.isenabled() == collects
+    finally:
+        gc.enable()
+    assert numba.core.config.OPT is level
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals as POSIX has them")
+def test_a_terminal_is_told_of_a_long_compilation_and_the_line_is_removed(tmp_path):
+    import pty
+
+    write_two(tmp_path)
+    code = "import optik.compiled.kernel; optik.compiled.kernel.QUIET_SECONDS = {}; import outer; outer.outer(1.0)"
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(tmp_path)])}
+    for seconds, told in ((-1.0, True), (1e9, False)):
+        for file in kept_in(tmp_path):
+            file.unlink()
+        ours, theirs = pty.openpty()
+        with subprocess.Popen([sys.executable, "-c", code.format(seconds)], env=env, stderr=theirs) as process:
+            process.wait(timeout=120)
+        os.close(theirs)
+        words = os.read(ours, 10_000).decode() if told else ""
+        os.close(ours)
+        assert ("compiling, 0 s: inner" in words) is told
+        assert words.endswith("\x1b[K") is told

@@ -12,6 +12,8 @@ from __future__ import annotations
 import dis
 import enum
 import hashlib
+import importlib.util
+import inspect
 import re
 import sys
 from collections.abc import Iterable
@@ -20,6 +22,7 @@ from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodDescriptorType, ModuleType
 from typing import Any
 
+import llvmlite
 import numba
 import numpy as np
 from numba import types
@@ -32,10 +35,18 @@ from numba.extending import is_jitted
 FOREIGN = {"numpy", "numba", "llvmlite"} | set(sys.stdlib_module_names)
 """Packages whose functions are identified by name, because their versions are part of every fingerprint."""
 
-VERSIONS = (numba.__version__, np.__version__, sys.version)
-"""Versions of the software that turns a source into machine code."""
+VERSIONS = (
+    f"numba {numba.__version__}",
+    f"llvmlite {llvmlite.__version__}",
+    f"numpy {np.__version__.partition('.')[0]}",
+    f"Python {sys.implementation.cache_tag}{getattr(sys, 'abiflags', '')} {importlib.util.MAGIC_NUMBER.hex()}",
+)
+"""Versions that the machine code depends on: a patch of Python or a minor release of NumPy changes neither bytecode nor ABI."""
 
-SETTINGS = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
+MOST_OPT = 1
+"""Optimisation level of LLVM's passes, at most; more takes longer to compile, and is faster for what runs in parallel only."""
+
+SETTINGS = ("BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of Numba (NUMBA_OPT and so on) that change the machine code of a function."""
 
 LOADS_CONSTANT = {dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap}
@@ -76,7 +87,8 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
         The kernel reaches a value that cannot be fingerprinted.
     """
     walk = _Walk()
-    walk.note("versions", *VERSIONS, *(f"{name} {getattr(config, name, None)}" for name in SETTINGS))
+    level = int(config.OPT if kernel.targetoptions.get("nogil") else min(config.OPT, MOST_OPT))
+    walk.note("versions", *VERSIONS, f"OPT {level}", *(f"{name} {getattr(config, name, None)}" for name in SETTINGS))
     try:
         walk.value(kernel)
         for kind in signature:
@@ -188,7 +200,8 @@ class _Walk:
                 self.value(f.__globals__[name], named)
 
     def _code(self, code: CodeType) -> None:
-        arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
+        starred = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)  # Numba changes others under a profiler
+        arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, starred)
         self.note("code", code.co_name, repr(arguments), code.co_code, code.co_exceptiontable)
         for names in (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars):
             self.note(str(len(names)), *names)

@@ -1,4 +1,4 @@
-"""Compilation of hot loops by Numba: machine code cached on disk, IEEE values for division by zero, no fast-math."""
+"""Machine code of compiled functions: cached on this machine, or shipped in an archive."""
 
 from __future__ import annotations
 
@@ -16,84 +16,18 @@ import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numba
-from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, _Cache, _CacheLocator
+from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
-from numba.extending import is_jitted
 
-from optik.fingerprint import Opaque, fingerprint, variant
-
-config._config_fname = os.devnull  # a .numba_config.yaml in the working folder could name a folder of code to run
-config.reload_config()
-
-F = TypeVar("F", bound=Callable[..., Any])
-"""Type of the function: the type checker sees the signature of what is compiled."""
+from optik.compiled import archive
+from optik.compiled.fingerprint import VERSIONS, Opaque, fingerprint, variant
 
 SHA256_DIGITS = 64
 """Hexadecimal digits of a SHA-256; a cached file begins with two: fingerprint and checksum."""
-
-
-def compiled(function: F) -> F:
-    """Compile a function over arrays on its first call.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-
-    Returns
-    -------
-    callable
-        The compiled function, with the signature of the Python function.
-    """
-    return _jit(function, False)
-
-
-def parallel(function: F) -> F:
-    """Compile as `compiled` does, into code that releases Python's global lock, so that threads can run it in parallel.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-
-    Returns
-    -------
-    callable
-        The compiled function, with the signature of the Python function.
-    """
-    return _jit(function, True)
-
-
-def _jit(function: F, nogil: bool) -> F:
-    kernel: Any = numba.njit(error_model="numpy", nogil=nogil)(function)
-    if is_jitted(kernel):  # NUMBA_DISABLE_JIT leaves functions as they are
-        kernel._cache = KernelCache(kernel)  # what njit(cache=True) would put there
-    result: F = kernel
-    return result
-
-
-def inlined(function: F) -> F:
-    """Compile a helper into every kernel that calls it: it sees the kernel's constants, and is cached with the kernel.
-
-    There is no fast-math here either: LLVM would fuse products and sums differently for one lane and for many.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-
-    Returns
-    -------
-    callable
-        The function for kernels, with the signature of the Python function.
-    """
-    result: F = numba.njit(error_model="numpy", forceinline=True)(function)
-    return result
 
 
 class KernelCache(_Cache):  # type: ignore[misc]
@@ -119,7 +53,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return None if place is None else str(place.locator.get_cache_path())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the cached code for types of arguments.
+        """Return the code for types of arguments, from the machine's cache, else from the archive.
 
         Parameters
         ----------
@@ -132,20 +66,22 @@ class KernelCache(_Cache):  # type: ignore[misc]
         -------
         compile result or None
             None if the function must be compiled.
+
+        Raises
+        ------
+        RuntimeError
+            The function must be compiled, and the environment has ``OPTIK_COMPILES=error``.
         """
         target_context.refresh()
-        found = self._find(sig, target_context.codegen())
-        if found is None:
-            return None
-        place, file, depends = found
-        try:
-            data = file.read_bytes()
-        except OSError:
-            return None
-        payload = data[2 * SHA256_DIGITS :]
-        if data[: 2 * SHA256_DIGITS] != (depends + hashlib.sha256(payload).hexdigest()).encode():
-            return None
-        return place.rebuild(target_context, pickle.loads(payload))
+        codegen = target_context.codegen()
+        if depends := self._depends(sig):
+            for read in (self._cached, self._shipped):
+                with contextlib.suppress(Exception):  # code that cannot be loaded, for whatever reason, is compiled
+                    if (payload := read(sig, codegen, depends)) is not None:
+                        return CompileResult._rebuild(target_context, *pickle.loads(payload))
+        if os.environ.get("OPTIK_COMPILES") == "error":
+            raise RuntimeError(f"OPTIK_COMPILES=error, and no machine code was found for {self._stem()}{sig}")
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write compiled code to the cache; if the disk is full, nothing is cached and no error is raised.
@@ -157,15 +93,15 @@ class KernelCache(_Cache):  # type: ignore[misc]
         data : compile result
             What Numba compiled.
         """
-        found = self._find(sig, data.codegen)
-        if found is None or not found[0].check_cachable(data):
+        depends, place = self._depends(sig), _place(self._kernel.py_func)
+        if not depends or place is None or not place.check_cachable(data):
             return
-        place, file, depends = found
-        payload = dumps(place.reduce(data))
+        payload = dumps(place.reduce(data._replace(type_annotation="")))  # the annotation is a third of the file
+        file = self._file(place, sig, data.codegen)
         part = file.with_name(f"{file.name}.{uuid.uuid4().hex}")
         try:
             place.locator.ensure_cache_path()
-            part.write_bytes((depends + hashlib.sha256(payload).hexdigest()).encode() + payload)
+            part.write_bytes(f"{depends}{hashlib.sha256(payload).hexdigest()}".encode() + payload)
             part.replace(file)
         except OSError:
             with contextlib.suppress(OSError):
@@ -190,22 +126,50 @@ class KernelCache(_Cache):  # type: ignore[misc]
         module = Path(self._kernel.py_func.__code__.co_filename).stem
         return f"{module}.{self._qualname}".replace("<", "").replace(">", "")
 
-    def _find(self, sig: Any, codegen: Any) -> tuple[_Place, Path, str] | None:
-        """Place and file of the code for types of arguments, and the fingerprint of what it depends on."""
-        place = _place(self._kernel.py_func) if self._enabled else None
-        if place is None:
-            return None
-        types = tuple(getattr(sig, "args", sig))
+    def _depends(self, sig: Any) -> str:
+        """Fingerprint of what the code for types of arguments depends on; empty if it can neither be cached nor shipped."""
+        if not self._enabled:
+            return ""
         try:
-            depends = fingerprint(self._kernel, types)
+            depends = fingerprint(self._kernel, _types(sig))
         except Opaque:
-            return None
+            return ""
         # Symbols contain the function's name: two versions of it, or two closures, must not be confused when they are
         # linked into a third function.
         self._kernel.py_func.__qualname__ = f"{self._qualname}_{depends[:12]}"
+        return depends
+
+    def _file(self, place: _Place, sig: Any, codegen: Any) -> Path:
         processor = hashlib.sha256(repr((codegen.magic_tuple(), sys.version_info[:2])).encode()).hexdigest()[:8]
-        file = f"{self._stem()}-{variant(self._kernel, types)}-{processor}.nbk"
-        return place, Path(place.locator.get_cache_path()) / file, depends
+        file = f"{self._stem()}-{variant(self._kernel, _types(sig))}-{processor}.nbk"
+        return Path(place.locator.get_cache_path()) / file
+
+    def _cached(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
+        """Code from the machine's cache."""
+        place = _place(self._kernel.py_func)
+        return None if place is None else checked(self._file(place, sig, codegen)).get(depends)
+
+    def _shipped(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
+        """Code from the archive."""
+        shipped = archive.opened()
+        if isinstance(shipped, str) or os.environ.get("OPTIK_COMPILES") == "native":
+            return None
+        return None if shipped.refusal(VERSIONS, archive.Target(*codegen.magic_tuple())) else shipped.read(depends)
+
+
+def checked(file: Path) -> dict[str, bytes]:
+    """Read the code in a cached file, by its fingerprint; nothing from a file that is absent or damaged."""
+    try:
+        data = file.read_bytes()
+    except OSError:
+        return {}
+    head, payload = data[: 2 * SHA256_DIGITS].decode(errors="replace"), data[2 * SHA256_DIGITS :]
+    whole = head[SHA256_DIGITS:] == hashlib.sha256(payload).hexdigest()
+    return {head[:SHA256_DIGITS]: payload} if whole else {}
+
+
+def _types(sig: Any) -> tuple[Any, ...]:
+    return tuple(getattr(sig, "args", sig))
 
 
 class _PrivateFolder(_CacheLocator):  # type: ignore[misc]

@@ -1,0 +1,131 @@
+"""`optik kernels`: which machine code is shipped, which was compiled on this machine and why; compile it in advance."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from numba.core.registry import cpu_target
+from rich.table import Table
+
+import optik
+from benchmarks.cli.shared import AsJson, err_console, out_console, print_json
+from optik.compiled import archive
+from optik.compiled.cache import KernelCache, checked
+from optik.compiled.fingerprint import VERSIONS
+from optik.compiled.kernel import Kernel
+from optik.errors import NoSolution, OutputError
+from optik.kinematics import forward
+
+
+def kernels(
+    compile_: Annotated[
+        bool, typer.Option("--compile", help="Compile what users run first, where it is neither shipped nor cached.")
+    ] = False,
+    native: Annotated[
+        bool, typer.Option("--native", help="With --compile: compile also what is shipped, for this very processor.")
+    ] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="With --compile: processes.")] = os.cpu_count() or 1,
+    as_json: AsJson = False,
+) -> None:
+    """List the kernels that are shipped, those that were compiled on this machine, and why; or compile them in advance.
+
+    Parameters
+    ----------
+    compile_, native, jobs, as_json
+        As ``--help`` says.
+
+    Raises
+    ------
+    OutputError, NoSolution
+        No folder for the cache can be written; a part ends with an error.
+    """
+    if compile_:
+        _compile(jobs, {"OPTIK_COMPILES": "native"} if native else {})
+    words, rows = shipped_words(), list(_cached())
+    if as_json:
+        print_json({"shipped": words, "kernels": _names(), "cached": [row._asdict() for row in rows]})
+        return
+    out_console.print(f"shipped: {words}", highlight=False, markup=False, soft_wrap=True)
+    table = Table("compiled here", "kernels", "because", title=f"{len(rows)} kernels in the cache")
+    for (folder, why), count in Counter((row.folder, row.why) for row in rows).items():
+        table.add_row(folder, str(count), why)
+    if rows and not compile_:
+        out_console.print(table)
+
+
+def _compile(jobs: int, environment: dict[str, str]) -> None:
+    """Run what users run first in processes, one such run at a time."""
+    from benchmarks.kernels.parts import WARM_UP
+    from benchmarks.kernels.run import Progress, run_parts
+    from benchmarks.run.lock import locked
+
+    kernel: Any = forward
+    folder = KernelCache(kernel).cache_path
+    if folder is None:
+        raise OutputError("the cache", "no folder can be written: name one in NUMBA_CACHE_DIR")
+    progress = Progress()
+    with locked(Path(folder), wait=True):
+        failed = run_parts(list(WARM_UP), jobs, progress, **environment)
+    err_console.print(f"compiled {progress.end()}", highlight=False)
+    if failed:
+        raise NoSolution("; ".join(f"{part}: {words}" for part, words in failed.items()))
+
+
+def shipped_words() -> str:
+    """What is shipped, and whether it can be used here."""
+    shipped = archive.opened()
+    if isinstance(shipped, str):
+        return f"none: {shipped}"
+    refusal = shipped.refusal(VERSIONS, archive.Target(*cpu_target.target_context.codegen().magic_tuple()))
+    size = shipped.file.stat().st_size / 1e6
+    return f"{len(shipped.names)} kernels for {shipped.cpu}, {size:.1f} MB, {f'not used: {refusal}' if refusal else 'used'}"
+
+
+class Row(NamedTuple):
+    """A kernel in the machine's cache: its folder, its name and types, and why it was compiled."""
+
+    folder: str
+    kernel: str
+    why: str
+
+
+def _names() -> dict[str, str]:
+    """Names of what is shipped, by fingerprint."""
+    shipped = archive.opened()
+    return {} if isinstance(shipped, str) else dict(shipped.names)
+
+
+def _cached() -> Iterator[Row]:
+    """Every kernel in the cache: of any processor, and of any version of its source."""
+    names, words = _names(), shipped_words()
+    known, used = set(names.values()), words.endswith(" used")
+    for folder in sorted(_folders()):
+        for file in sorted(folder.glob("*.nbk")):
+            kernel = file.name.rpartition("-")[0]
+            if not used:
+                why = "nothing is shipped" if words.startswith("none") else "what is shipped is not used here"
+            elif kernel not in known:
+                why = "not shipped for these arguments"
+            elif names.keys() & checked(file).keys():
+                why = "for this processor"
+            else:
+                why = "its source differs from the shipped"
+            yield Row(str(folder), kernel, why)
+
+
+def _folders() -> set[Path]:
+    """Folders of the cache, of all modules of ours that define kernels."""
+    root = Path(optik.__file__).parents[1]
+    found = set()
+    for file in sorted(p for package in ("optik", "planners", "benchmarks") for p in (root / package).rglob("*.py")):
+        if "from optik.compiled import" in file.read_text(encoding="utf-8"):
+            module = import_module(".".join(file.relative_to(root).with_suffix("").parts))
+            defined = [k for k in vars(module).values() if isinstance(k, Kernel) and k.__module__ == module.__name__]
+            found |= {Path(path) for k in defined[:1] if (path := KernelCache(k).cache_path)}
+    return found

@@ -1,0 +1,51 @@
+"""Compile what users run first for every processor of this kind, and pack it: ``python -m benchmarks.kernels.build``."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from numba.core.registry import cpu_target
+
+from benchmarks.kernels.parts import WARM_UP
+from benchmarks.kernels.run import Progress, run_parts
+from optik.compiled import archive
+from optik.compiled.cache import checked
+from optik.compiled.fingerprint import VERSIONS
+
+BASELINE = {"x86_64": "x86-64-v3", "amd64": "x86-64-v3", "arm64": "apple-m1"}
+"""Processors to compile for by the machine, as LLVM names them; elsewhere the least of the architecture."""
+
+
+def main() -> None:
+    """Write the archive of this platform and Python into the package."""
+    cpu = BASELINE.get(platform.machine().lower(), "generic")
+    jobs = os.cpu_count() or 1
+    with TemporaryDirectory() as cache:
+        target = {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": cache, "OPTIK_COMPILES": "native"}
+        print(f"compiling the kernels of {', '.join(WARM_UP)} and the documentation for {cpu}", file=sys.stderr)
+        progress = Progress()
+        failed = run_parts([*WARM_UP, "pages"], jobs, progress, **target)
+        print(f"compiled {progress.end()}", file=sys.stderr)
+        if failed:
+            sys.exit("; ".join(f"{part}: {words}" for part, words in failed.items()))
+        kernels = dict(_kernels(Path(cache)))
+    triple, _, _ = cpu_target.target_context.codegen().magic_tuple()
+    file = archive.ARCHIVES / archive.file_name()
+    archive.pack(file, VERSIONS, archive.Target(triple, cpu, ""), kernels)
+    print(f"{len(kernels)} kernels in {file}, {file.stat().st_size / 1e6:.2f} MB")
+
+
+def _kernels(folder: Path) -> Iterator[tuple[str, tuple[str, bytes]]]:
+    """Fingerprint, name and code of each cached file."""
+    for file in sorted(folder.rglob("*.nbk")):
+        for fingerprint, code in checked(file).items():
+            yield fingerprint, (file.name.rsplit("-", 1)[0], code)
+
+
+if __name__ == "__main__":
+    main()

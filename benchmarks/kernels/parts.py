@@ -1,0 +1,108 @@
+"""The calls that users make first, in parts that separate processes can run."""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import optik
+import planners
+from benchmarks.kinds._fresh import ROOT
+
+REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+"""A configuration of panda [rad]."""
+
+
+def ik() -> None:
+    """Solve single and many targets, for arms of six and seven joints, whole and in part."""
+    for name in ("panda", "ur5e", "paper6r"):  # another process begins with paper6r
+        robot = optik.load(name)
+        q0 = robot.limits.clip(REST[: robot.n])
+        target = robot.fk(robot.limits.clip(q0 + 0.2))
+        optik.solve_ik(robot, target, q0)
+        optik.solve_ik(robot, target, q0, task="position")
+        optik.solve_ik(robot, target, q0, closest=True)
+        for threads in (1, None):
+            optik.solve_ik_batch(robot, np.array([target] * 40), q0, threads=threads)
+        robot.singular_values(q0), robot.jacobian(np.array([q0, q0])), robot.fk(np.array([q0, q0]))
+
+
+def lines() -> None:
+    """Plan the README's line, and stop on it."""
+    robot, q0 = optik.load("paper6r"), np.deg2rad([20, -35, 40, 25, 50, -30])
+    start = robot.fk(q0)
+    goal = optik.se3.pose(start[:3, :3], start[:3, 3] + [-0.12, 0.0, 0.20])
+    optik.solve_ik(robot, goal, q0)
+    plan = planners.plan(robot, planners.Line(start, goal), q0)
+    bool(plan), plan.trajectory(0.1, 1), str(plan)
+    planners.replan(plan, 0.15, stop=True)
+    limits = planners.MotionLimits(2.0, 12.0, 120.0, tool_speed=0.3)
+    planners.replan(plan, 0.15, limits=limits)
+    corner = optik.se3.pose(start[:3, :3], start[:3, 3] + [-0.05, 0.0, 0.05])
+    planners.plan(robot, planners.Polyline([start, corner, goal], blend=0.002), q0, limits=limits)
+
+
+def panda() -> None:
+    """Plan with torque limits, a payload and a scene."""
+    robot = optik.load("panda")
+    box = (optik.se3.pose(p=[0.6, 0.0, 0.1]), np.array([0.3, 0.6, 0.2]))
+    scene = optik.Scene(boxes=(box,), planes=((np.array([0.0, 0.0, -0.05]), np.array([0.0, 0.0, 1.0])),))
+    optik.solve_ik(robot, robot.fk(REST), REST, scene=scene)
+    planners.plan(robot, REST + np.array([0.5, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0]), REST, scene=scene, margin=0.02)
+    loaded = robot.with_payload(3.0)
+    loaded.torques(REST, 0 * REST, 0 * REST), loaded.gravity_torques(REST), loaded.mass_matrix(REST)
+    start = robot.fk(REST)
+    line = planners.Line(start, optik.se3.pose(start[:3, :3], start[:3, 3] + [0.0, 0.2, 0.1]))
+    plan = planners.plan(loaded, line, REST)
+    planners.replan(plan, 0.3 * plan.trajectory.duration, stop=True)
+
+
+def cell() -> None:
+    """Move to what a laser points at, with corrections."""
+    from planners.cell import Cell, PanTiltLaser
+
+    robot, q0 = optik.load("paper6r"), np.deg2rad([20, -35, 40, 25, 50, -30])
+    laser = PanTiltLaser(optik.se3.pose(p=[-0.6, 0.2, 0.1]), angle_noise=2e-4, range_noise=5e-4)
+    work = Cell(robot, laser, "ideal", q=q0)
+    work.move_to_spot(work.read(robot.fk(q0)[:3, 3] + [-0.12, 0.0, 0.20]), corrections=2)
+
+
+def demo() -> None:
+    """Run the demo in this process."""
+    from benchmarks.experiments.claims import judge
+    from benchmarks.report import write_report
+    from benchmarks.run import run_suite
+    from benchmarks.suite import load_suite
+
+    with tempfile.TemporaryDirectory() as folder:
+        run = run_suite(load_suite("paper"), Path(folder) / "run")
+        write_report(run), judge(run)
+
+
+def pages() -> None:
+    """Run the Python of the README, of the documentation and of the examples."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        sys.path.insert(0, folder)
+        for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+            code = []
+            for block in re.findall(r"```(?:python|toml)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
+                if named := re.match(r"# (\w+\.(?:py|toml))\n", block):
+                    (Path(folder) / named[1]).write_text(block, encoding="utf-8")
+                else:
+                    code.append(block)
+            exec(compile("\n".join(code), str(page), "exec"), {"__name__": "__main__"})
+        for example in sorted((ROOT / "examples").glob("*.py")):
+            sys.argv = [str(example)]
+            runpy.run_path(str(example), run_name="__main__")
+
+
+WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
+"""What an installed package runs, in the order in which two processes share it best."""

@@ -1,0 +1,40 @@
+"""One part in a process of its own: ``python -m benchmarks.kernels.process PART`` prints each kernel that it compiles."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+from numba.core import event
+
+from benchmarks.kernels.parts import WARM_UP, pages
+from optik.compiled.kernel import Helper, Kernel
+
+
+class Teller(event.Listener):  # type: ignore[misc]
+    """Prints the name of a kernel when it has been compiled."""
+
+    def __init__(self, out: Any) -> None:
+        self._out = out
+
+    def on_start(self, event: Any) -> None:
+        """Nothing is known yet."""
+
+    def on_end(self, event: Any) -> None:
+        """Print the kernel's name."""
+        kernel = event.data["dispatcher"]
+        if isinstance(kernel, Kernel) and not isinstance(kernel, Helper):
+            print(f"{kernel.py_func.__module__}.{kernel.py_func.__name__}", file=self._out, flush=True)
+
+
+def main(part: str) -> None:
+    """Run a part; what it prints itself is thrown away."""
+    with os.fdopen(os.dup(1), "w") as out, open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        with event.install_listener("numba:compile", Teller(out)):
+            (WARM_UP | {"pages": pages})[part]()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,5 @@
+"""Hot loops, compiled by Numba: the decorators, the cache of machine code, and the archive in the wheel."""
+
+from optik.compiled.decorators import compiled, inlined, parallel
+
+__all__ = ["compiled", "inlined", "parallel"]

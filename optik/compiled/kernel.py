@@ -1,0 +1,89 @@
+"""Numba's dispatcher with less to compile: no unused wrappers, no code for literal integers, no garbage collection."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import time
+from typing import Any, ClassVar
+
+from numba.core import config, types
+from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
+from numba.core.registry import CPUDispatcher
+
+from optik.compiled.fingerprint import MOST_OPT
+
+QUIET_SECONDS = 2.0
+"""Time that a process compiles before a terminal is told."""
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function."""
+
+    _compiler: Any
+
+    options: ClassVar[dict[str, bool]] = {"no_cfunc_wrapper": True}
+
+    def __init__(self, py_func: Any, locals: Any = None, targetoptions: Any = None, **others: Any) -> None:
+        given = {"nopython": True, "boundscheck": None, "error_model": "numpy"} | self.options | (targetoptions or {})
+        super().__init__(py_func, locals, given, **others)
+        self._compiler = _Compiler(py_func, self.targetdescr, given, self.locals, self._compiler.pipeline_class)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Resolve a call by another kernel; an integer that is known there gets no code of its own."""
+        return super().get_call_template([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})
+
+
+class Helper(Kernel):
+    """A function that is compiled into the kernels that call it."""
+
+    options: ClassVar[dict[str, bool]] = Kernel.options | {"no_cpython_wrapper": True, "forceinline": True}
+
+    def __call__(self, *args: Any) -> Any:
+        """Run as a kernel: without its wrapper, the code of a helper cannot be called from Python."""
+        return Kernel(self.py_func)(*args)
+
+
+def _plain(kind: Any) -> Any:
+    return kind.literal_type if isinstance(kind, types.IntegerLiteral) else kind
+
+
+class _Process:
+    """What this process compiles; Numba's lock lets one thread compile at a time."""
+
+    depth: int = 0  # functions that are being compiled, each because the one before calls it
+    level: Any = None  # Numba's optimisation level outside
+    seconds: float = 0.0  # spent before the outermost function
+    begin: float = 0.0  # of the outermost function
+
+
+class _Compiler(_FunctionCompiler):  # type: ignore[misc]
+    """Compiles one function."""
+
+    def compile(self, args: Any, return_type: Any) -> Any:
+        """Compile for types of arguments, without the collector, which finds nothing there."""
+        if _Process.depth == 0:
+            _Process.level, _Process.begin = config.OPT, time.monotonic()
+        before, collects = config.OPT, gc.isenabled()
+        low = type(_Process.level)(min(_Process.level, MOST_OPT))
+        _Process.depth += 1
+        _tell(self.py_func.__name__)
+        try:
+            gc.disable()
+            config.OPT = _Process.level if self.targetoptions.get("nogil") else low
+            return super().compile(args, return_type)
+        finally:
+            config.OPT = before
+            if collects:
+                gc.enable()
+            _Process.depth -= 1
+            _Process.seconds += 0.0 if _Process.depth else time.monotonic() - _Process.begin
+            _tell("")
+
+
+def _tell(name: str) -> None:
+    """Show a terminal, in one line that is replaced and then removed, that this process has compiled for long."""
+    seconds = _Process.seconds + (time.monotonic() - _Process.begin if _Process.depth else 0.0)
+    if seconds > QUIET_SECONDS and sys.stderr is not None and sys.stderr.isatty():
+        words = f"optik: compiling, {seconds:.0f} s: {name}" if _Process.depth else ""
+        print(f"\r\x1b[K{words[:70]}", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,109 @@
+"""`optik kernels` says what is shipped and what was compiled here, and why; its processes compile into the cache."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from numba.core.registry import cpu_target
+
+from benchmarks.kernels import parts, process, run
+from benchmarks.run.lock import locked
+from optik.compiled import archive, compiled
+from optik.compiled.cache import checked
+from optik.compiled.fingerprint import VERSIONS
+from optik.errors import OutputError
+from tests.oracles import REPOSITORY
+
+FK = "import optik; optik.load('paper6r').fk([0.0] * 6)"
+
+
+def kernels(cache: Path, archives: Path) -> dict:
+    """What the command says with a cache and a folder of archives."""
+    code = "import sys; from pathlib import Path; from optik.compiled import archive; archive.ARCHIVES = Path(sys.argv.pop(1));"
+    code += "from benchmarks.cli.app import main; main()"
+    env = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-c", code, str(archives), "kernels", "--json"]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, env=env, timeout=300, check=True).stdout)
+
+
+def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
+    cache, target = tmp_path / "cache", archive.Target(*cpu_target.target_context.codegen().magic_tuple())
+    env = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(cache), "OPTIK_COMPILES": "native"}
+    subprocess.run([sys.executable, "-c", FK], env=env, timeout=300, check=True)
+    assert {row["why"] for row in kernels(cache, tmp_path)["cached"]} == {"nothing is shipped"}
+    found = [(*checked(file).popitem(), file.name.rpartition("-")[0]) for file in sorted(cache.rglob("*.nbk"))]
+    assert len(found) > 2
+    (print0, code0, name0), (_, code1, name1) = found[:2]
+    shipped = {print0: (name0, code0), "0" * 64: (name1, code1)}
+    archive.pack(tmp_path / archive.file_name(), VERSIONS, target._replace(cpu="generic"), shipped)
+    out = kernels(cache, tmp_path)
+    assert out["shipped"].startswith("2 kernels for generic")
+    assert out["shipped"].endswith(" used")
+    why = {row["kernel"]: row["why"] for row in out["cached"]}
+    assert why.pop(name0) == "for this processor"
+    assert why.pop(name1) == "its source differs from the shipped"
+    assert set(why.values()) == {"not shipped for these arguments"}
+    archive.pack(tmp_path / archive.file_name(), ["numba 0.1"], target, shipped)
+    out = kernels(cache, tmp_path)
+    assert "numba 0.1" in out["shipped"]
+    assert {row["why"] for row in out["cached"]} == {"what is shipped is not used here"}
+
+
+def test_a_part_that_fails_is_named() -> None:
+    assert run.run_parts(["nothing"], 2, print) == {"nothing": "KeyError: 'nothing'"}
+
+
+def test_a_process_tells_what_it_compiles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
+    monkeypatch.setitem(parts.WARM_UP, "one", lambda: os.write(1, str(compiled(half)(3.0)).encode()))
+    saved = os.dup(1)
+    try:
+        process.main("one")
+    finally:
+        os.dup2(saved, 1)
+    assert capfd.readouterr().out == f"{half.__module__}.half\n"
+    assert len(list(tmp_path.rglob("*.nbk"))) == 1
+
+
+def half(x: float) -> float:
+    return x / 2.0
+
+
+def test_one_run_compiles_at_a_time(tmp_path: Path) -> None:
+    order = []
+
+    def second() -> None:
+        with locked(tmp_path, wait=True):
+            order.append("second")
+
+    thread = threading.Thread(target=second)
+    with locked(tmp_path):
+        with pytest.raises(OutputError), locked(tmp_path):
+            pass
+        thread.start()
+        time.sleep(0.5)
+        order.append("first")
+    thread.join(30)
+    assert order == ["first", "second"]
+
+
+def test_where_there_is_no_terminal_progress_is_a_line_now_and_then(
+    capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    progress = run.Progress()
+    for seconds in (1.0, 11.0, 12.0, 25.0):
+        now[0] = seconds
+        progress("a.kernel")
+    assert progress.end() == "4 kernels in 25 s"
+    assert capsys.readouterr().err.splitlines() == [
+        "compiled 2 kernels in 11 s: a.kernel", "compiled 4 kernels in 25 s: a.kernel",
+    ]  # fmt: skip
