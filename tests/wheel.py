@@ -44,7 +44,11 @@ def main() -> None:
         venv.create(Path(folder, "venv"), with_pip=True)
         python = str(Path(folder, "venv", "Scripts" if os.name == "nt" else "bin", "python"))
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-        environment |= {"OPTIK_COMPILES": "error", "NUMBA_CACHE_DIR": str(Path(folder, "cache"))}
+        environment |= {
+            "PIP_CONSTRAINT": str(ROOT / "constraints.txt"),
+            "OPTIK_COMPILES": "error",
+            "NUMBA_CACHE_DIR": str(Path(folder, "cache")),
+        }
         for words in (
             ["-m", "pip", "install", "--quiet", f"{wheel}[closed-form]"],
             ["-c", lines],
