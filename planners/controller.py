@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PPoly
+import scipy
 
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -129,7 +129,7 @@ def interpolated(t: Array, q: Array, v: Array | None = None, a: Array | None = N
         The motion.
     """
     if v is None:
-        return Trajectory(PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
+        return Trajectory(scipy.interpolate.PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:
-        return Trajectory(PPoly(CubicHermiteSpline(t, q, v).c, t))
+        return Trajectory(scipy.interpolate.PPoly(scipy.interpolate.CubicHermiteSpline(t, q, v).c, t))
     return Trajectory(through(t, q, v, a))

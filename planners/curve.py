@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from math import comb
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
 
 from optik.compiled import compiled
 from optik.errors import InvalidInput
@@ -79,7 +79,7 @@ class Curve(ABC):
 class PiecewiseCurve(Curve):
     """A curve of piecewise polynomials with coefficients (at most 6, m, n) between knots (m + 1,)."""
 
-    def _set_polynomial(self, polynomial: PPoly) -> None:
+    def _set_polynomial(self, polynomial: scipy.interpolate.PPoly) -> None:
         self._polynomial = polynomial
         self._x = np.require(polynomial.x, np.float64, ["C", "W"])
         self._c = np.require(polynomial.c, np.float64, ["C", "W"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.types import Array
 
@@ -39,7 +39,7 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
     c[2] = (10.0 * P - 4.0 * V + 0.5 * A) / h**3
     c[1] = (-15.0 * P + 7.0 * V - A) / h**4
     c[0] = (6.0 * P - 3.0 * V + 0.5 * A) / h**5
-    return PPoly(c, x, extrapolate=True)
+    return scipy.interpolate.PPoly(c, x, extrapolate=True)
 
 
 def through(x: Array, p: Array, v: Array, a: Array) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import factorial
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.types import Array
 from planners.hermite import quintic
@@ -50,14 +50,14 @@ def rest_of(trajectory: Trajectory, t: float, s: float | None = None) -> Traject
     for order in range(3):
         c[5 - order, 0] = trajectory(t, order) / factorial(order)
     known = None if s is None or trajectory.places is None else np.append(s, trajectory.places[first + 1 :])
-    return Trajectory(PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True), known)
+    return Trajectory(scipy.interpolate.PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True), known)
 
 
 def start_of(trajectory: Trajectory, t: float) -> Trajectory:
     """Return the part of a motion up to time t [s], at most to its end, with the same polynomials."""
     before = int(np.searchsorted(trajectory.knots, t, side="left"))
     knots = np.append(trajectory.knots[:before], t)
-    return Trajectory(PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))
+    return Trajectory(scipy.interpolate.PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
@@ -76,7 +76,9 @@ def joined(first: Trajectory, second: Trajectory) -> Trajectory:
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
     a, b = first.places, second.places
     places = None if a is None or b is None else np.append(a, b[1:])
-    return Trajectory(PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), places)
+    return Trajectory(
+        scipy.interpolate.PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), places
+    )
 
 
 def held(trajectory: Trajectory, duration: float) -> Trajectory:
@@ -96,7 +98,7 @@ def held(trajectory: Trajectory, duration: float) -> Trajectory:
     """
     still = np.zeros((6, 1, trajectory.n))
     still[5] = trajectory(trajectory.end)
-    return joined(trajectory, Trajectory(PPoly(still, np.array([0.0, duration]))))
+    return joined(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))
 
 
 def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
@@ -134,4 +136,4 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
     for order, x in enumerate(start):
         c[5 - order, 0] = x / factorial(order)
-    return Trajectory(PPoly(c, knots, extrapolate=True), trajectory.places)
+    return Trajectory(scipy.interpolate.PPoly(c, knots, extrapolate=True), trajectory.places)

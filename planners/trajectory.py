@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -50,7 +50,7 @@ class Trajectory(PiecewiseCurve):
     parameter = "t"
 
     def __init__(self, polynomial: Any, places: Array | None = None) -> None:
-        if not isinstance(polynomial, PPoly):
+        if not isinstance(polynomial, scipy.interpolate.PPoly):
             raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")

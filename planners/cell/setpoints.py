@@ -7,7 +7,7 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -97,7 +97,7 @@ def slowed_to(plan: Plan, duration: float) -> Plan:
     stretched = motion.slowed(max(duration / motion.duration, 1.0))  # what is rounding is cut off the last piece
     knots = stretched.knots.copy()
     knots[-1] = duration
-    moved = replace(plan.motion, trajectory=Trajectory(PPoly(stretched.coefficients, knots)))
+    moved = replace(plan.motion, trajectory=Trajectory(scipy.interpolate.PPoly(stretched.coefficients, knots)))
     again = moved.certify(rate=proof.rate)
     slower = replace(
         plan, _trajectory=moved.trajectory, _certificate=again, slowed=plan.slowed * duration / motion.duration

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.errors import NoSolution
 from optik.types import Array
@@ -46,7 +46,7 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> Pr
     InvalidInput
         The masses of the arm are unknown.
     """
-    along = Trajectory(PPoly(joint_path.coefficients, joint_path.nodes))
+    along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
     bounds = MotionBounds(joint_path.robot, along)
     begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
     pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]

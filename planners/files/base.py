@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.arm.plain import numbers, record, word, words
 from optik.arm.robot import Robot
@@ -284,7 +284,7 @@ def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:
     if not np.isfinite(coefficients).all():
         power, piece, joint = np.argwhere(~np.isfinite(coefficients))[0]
         raise InvalidInput("coefficients", f"{coefficients[power, piece, joint]} in piece {piece}", "finite numbers")
-    return Trajectory(PPoly(coefficients, knots))
+    return Trajectory(scipy.interpolate.PPoly(coefficients, knots))
 
 
 METHOD_BASE = Format

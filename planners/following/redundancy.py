@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from optik import newton
 from optik.arm.robot import Robot
@@ -263,7 +263,7 @@ def _guide(s: Array, way: Array, directions: Array) -> Guide:
     k, d, n = directions.shape
     W = directions.reshape(k, d * n)
     both = np.concatenate([W, way], axis=1)
-    spline = make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
+    spline = scipy.interpolate.make_interp_spline(s, both, k=min(5, k - 1)) if k > 1 else None
 
     def guide(at: Array) -> tuple[Array, Array]:
         orders = np.zeros((at.size, 4, (d + 1) * n))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.errors import NoSolution
 from planners.fit import fitted, stretch
@@ -137,4 +137,4 @@ def _from_rest(asked: Asked, joints: JointPath, at: PathState) -> Iterator[Traje
     if at.s < joints.end:
         c = (joints.end - at.s) * QUINTIC
         c[-1] = at.s
-        yield refit(joints, PPoly(c[:, None], np.array([0.0, 1.0]), extrapolate=True))
+        yield refit(joints, scipy.interpolate.PPoly(c[:, None], np.array([0.0, 1.0]), extrapolate=True))

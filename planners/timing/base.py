@@ -7,8 +7,8 @@ from enum import StrEnum
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -263,7 +263,7 @@ def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
         return np.asarray(1.0 / slowness)
 
 
-def refit(joint_path: JointPath, law: PPoly, jerk_scale: ArrayLike = 1.0) -> Trajectory:
+def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: ArrayLike = 1.0) -> Trajectory:
     """Trajectory of q(s(t)): quintic Hermite pieces through exact q, q̇, q̈ that agree with the chain rule between knots.
 
     q(s(t)) is of a higher degree than 5, so it is refitted with a knot at every switch of the law (one-sided
@@ -300,7 +300,7 @@ def refit(joint_path: JointPath, law: PPoly, jerk_scale: ArrayLike = 1.0) -> Tra
     return _through(joint_path, law, t)
 
 
-def _first_knots(joint_path: JointPath, law: PPoly) -> Array:
+def _first_knots(joint_path: JointPath, law: scipy.interpolate.PPoly) -> Array:
     """Switches of the law, and the times at which the path's nodes are passed, where those stand well apart."""
     switches = law.x
     passed = passed_at(law, joint_path.nodes[1:-1], float(switches[-1]))
@@ -312,7 +312,7 @@ def _first_knots(joint_path: JointPath, law: PPoly) -> Array:
     return np.sort(np.concatenate([switches, passed[keep]]))
 
 
-def _piecewise(law: PPoly, t: Array, x: Array, order: int) -> Array:
+def _piecewise(law: scipy.interpolate.PPoly, t: Array, x: Array, order: int) -> Array:
     """The law's derivative at x (m, k), by the law's piece that holds each interval of t (so one-sided at its ends)."""
     p = law.derivative(order) if order else law
     i = np.clip(np.searchsorted(law.x, 0.5 * (t[:-1] + t[1:]), side="right") - 1, 0, law.x.size - 2)
@@ -323,7 +323,7 @@ def _piecewise(law: PPoly, t: Array, x: Array, order: int) -> Array:
     return np.asarray(value)
 
 
-def _through(joint_path: JointPath, law: PPoly, t: Array) -> Trajectory:
+def _through(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array) -> Trajectory:
     """Quintic Hermite pieces in time between knots t, through the exact q, q̇ and q̈ there, one-sided where s̈ jumps."""
     ends = np.stack([t[:-1], t[1:]], axis=1)
     s, v, a = (_piecewise(law, t, ends, order) for order in (0, 1, 2))
@@ -337,7 +337,7 @@ def _through(joint_path: JointPath, law: PPoly, t: Array) -> Trajectory:
     )
 
 
-def _exact(joint_path: JointPath, law: PPoly, t: Array, x: Array) -> tuple[Array, Array]:
+def _exact(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array, x: Array) -> tuple[Array, Array]:
     """Exact q and jerk at x (m, k) by the chain rule, flattened to (m·k, n)."""
     s, v, a, j = (_piecewise(law, t, x, order).ravel()[:, None] for order in (0, 1, 2, 3))
     at = np.clip(s[:, 0], 0.0, joint_path.end)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
@@ -332,7 +332,7 @@ def _good(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
     return not _quick(ramp, 1.0, shortest) and _factor(what, ramp, room) <= room
 
 
-def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
+def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
     """s(t): ramp, constant speed, ramp of the travelled distance, taken to s."""
     first, second = ramps
     chain = [first, second]
@@ -356,7 +356,7 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> PPoly:
     )
     t = t[order]
     velocity, acceleration = composed(over_x, [x_law(t, order)[:, None] for order in (1, 2)])
-    return PPoly(through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
+    return scipy.interpolate.PPoly(through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
 
 
 def _built(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp]) -> Trajectory:

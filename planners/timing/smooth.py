@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
@@ -58,7 +58,7 @@ class Smooth(TimeLaw):
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
-        law = PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
+        law = scipy.interpolate.PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
         return fitted(
             joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits), joint_path.path
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from optik.compiled import compiled
 from optik.types import Array
@@ -291,7 +291,7 @@ def phases_of(ramp: Ramp) -> Array:
     return np.array([[rise, peak / rise], [duration - rise - fall, 0.0], [fall, -peak / fall]])
 
 
-def law_of(ramps: list[Ramp], phases: list[Array]) -> PPoly:
+def law_of(ramps: list[Ramp], phases: list[Array]) -> scipy.interpolate.PPoly:
     """s(t) through ramps.
 
     Parameters
@@ -313,7 +313,7 @@ def law_of(ramps: list[Ramp], phases: list[Array]) -> PPoly:
             rows.append((j / 6.0, 0.5 * a, v, s))
             lengths.append(h)
             s, v, a = s + h * (v + h * (0.5 * a + h * j / 6.0)), v + h * (a + 0.5 * h * j), a + h * j
-    return PPoly(np.array(rows).T, np.concatenate([[0.0], np.cumsum(lengths)]), extrapolate=True)
+    return scipy.interpolate.PPoly(np.array(rows).T, np.concatenate([[0.0], np.cumsum(lengths)]), extrapolate=True)
 
 
 class Worst(NamedTuple):
@@ -355,7 +355,7 @@ def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Ar
     return Worst(float(together[place, column]), float(at.s[place]), joint, kind.name.replace("_", " "))
 
 
-def states(law: PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
+def states(law: scipy.interpolate.PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
     """s, ṡ, s̈, s⃛ of a law at instants of each piece, one-sided at its ends.
 
     Parameters
