@@ -399,4 +399,4 @@ def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
     for k in range(q.shape[0]):
         forward(chain, q[k], frame, T)
         jacobian_from(chain, frame, T, J)
-        out[k] = smallest_singular_value(J)
+        out[k] = smallest_singular_value(J, np.inf)

@@ -141,7 +141,7 @@ class MotionBounds:
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
         self.robot = robot
         self._c = trajectory.padded
-        self.knots: Array = trajectory.knots
+        self.knots: Array = trajectory.knots.copy()  # writable as other times: no kernel is compiled for both
         self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
 
     @cached_property

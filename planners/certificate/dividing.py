@@ -7,7 +7,6 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 
 MOST_PARTS = 8
@@ -141,13 +140,18 @@ class Divided(ABC, Generic[Side]):
         """
 
     @abstractmethod
-    def note(self, side: Side) -> None:
-        """Keep the largest values at instants, and their times, in `found` and `when`.
+    def values(self, side: Side) -> Array:
+        """Both values at instants.
 
         Parameters
         ----------
         side : NamedTuple of (k, ...) arrays
             The motion at the instants.
+
+        Returns
+        -------
+        (k, 2) array
+            The values.
         """
 
     def closed(self, which: Flags, left: Side) -> None:
@@ -177,13 +181,14 @@ class Divided(ABC, Generic[Side]):
             The bounds, at least as large as `found` [as the values].
         """
         for side in (left, right):
-            self.note(side)
+            _keep_largest(side.t, self.values(side), self.found, self.when)
         proved, count = np.zeros(2), 0
         while True:
             between = self.between(left, right)
-            over = np.empty(piece.size)
-            target = self._close.factor * np.maximum(self.found, self._close.floor)
-            loose = _judged(between, right.t - left.t, target, self._shortest, self._close.most - count, proved, over)
+            over = (between / (self._close.factor * np.maximum(self.found, self._close.floor))).max(axis=1)
+            loose = (over > 1.0) & (right.t - left.t > self._shortest)
+            loose &= np.count_nonzero(loose) <= self._close.most - count
+            np.maximum(proved, between[~loose].max(axis=0, initial=0.0), out=proved)
             self.closed(~loose, left)
             if not loose.any():
                 return np.maximum(proved, self.found)
@@ -192,33 +197,15 @@ class Divided(ABC, Generic[Side]):
             parts = _parts(over[loose])
             shares = np.arange(1, parts).repeat(piece.size) / parts
             middle = self.within(piece, left, right, shares)
-            self.note(middle)
+            _keep_largest(middle.t, self.values(middle), self.found, self.when)
             piece, left, right = tiled(piece, parts), joined(left, middle), joined(middle, right)
 
 
-@compiled
-def _judged(between: Array, h: Array, target: Array, shortest: float, room: int, proved: Array, over: Array) -> Flags:
-    """Intervals (k,) that are divided: their bounds (k, 2) exceed the target (2,); the bounds of the others count.
-
-    Into over (k,), by what factor. None is divided where there were more than there is room for.
-
-    Returns
-    -------
-    (k,) array of bool
-        Those intervals.
-    """
-    count = over.shape[0]
-    loose, number = np.empty(count, np.bool_), 0
-    for k in range(count):
-        over[k] = max(between[k, 0] / target[0], between[k, 1] / target[1])
-        loose[k] = over[k] > 1.0 and h[k] > shortest
-        number += loose[k]
-    for k in range(count):
-        loose[k] = loose[k] and number <= room
-        if not loose[k]:
-            for i in range(2):
-                proved[i] = max(proved[i], between[k, i])
-    return loose
+def _keep_largest(t: Array, values: Array, found: Array, when: Array) -> None:
+    """Keep the largest values (2,) found, and their times, of values (k, 2) at instants (k,)."""
+    for i, k in enumerate(values.argmax(axis=0)):
+        if values[k, i] > found[i]:
+            found[i], when[i] = values[k, i], t[k]
 
 
 def _parts(over: Array) -> int:

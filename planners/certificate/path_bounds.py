@@ -44,34 +44,6 @@ def _angle(norm: float) -> float:
 
 
 @compiled
-def largest(side: Compared, found: Array, when: Array) -> None:
-    """Keep the largest distance and angle of given instants.
-
-    Parameters
-    ----------
-    side : Compared
-        Tool and path at the instants.
-    found, when : (2,) array
-        Largest distance [m] and angle [rad] so far, and their times [s]; changed in place.
-    """
-    t, tool, poses = side.t, side.poses, side.path_poses
-    E = np.empty((3, 3))
-    for k in range(t.shape[0]):
-        _turn(tool[k], poses[k], E)
-        distance, turn = 0.0, 0.0
-        for i in range(3):
-            distance += (tool[k, i, 3] - poses[k, i, 3]) ** 2
-            E[i, i] -= 1.0
-            for j in range(3):
-                turn += E[i, j] * E[i, j]
-        distance, turn = np.sqrt(distance), _angle(np.sqrt(turn))
-        if distance > found[0]:
-            found[0], when[0] = distance, t[k]
-        if turn > found[1]:
-            found[1], when[1] = turn, t[k]
-
-
-@compiled
 def _error(tool: Array, motion: Array, pose: Array, twist: Array, speed: float, value: Array, rate: Array) -> None:
     """Errors (12,) of position and of rotation, E − I, and how fast they change, the path being run through at a speed."""
     E = np.empty((3, 3))

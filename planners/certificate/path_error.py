@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants, MotionBounds
 from planners.certificate.dividing import Closeness, Divided, joined, tiled
 from planners.certificate.failure import Failure
 from planners.certificate.nearest import Nearest
-from planners.certificate.path_bounds import Compared, PieceBounds, intervals, largest
+from planners.certificate.path_bounds import Compared, PieceBounds, intervals
 from planners.certificate.progress import BEND, places_along
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -28,6 +27,8 @@ LOOK_PARTS = 64
 """Most parts of a piece of the motion on a first look for the places that it comes to."""
 ERROR_ROUNDING = 2e-15
 """What rounding may take from a computed distance [m] or angle [rad]."""
+DISTANCE_AND_TURN = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]] * 4)
+"""Sums squared differences of two poses (16,) to the squared distance and to 8 sin² of half the angle."""
 
 
 class PathError(NamedTuple):
@@ -164,8 +165,11 @@ class _Errors(Divided[Compared]):
         t, guess = _between(shares, shares.size // piece.size, left, right)
         return _compared(self._nearest, self._bounds.at(tiled(piece, shares.size // piece.size), t), guess)
 
-    def note(self, side: Compared) -> None:
-        largest(side, self.found, self.when)
+    def values(self, side: Compared) -> Array:
+        apart = (side.poses - side.path_poses).reshape(-1, 16)
+        values = np.sqrt((apart * apart) @ DISTANCE_AND_TURN)
+        values[:, 1] = 2.0 * np.arcsin(np.minimum(values[:, 1] / np.sqrt(8.0), 1.0))
+        return np.asarray(values)
 
     def closed(self, which: Flags, left: Compared) -> None:
         back = which & (self._fall[:, 0] > self._fall[:, 1])
@@ -185,8 +189,7 @@ def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flag
     t = bounds.knots
     piece = np.arange(t.size - 1)
     left, right = bounds.ends
-    parts = np.empty(piece.size, np.int64)
-    _parts(left, right, parts)
+    parts = _parts(left, right)
     if parts.max() == 1:
         return piece, left, right, np.ones(t.size, np.bool_)
     which = np.repeat(piece, parts)
@@ -196,22 +199,14 @@ def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flag
     return which, bounds.at(which, begin), bounds.at(which, end), np.append(part == 0, True)
 
 
-@compiled
-def _parts(left: Instants, right: Instants, parts: Indices) -> None:
+def _parts(left: Instants, right: Instants) -> Indices:
     """Equal parts (k,) of intervals in which the tool bends away from the straight way by `BEND` at most, by |a| h²/8."""
-    way, aside = np.empty(3), np.empty(3)
-    for k in range(parts.shape[0]):
-        length, bend = 0.0, 0.0
-        for i in range(3):
-            way[i] = right.poses[k, i, 3] - left.poses[k, i, 3]
-            length += way[i] * way[i]
-        for a in (left.motion[k, 1], right.motion[k, 1]):  # along the way nothing bends
-            along = (way[0] * a[0] + way[1] * a[1] + way[2] * a[2]) / length if length > 0.0 else 0.0
-            for i in range(3):
-                aside[i] = a[i] - along * way[i]
-            bend = max(bend, np.sqrt(aside[0] ** 2 + aside[1] ** 2 + aside[2] ** 2))
-        bend *= (right.t[k] - left.t[k]) ** 2 / 8.0
-        parts[k] = int(min(max(np.ceil(np.sqrt(bend / BEND)), 1.0), LOOK_PARTS))
+    way = right.poses[:, :3, 3] - left.poses[:, :3, 3]
+    size = (way * way) @ np.ones(3)
+    a = np.stack([left.motion[:, 1, :3], right.motion[:, 1, :3]])
+    along = ((a * way) @ np.ones(3)) ** 2 / np.where(size > 0.0, size, 1.0)  # along the way nothing bends
+    bend = np.sqrt(np.maximum((a * a) @ np.ones(3) - along, 0.0).max(axis=0)) * (right.t - left.t) ** 2 / 8.0
+    return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
 
 
 def _between(u: Array, times: int, left: Compared, right: Compared) -> tuple[Array, Array]:

@@ -76,12 +76,10 @@ class _Ratios(Divided[Limited]):
         t = tiled(left.t, times) + shares * tiled(right.t - left.t, times)
         return Limited(*self._bounds.at(tiled(piece, times), t), tiled(left.bound, times))
 
-    def note(self, side: Limited) -> None:
+    def values(self, side: Limited) -> Array:
         first = 3 * self._part
         ratio = np.linalg.norm(side.motion[:, 0, first : first + 3], axis=1) / side.bound
-        worst = int(ratio.argmax())
-        if ratio[worst] > self.found[0]:
-            self.found[0], self.when[0] = ratio[worst], side.t[worst]
+        return np.stack([ratio, np.zeros(ratio.size)], axis=1)
 
 
 def _stretches(motion: Examined, on_pieces: Array) -> tuple[Indices, Array, Array, Array]:

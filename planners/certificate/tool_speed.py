@@ -19,6 +19,8 @@ SPEED_FLOOR = 1e-6
 """Speed [m/s or rad/s] below which the excess is counted from here."""
 SPEED_INTERVALS = 200_000
 """Most intervals: minutes of computing; a motion that needs more keeps the bound it has then."""
+MOVES_AND_TURNS = np.repeat(np.eye(2), 3, axis=0)
+"""Sums squares of a twist (6,) to those of |v| and |ω|."""
 
 
 class ToolSpeed(NamedTuple):
@@ -73,23 +75,9 @@ class _Speeds(Divided[Instants]):
         t = tiled(left.t, times) + shares * tiled(right.t - left.t, times)
         return self._bounds.at(tiled(piece, times), t)
 
-    def note(self, side: Instants) -> None:
-        _largest(side.t, side.motion, self.found, self.when)
-
-
-@compiled
-def _norm(x: Array) -> float:
-    return float(np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]))
-
-
-@compiled
-def _largest(t: Array, motion: Array, found: Array, when: Array) -> None:
-    """Keep the largest speeds of given instants."""
-    for k in range(t.shape[0]):
-        for i in range(2):
-            size = _norm(motion[k, 0, 3 * i : 3 * i + 3])
-            if size > found[i]:
-                found[i], when[i] = size, t[k]
+    def values(self, side: Instants) -> Array:
+        twist = side.motion[:, 0]
+        return np.asarray(np.sqrt((twist * twist) @ MOVES_AND_TURNS))
 
 
 @compiled

@@ -37,8 +37,7 @@ class Along(NamedTuple):
     most: tuple[float, float]
 
 
-@compiled
-def tops(along: Along, bends: float, twists: float, out: Array) -> None:
+def tops(along: Along, bends: float, twists: float) -> Array:
     """Greatest speeds at which the bends of the path use a share of the limits on q̈ and on q⃛.
 
     Parameters
@@ -47,18 +46,16 @@ def tops(along: Along, bends: float, twists: float, out: Array) -> None:
         The path at places (m,).
     bends, twists : float
         The shares [1].
-    out : (m,) array
-        Filled with ṡ [m/s, rad/s].
+
+    Returns
+    -------
+    (m,) array
+        ṡ [m/s, rad/s].
     """
-    for i in range(along.s.shape[0]):
-        v = along.top[i]
-        for n in range(along.q1.shape[1]):
-            p, q = abs(along.q2[i, n]), abs(along.q3[i, n])
-            if p * v * v > bends * along.acceleration[n]:
-                v = sqrt(bends * along.acceleration[n] / p)
-            if q * v * v * v > twists * along.jerk[n]:
-                v = (twists * along.jerk[n] / q) ** (1.0 / 3.0)
-        out[i] = v
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bend = np.sqrt(np.fmin.reduce(bends * along.acceleration / np.abs(along.q2), axis=1))
+        twist = np.cbrt(np.fmin.reduce(twists * along.jerk / np.abs(along.q3), axis=1))
+    return np.fmin(along.top, np.fmin(bend, twist))
 
 
 @compiled

@@ -25,7 +25,7 @@ def derivatives(joint_path: JointPath, s: Array) -> Array:
         [as q over powers of s].
     """
     out = np.empty((4, s.size, joint_path.robot.n))
-    _derivatives(joint_path.nodes, joint_path.coefficients, s, out)
+    _derivatives(joint_path.nodes, joint_path.coefficients, np.ascontiguousarray(s), out)
     return out
 
 

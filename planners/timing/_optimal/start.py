@@ -97,9 +97,8 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
 def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
     """Return the path at path parameters (m,), and the motion (4, m) of `_sweep.swept` along it from rest to rest."""
     along = _along(joint_path, limits)
-    top, motion = np.empty(along.s.size), np.empty((4, along.s.size))
-    _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE, top)
-    _sweep.swept(along, top, SWEEP_ROUNDS, SWEEP_EXCESS, motion)
+    motion = np.empty((4, along.s.size))
+    _sweep.swept(along, _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE), SWEEP_ROUNDS, SWEEP_EXCESS, motion)
     return along, motion
 
 

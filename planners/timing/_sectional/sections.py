@@ -81,9 +81,8 @@ def _reached(what: Table) -> Array:
         what.s, parts[:, 0].copy(), parts[:, 1].copy(), q3, np.ones(jerk.size), jerk,
         np.minimum(1.0 / np.maximum(what.slowness, 1e-12), 1e12), (float(most[0]), float(most[1])),
     )  # fmt: skip
-    top, motion = np.empty(what.s.size), np.empty((4, what.s.size))
-    _sweep.tops(along, 0.8, 0.6, top)
-    _sweep.swept(along, top, 6, 1.1, motion)
+    motion = np.empty((4, what.s.size))
+    _sweep.swept(along, _sweep.tops(along, 0.8, 0.6), 6, 1.1, motion)
     return np.asarray(motion[1])
 
 
