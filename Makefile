@@ -22,12 +22,12 @@ soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m soak -n auto
 	$(MAKE) newest
 
-# The tests on the newest Python of this machine; an extra without wheels for it is skipped by name.
+# The tests on the newest Python of this machine (3.11 to 3.14); an extra that pip cannot install there is skipped by name.
 NEWEST := $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
 newest:
 	$(NEWEST) -m venv .venv-newest
 	for extra in tests closed-form ros figures distributed shapes sim view ros2 peers; do \
-	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: $$extra has no wheels for $(NEWEST)"; \
+	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \
 	done
 	.venv-newest/bin/python -m pytest -n auto --dist loadfile
 
@@ -39,7 +39,7 @@ mutants: $(VENV)/.dev
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build
 
-# Compiled for every processor of this kind, collected anew from what users run first; a checkout uses them, too.
+# Compiled for every processor of this kind, collected anew from the usual calls and the documentation; a checkout uses them, too.
 kernels: $(VENV)/.dev
 	$(BIN)/python -P -m benchmarks.kernels.build
 

@@ -1,4 +1,4 @@
-"""Build hook: a wheel that is built where `make kernels` has run carries the kernels of its platform and Python."""
+"""Build hook: after `make kernels`, a wheel contains the kernels of its platform and Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Kernels(BuildHookInterface):  # type: ignore[type-arg]
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Name the archive to the builder."""
+        """Add the archive, and tag the wheel for this platform; an editable installation stays as it is."""
         name = runpy.run_path(str(Path(self.root, "optik", "compiled", "archive.py")))["file_name"]()
         file = Path(self.root, "optik", "compiled", "_kernels", name)
         if version != "editable" and file.exists():

@@ -35,7 +35,7 @@ print(f"{len(shipped.names)} kernels load")
 
 
 def main() -> None:
-    """Build the environment, and run what users run first."""
+    """Build the environment, and run the example and the demo."""
     (wheel,) = (ROOT / "dist").glob("*.whl")
     assert wheel.stat().st_size <= LARGEST, f"{wheel}: {wheel.stat().st_size / 1e6:.1f} MB"
     assert [name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("optik/compiled/_kernels/")]

@@ -19,21 +19,24 @@ from optik.compiled import archive
 from optik.compiled.cache import KernelCache, checked
 from optik.compiled.fingerprint import VERSIONS
 from optik.compiled.kernel import Kernel
-from optik.errors import NoSolution, OutputError
+from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.kinematics import forward
 
 
 def kernels(
     compile_: Annotated[
-        bool, typer.Option("--compile", help="Compile what users run first, where it is neither shipped nor cached.")
+        bool,
+        typer.Option(
+            "--compile", help="Compile the usual calls in advance, where they are neither shipped nor cached."
+        ),
     ] = False,
     native: Annotated[
-        bool, typer.Option("--native", help="With --compile: compile also what is shipped, for this very processor.")
+        bool, typer.Option("--native", help="With --compile: also the shipped kernels, for this processor.")
     ] = False,
-    jobs: Annotated[int, typer.Option(min=1, help="With --compile: processes.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="With --compile: number of processes.")] = os.cpu_count() or 1,
     as_json: AsJson = False,
 ) -> None:
-    """List the kernels that are shipped, those that were compiled on this machine, and why; or compile them in advance.
+    """Show how many kernels are shipped, and how many were compiled on this machine and why; or compile in advance.
 
     Parameters
     ----------
@@ -42,9 +45,11 @@ def kernels(
 
     Raises
     ------
-    OutputError, NoSolution
-        No folder for the cache can be written; a part ends with an error.
+    InvalidInput, OutputError, NoSolution
+        ``--native`` without ``--compile``; no folder for the cache can be written; a part ends with an error.
     """
+    if native and not compile_:
+        raise InvalidInput("--native", "no --compile", "both")
     if compile_:
         _compile(jobs, {"OPTIK_COMPILES": "native"} if native else {})
     words, rows = shipped_words(), list(_cached())
@@ -52,7 +57,7 @@ def kernels(
         print_json({"shipped": words, "kernels": _names(), "cached": [row._asdict() for row in rows]})
         return
     out_console.print(f"shipped: {words}", highlight=False, markup=False, soft_wrap=True)
-    table = Table("compiled here", "kernels", "because", title=f"{len(rows)} kernels in the cache")
+    table = Table("folder", "kernels", "reason", title=f"{len(rows)} kernels in the cache")
     for (folder, why), count in Counter((row.folder, row.why) for row in rows).items():
         table.add_row(folder, str(count), why)
     if rows and not compile_:
@@ -60,7 +65,7 @@ def kernels(
 
 
 def _compile(jobs: int, environment: dict[str, str]) -> None:
-    """Run what users run first in processes, one such run at a time."""
+    """Run the usual calls in processes, one such run at a time."""
     from benchmarks.kernels.parts import WARM_UP
     from benchmarks.kernels.run import Progress, run_parts
     from benchmarks.run.lock import locked
@@ -68,7 +73,7 @@ def _compile(jobs: int, environment: dict[str, str]) -> None:
     kernel: Any = forward
     folder = KernelCache(kernel).cache_path
     if folder is None:
-        raise OutputError("the cache", "no folder can be written: name one in NUMBA_CACHE_DIR")
+        raise OutputError("the cache", "no folder can be written; NUMBA_CACHE_DIR names one")
     progress = Progress()
     with locked(Path(folder), wait=True):
         failed = run_parts(list(WARM_UP), jobs, progress, **environment)
@@ -102,7 +107,7 @@ def _names() -> dict[str, str]:
 
 
 def _cached() -> Iterator[Row]:
-    """Every kernel in the cache: of any processor, and of any version of its source."""
+    """Yield every kernel in the cache, of any processor and any version of its source."""
     names, words = _names(), shipped_words()
     known, used = set(names.values()), words.endswith(" used")
     for folder in sorted(_folders()):
@@ -113,9 +118,9 @@ def _cached() -> Iterator[Row]:
             elif kernel not in known:
                 why = "not shipped for these arguments"
             elif names.keys() & checked(file).keys():
-                why = "for this processor"
+                why = "compiled here although shipped"
             else:
-                why = "its source differs from the shipped"
+                why = "differs from the shipped one in source, settings or versions, or is damaged"
             yield Row(str(folder), kernel, why)
 
 

@@ -1,1 +1,1 @@
-"""What users run first, run here once: to compile its kernels on a machine in advance, or to ship them in the wheel."""
+"""The usual calls, run once: to compile their kernels on a machine in advance, or to ship them in the wheel."""

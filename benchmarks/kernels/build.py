@@ -1,4 +1,4 @@
-"""Compile what users run first for every processor of this kind, and pack it: ``python -m benchmarks.kernels.build``."""
+"""Compile the usual calls for every processor of this kind, and pack them: ``python -m benchmarks.kernels.build``."""
 
 from __future__ import annotations
 

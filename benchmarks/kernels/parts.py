@@ -1,4 +1,4 @@
-"""The calls that users make first, in parts that separate processes can run."""
+"""The usual calls, in parts that separate processes can run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 
 
 def ik() -> None:
-    """Solve single and many targets, for arms of six and seven joints, whole and in part."""
+    """Solve single targets and batches, poses and positions, for arms of six and seven joints."""
     for name in ("panda", "ur5e", "paper6r"):  # another process begins with paper6r
         robot = optik.load(name)
         q0 = robot.limits.clip(REST[: robot.n])
@@ -35,7 +35,7 @@ def ik() -> None:
 
 
 def lines() -> None:
-    """Plan the README's line, and stop on it."""
+    """Plan the README's line, stop on it, replan within other limits, and plan a polyline."""
     robot, q0 = optik.load("paper6r"), np.deg2rad([20, -35, 40, 25, 50, -30])
     start = robot.fk(q0)
     goal = optik.se3.pose(start[:3, :3], start[:3, 3] + [-0.12, 0.0, 0.20])
@@ -105,4 +105,4 @@ def pages() -> None:
 
 
 WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
-"""What an installed package runs, in the order in which two processes share it best."""
+"""The parts that an installed package can run, in the order that two processes share best."""

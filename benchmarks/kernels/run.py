@@ -44,7 +44,7 @@ class Progress:
 
 
 def run_parts(parts: Sequence[str], jobs: int, say: Callable[[str], None], **environment: str) -> dict[str, str]:
-    """Run parts in as many processes as jobs, and `say` each kernel that is compiled. Return why parts failed."""
+    """Run the parts in so many processes, and `say` each compiled kernel; return the error of each part that failed."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
     def run(part: str) -> str:

@@ -1,8 +1,8 @@
 """Kernels compiled in advance: one file for a platform and a Python, in the package's own folder and read from there only.
 
-The first line holds the length and the SHA-256 of the index, JSON that says what the kernels were compiled for, and where the
-machine code of each begins. A kernel is found by its fingerprint, so code that is outdated is never found. The file is not
-mapped into memory: a mapped file that another process truncates would end this process.
+The first line holds the format, the length of the index and its SHA-256. The index, in JSON, holds the versions and the target
+of the compiler, and the name, length and SHA-256 of each kernel. A kernel is found by its fingerprint, so code that is outdated
+is never found. The file is not mapped into memory: a mapped file that another process truncates would end this process.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NEEDED = {
     "generic": "",
     "apple-m1": "",
 }
-"""Processors that archives are compiled for, as LLVM names them, with the features beyond the least of their architecture."""
+"""LLVM's names of the processors that archives are compiled for, and the features to check; the platform implies the others."""
 
 
 class Target(NamedTuple):
@@ -77,7 +77,7 @@ class Archive(NamedTuple):
 
 
 def needed(cpu: str) -> set[str]:
-    """Features that the code for a processor needs; for one that is not known, a feature that none has."""
+    """Return the features that the code for a processor needs; for an unknown one, a feature that no processor has."""
     return set(NEEDED.get(cpu, f"all-of-{cpu}").split())
 
 

@@ -80,7 +80,9 @@ class KernelCache(_Cache):  # type: ignore[misc]
                     if (payload := read(sig, codegen, depends)) is not None:
                         return CompileResult._rebuild(target_context, *pickle.loads(payload))
         if os.environ.get("OPTIK_COMPILES") == "error":
-            raise RuntimeError(f"OPTIK_COMPILES=error, and no machine code was found for {self._stem()}{sig}")
+            raise RuntimeError(
+                f"OPTIK_COMPILES=error forbids to compile {self._stem()}{sig}: run `optik kernels --compile`, or unset it"
+            )
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -1,4 +1,4 @@
-"""Numba's dispatcher with less to compile: no unused wrappers, no code for literal integers, no garbage collection."""
+"""Numba's dispatcher with less to compile: no unused wrappers, one version for all literal integers, the collector off."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         self._compiler = _Compiler(py_func, self.targetdescr, given, self.locals, self._compiler.pipeline_class)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Resolve a call by another kernel; an integer that is known there gets no code of its own."""
+        """Resolve a call by another kernel; literal integers are plain integers, so that no version is compiled for each."""
         return super().get_call_template([_plain(a) for a in args], {name: _plain(a) for name, a in kws.items()})
 
 
@@ -52,16 +52,16 @@ class _Process:
     """What this process compiles; Numba's lock lets one thread compile at a time."""
 
     depth: int = 0  # functions that are being compiled, each because the one before calls it
-    level: Any = None  # Numba's optimisation level outside
-    seconds: float = 0.0  # spent before the outermost function
-    begin: float = 0.0  # of the outermost function
+    level: Any = None  # Numba's optimisation level before the outermost compilation
+    seconds: float = 0.0  # of all earlier compilations [s]
+    begin: float = 0.0  # of the outermost compilation [s]
 
 
 class _Compiler(_FunctionCompiler):  # type: ignore[misc]
     """Compiles one function."""
 
     def compile(self, args: Any, return_type: Any) -> Any:
-        """Compile for types of arguments, without the collector, which finds nothing there."""
+        """Compile for types of arguments; Python's garbage collector is off meanwhile, because it finds nothing."""
         if _Process.depth == 0:
             _Process.level, _Process.begin = config.OPT, time.monotonic()
         before, collects = config.OPT, gc.isenabled()

@@ -26,7 +26,7 @@ acceleration; encoders resolve less."""
 ENDED = 1e-9
 """Time before its end at which a motion counts as ended [s]: controllers count in nanoseconds."""
 BEFORE_END = 1e-6
-"""Time before the end of the motion [s] at which a measured state with any velocity or acceleration is at the latest."""
+"""Latest time of a measured state with a velocity or an acceleration, counted back from the end of the motion [s]."""
 STANDING = 1e-6
 """Speed and acceleration along the path [1/s, 1/s²] below which a measured state counts as stopped."""
 SEVERAL = 3
@@ -49,13 +49,13 @@ class MovingState:
 
     @property
     def left(self) -> float | None:
-        """The duration of `rest` [s]."""
+        """The duration of `rest` [s]; None if there is no rest."""
         end, rate = self.plan.trajectory.end, self.clock[0]
         return (end - self.t) / rate if 0.0 < rate <= 1.0 and self.t < end - ENDED else None
 
     @cached_property
     def rest(self) -> Trajectory | None:
-        """The remaining motion at the clock's rate, or None for a rate above 1 and at its end."""
+        """The remaining motion at the clock's rate; None at the end of the motion, and unless 0 < rate ≤ 1."""
         if self.left is None:
             return None
         rest = rest_of(self.plan.trajectory, self.t, self.at.s)

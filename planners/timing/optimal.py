@@ -74,8 +74,8 @@ class Optimal(TimeLaw):
     ----------
     intervals : int, optional
         Number of intervals of s. The default is about 130 on a line and grows with the breaks of the path, to over 1,000 on
-        long polylines; fewer than that make the motion longer. It brings the motion within about 0.1 % of the optimum on
-        lines, and within 5 % on polylines with sharp corners, where more intervals help.
+        long polylines. Fewer intervals make the motion longer. With the default, it is about 0.1 % longer than the optimum
+        on lines, and up to 5 % longer on polylines with sharp corners; more intervals help there.
 
     Raises
     ------

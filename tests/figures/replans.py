@@ -43,8 +43,10 @@ def judge(rows: list[Row]) -> list[Value]:
     return [
         Value("refused", f"0 of {COUNT}", f"{len(refused)} of {len(asked)}", not refused),
         Value("not valid", "0", str(len(asked) - len(refused) - len(valid)), len(valid) + len(refused) == len(asked)),
-        Value("later than the running motion, states by time [s]", "≤ 1e-6", f"{later:.3g}", later <= 1e-6),
-        Value("later, measured states, whose noise hides their time [s]", "stated", f"{noisy:.3g}", True),
+        Value(
+            "delay relative to the running motion, state given by its time [s]", "≤ 1e-6", f"{later:.3g}", later <= 1e-6
+        ),
+        Value("delay, measured states [s]", "not judged", f"{noisy:.3g}", True),
         Value("start off the motion's state [rad, rad/s]", "≤ 1e-5", f"{start:.3g}", start <= 1e-5),
     ]
 

@@ -196,7 +196,7 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array, tolerance: tuple
             for _ in range(LOOKS):
                 ahead = q + LOOK_AHEAD * d
                 x = ahead.copy()
-                # only onto the curve: towards rounding, points of a curve that meets the target no better move along it
+                # stop at the tolerance: refining to rounding would move the point along the curve
                 _, position, rotation = refine_within(robot.chain, free, target, tolerance, POLISHING_STEPS, x)
                 went = float(np.linalg.norm(x - q))
                 if position > tolerance[0] or rotation > tolerance[1] or not 0.2 * LOOK_AHEAD < went < 5.0 * LOOK_AHEAD:
@@ -233,7 +233,7 @@ def slide(robot: Robot, target: Array, q: Array, reference: Array, tolerance: tu
     refine(robot.chain, limits, target, CLAMPED_STEPS, x)
     within = tolerance[0] / SHARE_OF_TOLERANCE, tolerance[1] / SHARE_OF_TOLERANCE
     descend(robot.chain, limits, (POSE.flags, target), within, (NEAREST_WISH, reference), x)
-    if max(tolerance) <= ROOT_ERROR:  # a curve that meets the target no better has few points that do
+    if max(tolerance) <= ROOT_ERROR:  # a curve that is within the tolerance only has few exact roots
         refine(robot.chain, limits, target, CLAMPED_STEPS, x)
     return x
 

@@ -54,7 +54,7 @@ def brake(
     robot: Robot, running: Trajectory, limits: MotionLimits, t: float, clock: tuple[float, float],
     scales: dict[str, float], share: float, goal: float = 0.0,
 ) -> Braking:  # fmt: skip
-    """Return the motion from time t of a running one until its clock has slowed from w and b to the rate `goal`.
+    """Return the braking motion from time t on: the clock slows from `clock`, its rate and acceleration, to the rate `goal`.
 
     It uses the fraction `share` of the limits in `scales`, each multiplied by its scale, or as much as the running motion uses.
     """

@@ -37,8 +37,8 @@ class Cells(NamedTuple):
 
     ``x`` (k + 1,) are times from its start; ``last`` (k,) is the end of the piece with each cell; ``node`` (k, 2, m, 4)
     coefficients of b, w², w and 1; ``edge`` (k, 2, e, 6) of j, w b, w³, w, b and w²: each value is limited to [−1, 1].
-    ``tight`` (2, k) are the factors by which `tighten` has multiplied both; ``soft`` (k + 1,) are factors on the least b that
-    avoid dead ends.
+    ``tight`` (2, k) are the factors of `tighten` on both so far; ``soft`` (k + 1,) are factors on the least b that avoid dead
+    ends.
     """
 
     x: Array
@@ -49,12 +49,12 @@ class Cells(NamedTuple):
     soft: Array
 
     def tighten(self, order: int, which: slice, factor: float) -> None:
-        """Multiply the rows of an order in some cells."""
+        """Scale the rows of acceleration (order 2) or jerk (order 3) in some cells."""
         (self.node if order == 2 else self.edge)[which] *= factor
         self.tight[order - 2, which] *= factor
 
     def take(self, other: Cells) -> None:
-        """Apply the factors of cells that cover a shorter part of the motion."""
+        """Take over the factors of cells that cover a shorter part of this motion."""
         middle = 0.5 * (self.x[1:] + self.x[:-1])
         for k in np.flatnonzero(middle < other.x[-1]):
             i = int(np.searchsorted(other.x[1:], middle[k]))

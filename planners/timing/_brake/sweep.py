@@ -128,10 +128,10 @@ def swept(
 def _step(
     cells: Cells, i: int, at: State, use: tuple[float, float], longest: float, line: Array, least: Array, top: float
 ) -> tuple[float, float, float, float]:
-    """Return for a step in cell i its duration, the least allowed j on it, the least b at its end, and a forced b above 0.
+    """Return for a step in cell i its duration, the least allowed j on it, and the least viable and possible b at its end.
 
-    A clock that has b ≤ 0 keeps b ≤ 0, because it may always go on at its rate. Where the rows force b above 0, it has braked
-    too hard before.
+    A clock with b ≤ 0 keeps b ≤ 0, because a constant rate is always allowed. If the rows force b above 0, earlier steps have
+    braked too hard.
     """
     (x, w, b, _), (share, jerk) = at, use
     _, _, n = lines_at(cells, i, _part(cells.x, x, i), w, share, jerk, line)
