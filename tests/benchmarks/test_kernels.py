@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 from numba.core.registry import cpu_target
 
+from benchmarks.cli.kernels import kernels as command
 from benchmarks.kernels import parts, process, run
 from benchmarks.run.lock import locked
 from optik.compiled import archive, compiled
 from optik.compiled.cache import checked
 from optik.compiled.fingerprint import VERSIONS
-from optik.errors import OutputError
+from optik.errors import InvalidInput, OutputError
 from tests.oracles import REPOSITORY
 
 FK = "import optik; optik.load('paper6r').fk([0.0] * 6)"
@@ -45,13 +46,18 @@ def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
     assert out["shipped"].startswith("2 kernels for generic")
     assert out["shipped"].endswith(" used")
     why = {row["kernel"]: row["why"] for row in out["cached"]}
-    assert why.pop(name0) == "for this processor"
-    assert why.pop(name1) == "its source differs from the shipped"
+    assert why.pop(name0) == "compiled here although shipped"
+    assert why.pop(name1) == "differs from the shipped one in source, settings or versions, or is damaged"
     assert set(why.values()) == {"not shipped for these arguments"}
     archive.pack(tmp_path / archive.file_name(), ["numba 0.1"], target, shipped)
     out = kernels(cache, tmp_path)
     assert "numba 0.1" in out["shipped"]
     assert {row["why"] for row in out["cached"]} == {"what is shipped is not used here"}
+
+
+def test_native_without_compile_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="--native"):
+        command(native=True)
 
 
 def test_a_part_that_fails_is_named() -> None:
