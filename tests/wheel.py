@@ -25,7 +25,7 @@ from numba.core.registry import cpu_target
 from optik.compiled import archive
 from optik.compiled.fingerprint import VERSIONS
 
-context, shipped = cpu_target.target_context, archive.opened()
+context, shipped = cpu_target.target_context, archive.open_archive()
 context.refresh()
 assert not shipped.refusal(VERSIONS, archive.Target(*context.codegen().magic_tuple()))
 for fingerprint, name in shipped.names.items():

@@ -16,7 +16,7 @@ from rich.table import Table
 import optik
 from benchmarks.cli.shared import AsJson, err_console, out_console, print_json
 from optik.compiled import archive
-from optik.compiled.cache import KernelCache, checked
+from optik.compiled.cache import KernelCache, read_code
 from optik.compiled.fingerprint import VERSIONS
 from optik.compiled.kernel import Kernel
 from optik.errors import InvalidInput, NoSolution, OutputError
@@ -52,7 +52,7 @@ def kernels(
         raise InvalidInput("--native", "no --compile", "both")
     if compile_:
         _compile(jobs, {"OPTIK_COMPILES": "native"} if native else {})
-    words, rows = shipped_words(), list(_cached())
+    words, rows = shipped_words(), list(_list_cached())
     if as_json:
         print_json({"shipped": words, "kernels": _names(), "cached": [row._asdict() for row in rows]})
         return
@@ -84,7 +84,7 @@ def _compile(jobs: int, environment: dict[str, str]) -> None:
 
 def shipped_words() -> str:
     """What is shipped, and whether it can be used here."""
-    shipped = archive.opened()
+    shipped = archive.open_archive()
     if isinstance(shipped, str):
         return f"none: {shipped}"
     refusal = shipped.refusal(VERSIONS, archive.Target(*cpu_target.target_context.codegen().magic_tuple()))
@@ -102,11 +102,11 @@ class Row(NamedTuple):
 
 def _names() -> dict[str, str]:
     """Names of what is shipped, by fingerprint."""
-    shipped = archive.opened()
+    shipped = archive.open_archive()
     return {} if isinstance(shipped, str) else dict(shipped.names)
 
 
-def _cached() -> Iterator[Row]:
+def _list_cached() -> Iterator[Row]:
     """Yield every kernel in the cache, of any processor and any version of its source."""
     names, words = _names(), shipped_words()
     known, used = set(names.values()), words.endswith(" used")
@@ -117,7 +117,7 @@ def _cached() -> Iterator[Row]:
                 why = "nothing is shipped" if words.startswith("none") else "what is shipped is not used here"
             elif kernel not in known:
                 why = "not shipped for these arguments"
-            elif names.keys() & checked(file).keys():
+            elif names.keys() & read_code(file).keys():
                 why = "compiled here although shipped"
             else:
                 why = "differs from the shipped one in source, settings or versions, or is damaged"

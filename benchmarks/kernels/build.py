@@ -14,7 +14,7 @@ from numba.core.registry import cpu_target
 from benchmarks.kernels.parts import WARM_UP
 from benchmarks.kernels.run import Progress, run_parts
 from optik.compiled import archive
-from optik.compiled.cache import checked
+from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 
 BASELINE = {"x86_64": "x86-64-v3", "amd64": "x86-64-v3", "arm64": "apple-m1"}
@@ -43,7 +43,7 @@ def main() -> None:
 def _kernels(folder: Path) -> Iterator[tuple[str, tuple[str, bytes]]]:
     """Fingerprint, name and code of each cached file."""
     for file in sorted(folder.rglob("*.nbk")):
-        for fingerprint, code in checked(file).items():
+        for fingerprint, code in read_code(file).items():
             yield fingerprint, (file.name.rsplit("-", 1)[0], code)
 
 

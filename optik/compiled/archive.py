@@ -59,7 +59,7 @@ class Archive(NamedTuple):
             return f"compiled with {'; '.join(differ) or 'other versions'}"
         if _system(self.triple) != _system(target.triple):
             return f"compiled for {self.triple}, here {target.triple}"
-        lacking = needed(self.cpu) - {f[1:] for f in target.features.split(",") if f.startswith("+")}
+        lacking = list_features(self.cpu) - {f[1:] for f in target.features.split(",") if f.startswith("+")}
         return f"compiled for {self.cpu}: this processor lacks {', '.join(sorted(lacking))}" if lacking else ""
 
     def read(self, fingerprint: str) -> bytes | None:
@@ -76,7 +76,7 @@ class Archive(NamedTuple):
         return code if hashlib.sha256(code).hexdigest() == checksum else None
 
 
-def needed(cpu: str) -> set[str]:
+def list_features(cpu: str) -> set[str]:
     """Return the features that the code for a processor needs; for an unknown one, a feature that no processor has."""
     return set(NEEDED.get(cpu, f"all-of-{cpu}").split())
 
@@ -88,7 +88,7 @@ def file_name() -> str:
 
 
 @cache
-def opened() -> Archive | str:
+def open_archive() -> Archive | str:
     """Return the archive for this platform and Python, or why there is none."""
     return load(ARCHIVES / file_name())
 
@@ -96,13 +96,13 @@ def opened() -> Archive | str:
 def load(file: Path) -> Archive | str:
     """Read the index of an archive; a file that is damaged, or another, is described by a sentence."""
     try:
-        with file.open("rb") as opened:
-            words = opened.readline(200).decode().rstrip("\n").rsplit(" ", 2)
+        with file.open("rb") as lines:
+            words = lines.readline(200).decode().rstrip("\n").rsplit(" ", 2)
             size = int(words[1])
-            text = opened.read(size)
+            text = lines.read(size)
             if words[0] != ARCHIVE_FORMAT or len(text) != size or hashlib.sha256(text).hexdigest() != words[2]:
                 return f"{file} is damaged"
-            index, begin = json.loads(text), opened.tell()
+            index, begin = json.loads(text), lines.tell()
         names, places = {}, {}
         for fingerprint, (name, length, checksum) in index["kernels"].items():
             names[fingerprint], places[fingerprint] = name, (begin, length, checksum)

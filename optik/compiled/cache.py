@@ -75,7 +75,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         target_context.refresh()
         codegen = target_context.codegen()
         if depends := self._depends(sig):
-            for read in (self._cached, self._shipped):
+            for read in (self._read_cached, self._read_shipped):
                 with contextlib.suppress(Exception):  # code that cannot be loaded, for whatever reason, is compiled
                     if (payload := read(sig, codegen, depends)) is not None:
                         return CompileResult._rebuild(target_context, *pickle.loads(payload))
@@ -146,20 +146,20 @@ class KernelCache(_Cache):  # type: ignore[misc]
         file = f"{self._stem()}-{variant(self._kernel, _types(sig))}-{processor}.nbk"
         return Path(place.locator.get_cache_path()) / file
 
-    def _cached(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
+    def _read_cached(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
         """Code from the machine's cache."""
         place = _place(self._kernel.py_func)
-        return None if place is None else checked(self._file(place, sig, codegen)).get(depends)
+        return None if place is None else read_code(self._file(place, sig, codegen)).get(depends)
 
-    def _shipped(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
+    def _read_shipped(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
         """Code from the archive."""
-        shipped = archive.opened()
+        shipped = archive.open_archive()
         if isinstance(shipped, str) or os.environ.get("OPTIK_COMPILES") == "native":
             return None
         return None if shipped.refusal(VERSIONS, archive.Target(*codegen.magic_tuple())) else shipped.read(depends)
 
 
-def checked(file: Path) -> dict[str, bytes]:
+def read_code(file: Path) -> dict[str, bytes]:
     """Read the code in a cached file, by its fingerprint; nothing from a file that is absent or damaged."""
     try:
         data = file.read_bytes()

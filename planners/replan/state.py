@@ -48,7 +48,7 @@ class MovingState:
     error: tuple[float, float, float] | None
 
     @property
-    def left(self) -> float | None:
+    def time_left(self) -> float | None:
         """The duration of `rest` [s]; None if there is no rest."""
         end, rate = self.plan.trajectory.end, self.clock[0]
         return (end - self.t) / rate if 0.0 < rate <= 1.0 and self.t < end - ENDED else None
@@ -56,7 +56,7 @@ class MovingState:
     @cached_property
     def rest(self) -> Trajectory | None:
         """The remaining motion at the clock's rate; None at the end of the motion, and unless 0 < rate ≤ 1."""
-        if self.left is None:
+        if self.time_left is None:
             return None
         rest = rest_of(self.plan.trajectory, self.t, self.at.s)
         return begun(rest if self.clock[0] == 1.0 else rest.slowed(1.0 / self.clock[0]), self.joints, self.plan.limits)

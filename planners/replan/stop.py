@@ -47,7 +47,7 @@ def _first_stop(asked: Asked, plan: Plan, start: MovingState, time_limit: float)
     best = next((p for p in _swept_stops(asked, plan, start) if p), None)
     if best is not None and time_limit > 0.0:
         best = _refined(asked, plan, start, best, perf_counter() + time_limit)
-    if best is not None and (start.left is None or best.trajectory.duration <= start.left):
+    if best is not None and (start.time_left is None or best.trajectory.duration <= start.time_left):
         return best
     end = None if start.rest is None else judged(asked, plan, start, start.rest, StopKind.END)
     if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):

@@ -15,7 +15,7 @@ from benchmarks.cli.kernels import kernels as command
 from benchmarks.kernels import parts, process, run
 from benchmarks.run.lock import locked
 from optik.compiled import archive, compiled
-from optik.compiled.cache import checked
+from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 from optik.errors import InvalidInput, OutputError
 from tests.oracles import REPOSITORY
@@ -37,7 +37,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
     env = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(cache), "OPTIK_COMPILES": "native"}
     subprocess.run([sys.executable, "-c", FK], env=env, timeout=300, check=True)
     assert {row["why"] for row in kernels(cache, tmp_path)["cached"]} == {"nothing is shipped"}
-    found = [(*checked(file).popitem(), file.name.rpartition("-")[0]) for file in sorted(cache.rglob("*.nbk"))]
+    found = [(*read_code(file).popitem(), file.name.rpartition("-")[0]) for file in sorted(cache.rglob("*.nbk"))]
     assert len(found) > 2
     (print0, code0, name0), (_, code1, name1) = found[:2]
     shipped = {print0: (name0, code0), "0" * 64: (name1, code1)}

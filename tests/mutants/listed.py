@@ -293,11 +293,6 @@ LISTED: tuple[tuple[str, str, str], ...] = (
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
-        "planners/certificate/dividing.py",
-        "loose[k] = loose[k] and number <= room",
-        "loose[k] = loose[k] and number < room",
-    ): "one interval more or fewer of 200,000: the bound is proved with either",
-    (
         "planners/certificate/torque.py",
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))",
         "results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((3, n))",
@@ -352,11 +347,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "out, self._fall = np.empty((2, left.t.size, 2))",
         "out, self._fall = np.empty((2, left.t.size, 3))",
     ): "a column that nothing reads",
-    (
-        "planners/certificate/path_error.py",
-        "length, bend = 0.0, 0.0",
-        "length, bend = 1.0, 0.0",
-    ): "the first look is finer; what it proves is the same",
     (
         "planners/certificate/singularity.py",
         "GRID_INSTANTS, FINER_INSTANTS = 121, 9",

@@ -11,7 +11,7 @@ import pytest
 from numba.core.registry import cpu_target
 
 from optik.compiled import archive, compiled
-from optik.compiled.cache import checked
+from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 from tests.optik.test_compile import INNER, REPOSITORY, write_two
 
@@ -54,7 +54,7 @@ def packed(folder, **changes):
     kernels = {
         fingerprint: (file.name, code)
         for file in (folder / "none").rglob("*.nbk")
-        for fingerprint, code in checked(file).items()
+        for fingerprint, code in read_code(file).items()
     }
     about = {"versions": VERSIONS, "target": HERE._replace(cpu="x86-64-v3")} | changes
     archive.pack(folder / archive.file_name(), about["versions"], about["target"], kernels)
@@ -72,7 +72,7 @@ def _folder(tmp_path_factory):
 
 
 v3 = pytest.mark.skipif(
-    not archive.needed("x86-64-v3") <= {f[1:] for f in HERE.features.split(",") if f[0] == "+"},
+    not archive.list_features("x86-64-v3") <= {f[1:] for f in HERE.features.split(",") if f[0] == "+"},
     reason="this processor is not of x86-64-v3",
 )
 
@@ -126,13 +126,13 @@ def _shipped(tmp_path, monkeypatch):
     def call():
         for file in (tmp_path / "none").rglob("*.nbk"):
             file.unlink()
-        archive.opened.cache_clear()
+        archive.open_archive.cache_clear()
         kernel = compiled(third)
         assert kernel(1.0) == 3.0
         return kernel.stats.cache_misses.total()
 
     yield call
-    archive.opened.cache_clear()
+    archive.open_archive.cache_clear()
 
 
 def test_a_damaged_file_is_as_none(shipped, tmp_path):
@@ -179,14 +179,14 @@ def test_other_software_compiles_and_says_which(shipped, tmp_path, k):
     versions = [*VERSIONS[:k], "another 1", *VERSIONS[k + 1 :]]
     packed(tmp_path, versions=versions, target=HERE._replace(cpu="any"))
     assert shipped() == 1
-    assert VERSIONS[k] in archive.opened().refusal(VERSIONS, HERE)
+    assert VERSIONS[k] in archive.open_archive().refusal(VERSIONS, HERE)
 
 
 @pytest.mark.parametrize("change", [{"cpu": "a later one"}, {"triple": "riscv64-unknown-linux-gnu"}])
 def test_another_processor_compiles(shipped, tmp_path, change):
     packed(tmp_path, target=HERE._replace(cpu="any")._replace(**change))
     assert shipped() == 1
-    assert "compiled for" in archive.opened().refusal(VERSIONS, HERE)
+    assert "compiled for" in archive.open_archive().refusal(VERSIONS, HERE)
 
 
 def test_a_version_of_the_system_does_not_count():
