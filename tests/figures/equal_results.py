@@ -24,7 +24,7 @@ from planners import Path as ToolPath
 from tests.figures.figure import ROOT, Row, Value, main
 from tests.figures.moving import LOADED, limits_of, near, path_on, span
 
-BASELINE = os.environ.get("BASELINE", "r23-base")
+BASELINE = os.environ.get("BASELINE", "a2832ad")
 """The commit to compare with."""
 ARMS = ("iiwa14", "kr6", "panda", "paper6r", "puma560", "ur5e")
 LAWS = ("constant_speed", "optimal", "quintic", "ruckig", "smooth", "toppra")
