@@ -16,20 +16,7 @@ PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "top
 
 
 def provenance(seed: int, workers: int) -> dict[str, Any]:
-    """Code, versions, machine and settings that are needed to judge and repeat a run, as plain data.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the run.
-    workers : int
-        Number of worker processes.
-
-    Returns
-    -------
-    dict
-        Time, commit, versions, system, processor, workers and seed.
-    """
+    """Code, versions, machine and settings that are needed to judge and repeat a run, as plain data."""
     commit, dirty = _commit()
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -53,25 +53,7 @@ class Target:
 
 
 def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
-    """Read the bound of a target and whether it is a goal.
-
-    Parameters
-    ----------
-    data : dict
-        Table of the target.
-    where : str
-        Place of the table, for errors.
-
-    Returns
-    -------
-    dict
-        The values of ``at_most`` or ``at_least``, and of ``goal``.
-
-    Raises
-    ------
-    InvalidInput
-        Both bounds or neither, a bound that is not a finite number, or a goal that is not true or false.
-    """
+    """Read the bound of a target and whether it is a goal."""
     if ("at_most" in data) == ("at_least" in data):
         others = sorted(set(data) - {"measure"})
         raise InvalidInput(where, f"{data['measure']} with {others}", "either at_most or at_least")
@@ -85,23 +67,7 @@ def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Say in errors of misuse where the wrong value stands: of several blocks a reader must know which.
-
-    Parameters
-    ----------
-    where : str
-        Such as ``block 'warm': options``.
-
-    Yields
-    ------
-    None
-        What is checked.
-
-    Raises
-    ------
-    InvalidInput
-        What came, with the place before the argument.
-    """
+    """Say in errors of misuse where the wrong value stands: of several blocks a reader must know which."""
     try:
         yield
     except InvalidInput as error:
@@ -109,24 +75,7 @@ def naming(where: str) -> Iterator[None]:
 
 
 def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = None) -> None:
-    """Raise InvalidInput unless data is a table with all required and only known keys.
-
-    Parameters
-    ----------
-    data : Any
-        Value to check.
-    known : set of str
-        Keys that are allowed.
-    where : str
-        Place of the value, for errors.
-    need : set of str, optional
-        Keys that are required.
-
-    Raises
-    ------
-    InvalidInput
-        Not a table, an unknown key, or a missing one.
-    """
+    """Raise InvalidInput unless data is a table with all required and only known keys."""
     check_table(data, where)
     if unknown := sorted(set(data) - known):
         near = nearest(unknown[0], known)
@@ -137,99 +86,26 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
 
 
 def check_table(value: Any, where: str) -> dict[str, Any]:
-    """Return the value if it is a table.
-
-    Parameters
-    ----------
-    value : Any
-        Value to check.
-    where : str
-        Place of the value, for errors.
-
-    Returns
-    -------
-    dict
-        The value.
-
-    Raises
-    ------
-    InvalidInput
-        Not a table.
-    """
+    """Return the value if it is a table."""
     if not isinstance(value, dict):
         raise InvalidInput(where, type(value).__name__, "a table")
     return value
 
 
 def check_list(value: Any, where: str) -> list[Any]:
-    """Return the value if it is a list that is not empty.
-
-    Parameters
-    ----------
-    value : Any
-        Value to check.
-    where : str
-        Place of the value, for errors.
-
-    Returns
-    -------
-    list
-        The value.
-
-    Raises
-    ------
-    InvalidInput
-        Not a list, or an empty one.
-    """
+    """Return the value if it is a list that is not empty."""
     if not isinstance(value, list) or not value:
         raise InvalidInput(where, repr(value)[:60], "a list that is not empty")
     return value
 
 
 def check_known(name: Any, group: str, kind: str) -> str:
-    """Return a name that can be used, the file of a plug-in as its absolute path, without running any code.
-
-    Parameters
-    ----------
-    name : str
-        A name of ours, of an entry point, or the path of a file.
-    group : str
-        Dotted name of the group, such as ``optik.ik``.
-    kind : str
-        What the name stands for, for errors.
-
-    Returns
-    -------
-    str
-        As `optik.registry.check_name`.
-
-    Raises
-    ------
-    UnknownName
-        No such name; the nearest are offered.
-    InvalidInput
-        No text, no such file, or a plug-in with a name that is taken.
-    """
+    """Return a name that can be used, the file of a plug-in as its absolute path, without running any code."""
     return check_name(group, name, kind)
 
 
 def check_different(values: list[str], where: str, what: str) -> None:
-    """Raise InvalidInput unless all values are different.
-
-    Parameters
-    ----------
-    values : list of str
-        Values to check.
-    where : str
-        Place of the values, for errors.
-    what : str
-        What a value is, for errors: a label, a name.
-
-    Raises
-    ------
-    InvalidInput
-        Two values are the same.
-    """
+    """Raise InvalidInput unless all values are different."""
     if len(set(values)) != len(values):
         raise InvalidInput(
             where, f"{what}s {values}", f"{'an' if what[0] in 'aeiou' else 'a'} {what} of its own for each"
@@ -237,50 +113,12 @@ def check_different(values: list[str], where: str, what: str) -> None:
 
 
 def all_of(data: Any, where: str, read: Callable[[Any], Item]) -> tuple[Item, ...]:
-    """Read every item of an optional list.
-
-    Parameters
-    ----------
-    data : Any
-        The list, or None.
-    where : str
-        Place of the list, for errors.
-    read : callable
-        Reader of one item.
-
-    Returns
-    -------
-    tuple
-        What `read` returns for each item; empty for None.
-
-    Raises
-    ------
-    InvalidInput
-        Not a list, or an empty one.
-    """
+    """Read every item of an optional list."""
     return tuple(read(item) for item in check_list(data, where)) if data is not None else ()
 
 
 def optional_count(value: Any, where: str) -> int | None:
-    """Return an integer of at least 1, or None if the value is None.
-
-    Parameters
-    ----------
-    value : Any
-        Value to check.
-    where : str
-        Place of the value, for errors.
-
-    Returns
-    -------
-    int or None
-        The number.
-
-    Raises
-    ------
-    InvalidInput
-        Not an integer, or less than 1.
-    """
+    """Return an integer of at least 1, or None if the value is None."""
     if value is None:
         return None
     check_count(value, where, 1)

@@ -165,29 +165,7 @@ def _kind_without_code(name: str) -> Kind:
 
 
 def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = load_kind) -> Suite:
-    """Check the settings of a suite and return it.
-
-    Parameters
-    ----------
-    name : str
-        Of the suite.
-    data : dict
-        Its settings.
-    find : callable
-        From the name of a kind to the kind.
-
-    Returns
-    -------
-    Suite
-        The suite.
-
-    Raises
-    ------
-    UnknownName
-        A key that is no kind of block; or a robot, set, method or law that does not exist.
-    InvalidInput
-        A wrong key or value, or nothing to run.
-    """
+    """Check the settings of a suite and return it."""
     keys = _kind_keys(data, find)
     kinds = sorted(keys, key=lambda kind: (kind.order, kind.name))
     asked = {kind.name: _blocks(kind, keys[kind], data[keys[kind]]) for kind in kinds}

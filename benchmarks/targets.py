@@ -55,18 +55,7 @@ class Measure:
         return self.words or self.name
 
     def values(self, rows: pl.DataFrame) -> tuple[float, ...]:
-        """All values of the measure on the rows of one entry.
-
-        Parameters
-        ----------
-        rows : DataFrame
-            The rows.
-
-        Returns
-        -------
-        tuple of float
-            One for each of `parts`.
-        """
+        """All values of the measure on the rows of one entry."""
         found = self.compute(rows)
         return tuple(float(value) for value in found) if isinstance(found, tuple) else (float(found),)
 
@@ -126,45 +115,12 @@ class Outcome:
 
 
 def outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
-    """Every target of a suite with its outcome, in the order of its blocks.
-
-    Parameters
-    ----------
-    suite : Suite
-        What was asked.
-    folder : RunFolder
-        What was run.
-
-    Returns
-    -------
-    list of Outcome
-        One for each target.
-    """
+    """Every target of a suite with its outcome, in the order of its blocks."""
     return [outcome for kind, block in suite.pairs() for outcome in kind.outcomes(block, folder)]
 
 
 def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:
-    """One of some measures by its name.
-
-    Parameters
-    ----------
-    measures : sequence of Measure
-        Those of a kind of block.
-    name : str
-        The name that was asked for.
-    where : str
-        What the error names.
-
-    Returns
-    -------
-    Measure
-        The measure.
-
-    Raises
-    ------
-    InvalidInput
-        None of them has this name.
-    """
+    """One of some measures by its name."""
     found = next((measure for measure in measures if measure.name == name), None)
     if found is None:
         raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.name for measure in measures)}")
@@ -181,35 +137,7 @@ def read_target(
     key: str = "method",
     required: bool = False,
 ) -> Target:
-    """Check the settings of one target and return it.
-
-    Parameters
-    ----------
-    data : dict
-        As the suite has them.
-    where : str
-        Which block, for errors.
-    measures : sequence of Measure
-        Those that may be asked for.
-    labels : sequence of str
-        Labels of the block's entries; a target that names none asks the first.
-    groups : sequence of str
-        Groups of the block's problems that a target may be restricted to.
-    key : str
-        The key that names an entry: ``method`` or ``law``.
-    required : bool
-        Whether that key must be there.
-
-    Returns
-    -------
-    Target
-        What is asked.
-
-    Raises
-    ------
-    InvalidInput
-        An unknown measure, label, group or key, ``to`` where it has no meaning, or not exactly one bound.
-    """
+    """Check the settings of one target and return it."""
     at = f"{where}: targets"
     known = {"measure", key, "to", "at_most", "at_least", "goal"} | ({"group"} if groups else set())
     check_keys(data, known, at, need={"measure", key} if required else {"measure"})

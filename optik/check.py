@@ -46,51 +46,14 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
 
 
 def shown(value: Any, most: int = 80) -> str:
-    """Return a value as an error shows it: on one line, and no longer than a line.
-
-    Parameters
-    ----------
-    value : object
-        What was passed.
-    most : int
-        Longest text.
-
-    Returns
-    -------
-    str
-        The start of its representation.
-    """
+    """Return a value as an error shows it: on one line, and no longer than a line."""
     return " ".join(repr(value).split())[:most]
 
 
 def check_number(
     value: Any, argument: str, expected: str, *, above: float | None = None, least: float | None = None
 ) -> float:
-    """Return a finite number inside a range.
-
-    Parameters
-    ----------
-    value : float
-        What was passed.
-    argument : str
-        Name of the argument, for the error.
-    expected : str
-        What is expected, for the error.
-    above : float, optional
-        The number must be greater than this.
-    least : float, optional
-        The number must not be less than this.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    InvalidInput
-        Not a real number, NaN, infinity, or out of range.
-    """
+    """Return a finite number inside a range."""
     good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if (
         not good
@@ -104,24 +67,7 @@ def check_number(
 
 
 def check_count(value: Any, argument: str, least: int, most: int | None = None) -> None:
-    """Raise InvalidInput unless a value is an integer inside a range.
-
-    Parameters
-    ----------
-    value : int
-        What was passed.
-    argument : str
-        Name of the argument, for the error.
-    least : int
-        Smallest allowed value.
-    most : int, optional
-        Largest allowed value.
-
-    Raises
-    ------
-    InvalidInput
-        Not an integer (True and 2.0 are none), or out of range.
-    """
+    """Raise InvalidInput unless a value is an integer inside a range."""
     good = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not good or value < least or (most is not None and value > most):
         expected = f"a whole number ≥ {least}" if most is None else f"a whole number from {least} to {most:,}"
@@ -129,50 +75,14 @@ def check_count(value: Any, argument: str, least: int, most: int | None = None) 
 
 
 def check_flag(value: Any, argument: str) -> bool:
-    """Return a truth value: True or False, or 1 or 0 as arrays and tables of numbers write them.
-
-    Parameters
-    ----------
-    value : bool
-        What was passed.
-    argument : str
-        Name of the argument, for the error.
-
-    Returns
-    -------
-    bool
-        The truth value.
-
-    Raises
-    ------
-    InvalidInput
-        Anything else, because "no" and NaN count as true in Python.
-    """
+    """Return a truth value: True or False, or 1 or 0 as arrays and tables of numbers write them."""
     if not isinstance(value, bool | np.bool_ | int | np.integer) or value not in (0, 1):
         raise InvalidInput(argument, repr(value)[:60], "True or False")
     return bool(value)
 
 
 def check_words(value: Any, argument: str) -> tuple[str, ...]:
-    """Return a sequence of strings as a tuple.
-
-    Parameters
-    ----------
-    value : iterable of str
-        What was passed; it may be empty.
-    argument : str
-        Name of the argument, for the error.
-
-    Returns
-    -------
-    tuple of str
-        The strings.
-
-    Raises
-    ------
-    InvalidInput
-        A single string, which would be split into letters, or items that are not strings.
-    """
+    """Return a sequence of strings as a tuple."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise InvalidInput(argument, repr(value)[:60], "a list of words")
     words = tuple(value)

@@ -13,16 +13,6 @@ def content(value: Any) -> Any:
 
     Arrays are compared by dtype, shape and bytes; sequences, sets and mappings by their items, mappings regardless of
     order. Types count, because 1 == 1.0 == True. Any other value is compared as it is.
-
-    Parameters
-    ----------
-    value : object
-        An array, a container, or a hashable value.
-
-    Returns
-    -------
-    hashable
-        The type and the content.
     """
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return np.ndarray, value.dtype.str, value.shape, value.tobytes()
@@ -36,18 +26,5 @@ def content(value: Any) -> Any:
 
 
 def equal(one: tuple[Any, ...], other: object) -> bool:
-    """Whether two tuples that hold arrays have the same type and content.
-
-    Parameters
-    ----------
-    one : tuple
-        A tuple, such as a NamedTuple of arrays.
-    other : object
-        What it is compared with.
-
-    Returns
-    -------
-    bool
-        True for the same type and content.
-    """
+    """Whether two tuples that hold arrays have the same type and content."""
     return type(one) is type(other) and content(one) == content(other)

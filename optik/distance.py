@@ -60,17 +60,7 @@ def _along(a: Triple, d: Triple, s: float) -> Triple:
 def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> Nearest:
     """Least distance of two segments; each may be a point.
 
-    Parameters
-    ----------
-    a, b : tuple of float
-        Ends of the first [m].
-    c, d : tuple of float
-        Ends of the second [m].
-
-    Returns
-    -------
-    Nearest
-        Distance [m], place [1] and difference [m].
+    Shapes and units: a, b [m], c, d [m]. Returns [m].
     """
     # The nearest point of the second segment is one of its ends, or between them: two breakpoints. All three pieces are
     # tried: for nearly parallel segments rounding may hide on which side of a breakpoint the least value lies.
@@ -127,19 +117,7 @@ def _inward(T: Array, p: Triple) -> Triple:
 def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> Nearest:
     """Least distance of a segment to a box, 0 where they meet; the segment may be a point.
 
-    Parameters
-    ----------
-    a, b : tuple of float
-        Ends of the segment [m].
-    pose : (4, 4) array
-        Pose of the box's middle [1, m].
-    half : (3,) array
-        Half of its edges [m].
-
-    Returns
-    -------
-    Nearest
-        Distance [m], place [1] and difference [m].
+    Shapes and units: a, b [m], pose (4, 4) [1, m], half (3,) [m]. Returns [m].
     """
     # w has the three excesses as components, each with two breakpoints. The slope d·w of |w|²/2 increases along the segment, so
     # its sign at a breakpoint says on which side the least value lies. Rounding in it counts only the components that
@@ -182,19 +160,7 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> Nearest:
 def segment_plane(a: Triple, b: Triple, point: Array, normal: Array) -> Nearest:
     """Least distance of a segment to a half-space: below 0 where it reaches into it.
 
-    Parameters
-    ----------
-    a, b : tuple of float
-        Ends of the segment [m].
-    point : (3,) array
-        A point of the plane [m].
-    normal : (3,) array
-        Unit vector to the free side [1].
-
-    Returns
-    -------
-    Nearest
-        Distance [m], place, 0 or 1 [1], and difference [m].
+    Shapes and units: a, b [m], point (3,) [m], normal (3,) [1]. Returns [m].
     """
     x, y, z = normal[0], normal[1], normal[2]
     first = (a[0] - point[0]) * x + (a[1] - point[1]) * y + (a[2] - point[2]) * z

@@ -167,20 +167,8 @@ def _dot(a: Triple, b: Triple) -> float:
 def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array, out: Array) -> None:
     """Torques of the rigid bodies and of the motors' inertia, and their rates, at one state.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    weight : float
-        Factor of gravity: 1, or 0 without it [1].
-    state : (4, n) array
-        q, q̇, q̈, q⃛ [rad, rad/s, rad/s², rad/s³, or m].
-    work : (8, n + 1, 4, 4) array
-        Overwritten [1].
-    out : (2, n) array
-        Filled with torques [N·m, N] and their rates [N·m/s, N/s].
+    Shapes and units: weight [1], state (4, n) [rad, rad/s, rad/s², rad/s³, or m], work (8, n + 1, 4, 4) [1], out (2, n)
+    [N·m, N].
     """
     _fixed, prismatic, _tool = chain
     _mass, _com, _inertia, motor, _gravity = bodies
@@ -204,18 +192,7 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
 def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Array) -> None:
     """Torques of the rigid bodies and of the motors' inertia at one state, as `rigid_torques` without the rates.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    state : (3, n) array
-        q, q̇, q̈ [rad, rad/s, rad/s², or m].
-    work : (4, n + 1, 4, 4) array
-        Overwritten [1].
-    out : (n,) array
-        Filled with torques [N·m, N].
+    Shapes and units: state (3, n) [rad, rad/s, rad/s², or m], work (4, n + 1, 4, 4) [1], out (n,) [N·m, N].
     """
     _fixed, prismatic, _tool = chain
     mass, com, tensor, motor, gravity = bodies
@@ -256,18 +233,7 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
 def joint_torques(chain: Chain, bodies: Bodies, friction: tuple[Array, Array], states: Array, out: Array) -> None:
     """Torques at states, with viscous and Coulomb friction.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    friction : tuple of two (n,) arrays
-        Viscous [N·m·s/rad, N·s/m] and Coulomb friction [N·m, N].
-    states : (k, 3, n) array
-        q, q̇, q̈ [rad, rad/s, rad/s², or m].
-    out : (k, n) array
-        Filled with torques [N·m, N]; Coulomb friction is 0 at rest.
+    Shapes and units: friction (n,) [N·m·s/rad, N·s/m], states (k, 3, n) [rad, rad/s, rad/s², or m], out (k, n) [N·m, N].
     """
     viscous, coulomb = friction
     n = viscous.shape[0]
@@ -299,16 +265,7 @@ def _join(mass: float, centre: Array, about: Array, part: float, at: Triple) -> 
 def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
     """Mass matrices, by the composite bodies that each joint moves (Walker and Orin 1982), with the motors' inertia.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    q : (k, n) array
-        Configurations [rad, m].
-    out : (k, n, n) array
-        Filled with the matrices [kg·m², kg·m, kg].
+    Shapes and units: q (k, n) [rad, m], out (k, n, n) [kg·m², kg·m, kg].
     """
     _fixed, prismatic, _tool = chain
     mass, com, tensor, motor, _gravity = bodies
@@ -346,18 +303,8 @@ def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
 def torques_batch(chain: Chain, bodies: Bodies, viscous: Array, states: Array, out: Array) -> None:
     """Torques with viscous friction and without Coulomb friction, and their rates, at states.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    viscous : (n,) array
-        Viscous friction [N·m·s/rad, N·s/m].
-    states : (k, 4, n) array
-        q, q̇, q̈, q⃛ [rad, rad/s, rad/s², rad/s³, or m].
-    out : (k, 2, n) array
-        Filled with torques [N·m, N] and their rates [N·m/s, N/s].
+    Shapes and units: viscous (n,) [N·m·s/rad, N·s/m], states (k, 4, n) [rad, rad/s, rad/s², rad/s³, or m], out (k, 2, n)
+    [N·m, N].
     """
     n = viscous.shape[0]
     work = np.empty((8, n + 1, 4, 4))
@@ -378,16 +325,7 @@ def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
     momentum L about the joint's origin o changes by the moment of the forces less ȯ × their linear momentum; and g is the
     moment of their weight.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its masses.
-    path : (4, k, n) array
-        q, q', q'', q''' [as q over powers of s].
-    out : (k, 6, n) array
-        Filled with p, c, g, d, c', g' [as torque over powers of s].
+    Shapes and units: path (4, k, n) [as q over powers of s], out (k, 6, n) [as torque over powers of s].
     """
     _fixed, prismatic, _tool = chain
     mass, _com, _tensor, motor, gravity = bodies

@@ -19,25 +19,7 @@ BYTES_AT_ONCE = 2**20
 
 
 def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
-    """Return the suffix of a file's name, in lower case.
-
-    Parameters
-    ----------
-    file : str or path
-        The file's name.
-    known : tuple of str
-        Suffixes that are allowed, each with its dot.
-
-    Returns
-    -------
-    str
-        One of them.
-
-    Raises
-    ------
-    InvalidInput
-        Not a path, or another suffix.
-    """
+    """Return the suffix of a file's name, in lower case."""
     suffix = Path(file).suffix.lower() if isinstance(file, str | os.PathLike) else None
     if suffix not in known:
         came = os.fspath(file) if isinstance(file, os.PathLike) else file
@@ -48,29 +30,7 @@ def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
 def content_of(
     file: Path, *, argument: str = "file", expected: str = "a readable file", most: int = MOST_BYTES
 ) -> bytes:
-    """Return the content of a file.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-    argument : str
-        What an error calls the argument that named the file.
-    expected : str
-        What an error says was expected.
-    most : int
-        Largest size that is read [bytes].
-
-    Returns
-    -------
-    bytes
-        The content.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read or is too large.
-    """
+    """Return the content of a file."""
     content = bytearray()
     try:
         with file.open("rb") as opened:
@@ -85,23 +45,7 @@ def content_of(
 
 
 def text_of(content: bytes) -> str:
-    """Decode UTF-8.
-
-    Parameters
-    ----------
-    content : bytes
-        What a file holds.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Raises
-    ------
-    InvalidInput
-        Not UTF-8.
-    """
+    """Decode UTF-8."""
     try:
         return content.decode("utf-8", errors="surrogatepass")
     except UnicodeDecodeError as error:
@@ -109,25 +53,7 @@ def text_of(content: bytes) -> str:
 
 
 def parsed(text: str, argument: str) -> Any:
-    """Parse strict JSON, without NaN and Infinity.
-
-    Parameters
-    ----------
-    text : str
-        The JSON text.
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    object
-        The plain data.
-
-    Raises
-    ------
-    InvalidInput
-        Not JSON.
-    """
+    """Parse strict JSON, without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no number in JSON")
@@ -139,20 +65,7 @@ def parsed(text: str, argument: str) -> Any:
 
 
 def write_whole(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
-    """Write a file whole or not at all: under a temporary name beside the target, then renamed.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    write : callable
-        Writes to the temporary path that it is given.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; no partial file is left.
-    """
+    """Write a file whole or not at all: under a temporary name beside the target, then renamed."""
     target = Path(path)
     if not target.name or "\0" in str(target):
         raise OutputError(target, "is not a valid file name")

@@ -35,14 +35,7 @@ Range = tuple[Array, Array]
 def frames(chain: Chain, q: Array, out: Array) -> None:
     """Pose of every joint frame, after the joint's own motion.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    out : (n, 4, 4) array
-        Poses of the joint frames in the base frame [1, m]; overwritten.
+    Shapes and units: q (n,) [rad, m], out (n, 4, 4) [1, m] (overwritten).
     """
     fixed, prismatic, _tool = chain
     for i in range(q.shape[0]):
@@ -69,14 +62,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
     """Tool pose from the joint frames.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    frame : (n, 4, 4) array
-        Joint frames as `frames` writes them [1, m].
-    out : (4, 4) array
-        Pose of the tool in the base frame [1, m]; overwritten.
+    Shapes and units: frame (n, 4, 4) [1, m], out (4, 4) [1, m] (overwritten).
     """
     _fixed, _prismatic, tool = chain
     last = frame.shape[0] - 1
@@ -92,16 +78,7 @@ def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
 def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
     """Geometric Jacobian in the base frame at the tool point, rows (v, ω).
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    frame : (n, 4, 4) array
-        Joint frames as `frames` writes them [1, m].
-    T : (4, 4) array
-        Pose of the tool [1, m].
-    J : (6, n) array
-        The Jacobian [m/rad, 1], of prismatic joints [1]; overwritten.
+    Shapes and units: frame (n, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1] (overwritten).
     """
     _fixed, prismatic, _tool = chain
     for i in range(frame.shape[0]):
@@ -121,19 +98,7 @@ def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
 def workspace(n: int) -> tuple[Array, Array, Array]:
     """Allocate joint frames, a tool pose and a Jacobian.
 
-    Parameters
-    ----------
-    n : int
-        Number of joints.
-
-    Returns
-    -------
-    frame : (n, 4, 4) array
-        Joint frames, not yet written [1, m].
-    T : (4, 4) array
-        Tool pose, not yet written [1, m].
-    J : (6, n) array
-        Jacobian, not yet written [m/rad, 1].
+    Returns frame (n, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1].
     """
     return np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n))
 
@@ -142,16 +107,7 @@ def workspace(n: int) -> tuple[Array, Array, Array]:
 def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
     """Joint frames and tool pose of one configuration.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    frame : (n, 4, 4) array
-        Joint frames in the base frame [1, m]; overwritten.
-    T : (4, 4) array
-        Tool pose in the base frame [1, m]; overwritten.
+    Shapes and units: q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T (4, 4) [1, m] (overwritten).
     """
     frames(chain, q, frame)
     tool_pose(chain, frame, T)
@@ -161,15 +117,7 @@ def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
 def squares(e: Array) -> tuple[float, float]:
     """Squared norms of the two parts of an error.
 
-    Parameters
-    ----------
-    e : (6,) array
-        Position and rotation error [m, rad].
-
-    Returns
-    -------
-    p2, r2 : float
-        Square of the position error and of the rotation error, both scalars [m², rad²].
+    Shapes and units: e (6,) [m, rad]. Returns p2, r2  [m², rad²].
     """
     return e[0] * e[0] + e[1] * e[1] + e[2] * e[2], e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
 
@@ -178,25 +126,8 @@ def squares(e: Array) -> tuple[float, float]:
 def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array, e: Array) -> tuple[float, float]:
     """Error twist of one configuration, and what forward kinematics finds on the way.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    q : (n,) array
-        Configuration [rad, m].
-    frame : (n, 4, 4) array
-        Joint frames in the base frame [1, m]; overwritten.
-    T : (4, 4) array
-        Tool pose in the base frame [1, m]; overwritten.
-    e : (6,) array or longer
-        The error twist (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad]; the first six entries are overwritten.
-
-    Returns
-    -------
-    p2, r2 : float
-        Square of the position error and of the rotation error, both scalars [m², rad²].
+    Shapes and units: target (4, 4) [1, m], q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T (4, 4) [1, m]
+    (overwritten), e (6,) [m, rad] (overwritten). Returns p2, r2  [m², rad²].
     """
     forward(chain, q, frame, T)
     pose_error(T, target, e)
@@ -207,14 +138,7 @@ def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array,
 def fk_batch(chain: Chain, q: Array, out: Array) -> None:
     """Tool poses of many configurations.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-    out : (k, 4, 4) array
-        Poses of the tool in the base frame [1, m]; overwritten.
+    Shapes and units: q (k, n) [rad, m], out (k, 4, 4) [1, m] (overwritten).
     """
     frame = np.empty((q.shape[1], 4, 4))
     for k in range(q.shape[0]):
@@ -226,14 +150,7 @@ def fk_batch(chain: Chain, q: Array, out: Array) -> None:
 def frames_batch(chain: Chain, q: Array, out: Array) -> None:
     """Joint frames and, last, the tool pose of many configurations.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-    out : (k, n + 1, 4, 4) array
-        Poses in the base frame [1, m]; overwritten.
+    Shapes and units: q (k, n) [rad, m], out (k, n + 1, 4, 4) [1, m] (overwritten).
     """
     n = q.shape[1]
     for k in range(q.shape[0]):
@@ -245,14 +162,7 @@ def frames_batch(chain: Chain, q: Array, out: Array) -> None:
 def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
     """Geometric Jacobians of many configurations.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-    out : (k, 6, n) array
-        Jacobians as `jacobian_from` writes them [m/rad, 1]; overwritten.
+    Shapes and units: q (k, n) [rad, m], out (k, 6, n) [m/rad, 1] (overwritten).
     """
     frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
@@ -264,16 +174,7 @@ def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
 def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
     """Error twists from the tool to target poses: what every method is judged by.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-    targets : (k, 4, 4) array
-        Target poses in the base frame [1, m].
-    out : (k, 6) array
-        (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad]; overwritten.
+    Shapes and units: q (k, n) [rad, m], targets (k, 4, 4) [1, m], out (k, 6) [m, rad] (overwritten).
     """
     frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
@@ -308,20 +209,8 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
     By the forward recursion of Newton–Euler dynamics carried one order further (Siciliano et al., Robotics, §7.5;
     differentiated once more).
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    frame : (n, 4, 4) array
-        Joint frames at q [1, m].
-    T : (4, 4) array
-        Tool pose at q [1, m].
-    q : (n,) array
-        Configuration [rad, m].
-    dq : (3, n) array
-        First three derivatives of q [rad, m], per power of the parameter.
-    out : (3, 6) array
-        Rows (v, ω), (v̇, ω̇), (v̈, ω̈) in the base frame [m, rad], per power of the parameter; overwritten.
+    Shapes and units: frame (n, 4, 4) [1, m], T (4, 4) [1, m], q (n,) [rad, m], dq (3, n) [rad, m], out (3, 6) [m, rad]
+    (overwritten).
     """
     fixed, prismatic, _tool = chain
     n = q.shape[0]
@@ -365,16 +254,7 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
 def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
     """`tool_motion` of many configurations.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-    dq : (k, 3, n) array
-        First three derivatives of each [rad, m], per power of the parameter.
-    out : (k, 3, 6) array
-        Twists and their derivatives [m, rad], per power of the parameter; overwritten.
+    Shapes and units: q (k, n) [rad, m], dq (k, 3, n) [rad, m], out (k, 3, 6) [m, rad] (overwritten).
     """
     frame, T, _J = workspace(q.shape[1])
     for k in range(q.shape[0]):
@@ -386,14 +266,7 @@ def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
 def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
     """Smallest singular value of the Jacobian at many configurations.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-    out : (k,) array
-        The smallest of n singular values where n < 6, else of 6 [m/rad, 1]; overwritten.
+    Shapes and units: q (k, n) [rad, m], out (k,) [m/rad, 1] (overwritten).
     """
     frame, T, J = workspace(q.shape[1])
     for k in range(q.shape[0]):

@@ -21,12 +21,7 @@ MOST_SWEEPS = 30
 def copy_vector(a: Array, out: Array) -> None:
     """Copy a vector.
 
-    Parameters
-    ----------
-    a : (n,) array
-        Vector [as given].
-    out : (n,) array
-        The copy [as a]; overwritten.
+    Shapes and units: a (n,) [as given], out (n,) [as a] (overwritten).
     """
     for i in range(a.shape[0]):  # a slice assignment would bring Numba's messages about shapes, seconds to compile
         out[i] = a[i]
@@ -36,12 +31,7 @@ def copy_vector(a: Array, out: Array) -> None:
 def copy_matrix(A: Array, out: Array) -> None:
     """Copy a matrix.
 
-    Parameters
-    ----------
-    A : (m, n) array
-        Matrix [as given].
-    out : (m, n) array
-        The copy [as A]; overwritten.
+    Shapes and units: A (m, n) [as given], out (m, n) [as A] (overwritten).
     """
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
@@ -54,20 +44,7 @@ def qr_factor(A: Array, beta: Array, order: Indices) -> float:
 
     Golub and Van Loan, Matrix Computations, §5.4.2: the longest remaining column comes first.
 
-    Parameters
-    ----------
-    A : (m, n) array
-        Matrix, m ≥ n [as given]; overwritten by R on and above the diagonal and the reflectors, whose first entry 1 is not
-        stored, below it.
-    beta : (n,) array
-        Factors of the reflectors [1]; overwritten.
-    order : (n,) array of int
-        Column of A that each column of R belongs to; overwritten.
-
-    Returns
-    -------
-    float
-        |r_nn / r_11|, 0 where rank is lost.
+    Shapes and units: A (m, n) [as given] (overwritten), beta (n,) [1] (overwritten), order (n,) (overwritten).
     """
     m, n = A.shape
     first, last = 0.0, 0.0
@@ -114,23 +91,8 @@ def qr_factor(A: Array, beta: Array, order: Indices) -> float:
 def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float:
     """Least-squares solution of A x = b by the factors of `qr_factor`.
 
-    Parameters
-    ----------
-    A : (m, n) array
-        Factors [as given].
-    beta : (n,) array
-        Factors of the reflectors [1].
-    order : (n,) array of int
-        Column of the matrix that each column of R belongs to.
-    b : (m,) array
-        Right-hand side [as A x]; overwritten.
-    x : (n,) array
-        Solution [as b / A]; overwritten.
-
-    Returns
-    -------
-    float
-        Norm of the residual |A x − b|.
+    Shapes and units: A (m, n) [as given], beta (n,) [1], order (n,), b (m,) [as A x] (overwritten), x (n,) [as b / A]
+    (overwritten).
     """
     m, n = A.shape
     for j in range(n):
@@ -157,17 +119,7 @@ def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float
 def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
     """Smallest singular value, to 1e-10 of itself or rounding of the largest.
 
-    Parameters
-    ----------
-    J : (m, n) array
-        Matrix [as given].
-    floor : float, optional
-        Where the value is proved to be above it, a lower bound above it is returned instead, which costs less.
-
-    Returns
-    -------
-    float
-        The smallest of the min(m, n) singular values, or a lower bound on it that is above `floor`.
+    Shapes and units: J (m, n) [as given].
     """
     m, n = J.shape
     tall = m >= n
@@ -189,17 +141,7 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
     sweeps are enough (Drmač and Veselić 2008). With column exchanges the value is at least 3 |r_kk| / √(4ᵏ + 6k − 1)
     (Lawson and Hanson, Solving Least Squares Problems, eq. 6.31).
 
-    Parameters
-    ----------
-    QR : (m, k) array
-        Factors, m ≥ k [as given].
-    floor : float, optional
-        Where the lower bound is above it, the bound is returned.
-
-    Returns
-    -------
-    float
-        The smallest singular value, or a lower bound on it that is above `floor`.
+    Shapes and units: QR (m, k) [as given].
     """
     k = QR.shape[1]
     bound = 3.0 * abs(QR[k - 1, k - 1]) / sqrt(4.0**k + 6.0 * k - 1.0)
@@ -246,19 +188,7 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
 def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
     """Solve A x = b for a symmetric positive definite A.
 
-    Parameters
-    ----------
-    A : (n, n) array
-        Matrix, of which only the lower part is read [as given]; overwritten by its factor.
-    b : (n,) array
-        Right-hand side [as A x]; overwritten by x.
-    least : float, optional
-        Share of its diagonal entry that every pivot must keep [1].
-
-    Returns
-    -------
-    bool
-        False, with b not to be used, where a pivot keeps less: A is not positive definite to working precision.
+    Shapes and units: A (n, n) [as given] (overwritten), b (n,) [as A x] (overwritten), least [1].
     """
     n = b.shape[0]
     for j in range(n):
@@ -291,27 +221,8 @@ def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
 def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
     """Damped least-squares step Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12.
 
-    Parameters
-    ----------
-    J : (m, n) array
-        Jacobian [m/rad, 1].
-    e : (m,) array
-        Error [m, rad].
-    damping2 : float
-        λ² [m², rad²].
-    A : (m, m) array or larger
-        Scratch [m²]; overwritten.
-    y : (m,) array
-        Scratch [1/m]; overwritten.
-    dq : (n,) array
-        The step [rad, m]; overwritten.
-    least : float, optional
-        Share of its diagonal entry that every pivot must keep, as in `cholesky_solve` [1].
-
-    Returns
-    -------
-    bool
-        False where the matrix is singular to working precision: only without damping.
+    Shapes and units: J (m, n) [m/rad, 1], e (m,) [m, rad], damping2 [m², rad²], A (m, m) [m²] (overwritten), y (m,) [1/m]
+    (overwritten), dq (n,) [rad, m] (overwritten), least [1].
     """
     m, n = J.shape
     for i in range(m):

@@ -53,27 +53,8 @@ def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
 
     Steps are least squares where there are more equations than joints, and the shortest where there are fewer.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    rows : (d, n) array
-        Further equations [1]: none for n ≤ 6 joints; n − 6 say where on its curve of solutions a redundant arm shall be.
-    values : (d,) array
-        Their right-hand sides [rad, m].
-    steps : int
-        Most steps.
-    q : (n,) array
-        Initial guess [rad, m]; overwritten by the configuration of least error.
-
-    Returns
-    -------
-    worst : float
-        Largest component of the error left, a scalar [m, rad].
-    rank : float
-        |r_nn / r_11| of the last system, a scalar [1]; 0 where rank is lost. 1 where the steps are the shortest.
+    Shapes and units: target (4, 4) [1, m], rows (d, n) [1], values (d,) [rad, m], q (n,) [rad, m] (overwritten). Returns worst
+    [m, rad], rank  [1].
     """
     n, d = q.shape[0], rows.shape[0]
     frame, T, J = workspace(n)
@@ -111,16 +92,7 @@ def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
 def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
     """Undamped Newton steps, as `put_on` takes them, for configurations that nearly meet their target poses.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m]; overwritten by those of least error.
-    targets : (k, 4, 4) array
-        Target poses in the base frame [1, m].
-    steps : int
-        Most steps of each.
+    Shapes and units: q (k, n) [rad, m] (overwritten), targets (k, 4, 4) [1, m].
     """
     no_rows, no_values = np.empty((0, q.shape[1])), np.empty(0)
     for k in range(q.shape[0]):
@@ -150,29 +122,8 @@ def derivatives_at(
 
     J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    twists : (3, 6) array
-        Twist of the tool and its first two derivatives [m, rad], per power of s.
-    rows : (4, d, n) array
-        Further equations and their derivatives of order 1 to 3 [1], per power of s; d = 0 for n ≤ 6 joints, else n − 6.
-    values : (4, d) array
-        Their right-hand sides and derivatives [rad, m], per power of s.
-    dq : (3, n) array
-        The derivatives q', q'', q''' [rad, m], per power of s; overwritten, with zeros where rank is lost.
-    floor : float, optional
-        Where the smallest singular value is proved to be above it, a lower bound above it is returned, which costs less.
-
-    Returns
-    -------
-    rank : float
-        |r_nn / r_11| of the system, a scalar [1]; 0 where rank is lost.
-    singular : float
-        Smallest singular value of J, a scalar [m/rad, 1], or a lower bound on it that is above `floor`.
+    Shapes and units: q (n,) [rad, m], twists (3, 6) [m, rad], rows (4, d, n) [1], values (4, d) [rad, m], dq (3, n) [rad, m]
+    (overwritten). Returns rank  [1], singular  [m/rad, 1].
     """
     n, d = q.shape[0], rows.shape[1]
     frame, T, J = workspace(n)
@@ -208,25 +159,8 @@ def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: A
 
     What moves the tool is corrected; what does not stays as it was given.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    twist : (6,) array
-        Target twist of the tool in the base frame [m, rad], per unit of the parameter.
-    steps : int
-        Steps for the pose, and as many for the twist.
-    q : (n,) array
-        Configuration [rad, m]; overwritten.
-    v : (n,) array
-        Its derivative [rad, m], per unit of the parameter; overwritten.
-
-    Returns
-    -------
-    float
-        Largest component of the error left in pose and twist, a scalar [m, rad]; infinite where a step failed.
+    Shapes and units: target (4, 4) [1, m], twist (6,) [m, rad], q (n,) [rad, m] (overwritten), v (n,) [rad, m] (overwritten).
+    Returns [m, rad].
     """
     n = q.shape[0]
     frame, T, J = workspace(n)

@@ -41,51 +41,17 @@ _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
 
 
 def names(group: str) -> tuple[str, ...]:
-    """Names in a group, ours and those of installed packages, sorted, without importing any of them.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name of a package, such as ``"optik.ik"`` or ``"optik.robots"``.
-
-    Returns
-    -------
-    tuple of str
-        Stems of the package's ``.py`` and ``.toml`` files and its folders with an ``__init__.py``, without ``base`` and
-        names with a leading ``_``, which are no methods; and the names of entry points that are not `refused`.
-    """
+    """Names in a group, ours and those of installed packages, sorted, without importing any of them."""
     return tuple(sorted({*own_names(group), *installed(group)}))
 
 
 def installed(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group that can be used, by name; none is imported.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-
-    Returns
-    -------
-    dict of str to EntryPoint
-        Without those that `refused` lists.
-    """
+    """Return the entry points of a group that can be used, by name; none is imported."""
     return {name: points[0] for name, points in entry_points(group).items() if not _reason(group, name, len(points))}
 
 
 def refused(group: str) -> tuple[Refused, ...]:
-    """Return the entry points of a group that cannot be used, and why; ours stay what they are.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-
-    Returns
-    -------
-    tuple of Refused
-        Those with a name of ours, with a name that another package has too, or with a name that means a path.
-    """
+    """Return the entry points of a group that cannot be used, and why; ours stay what they are."""
     return tuple(
         Refused(group, name, point.value, distribution_of(point), reason)
         for name, points in sorted(entry_points(group).items())
@@ -95,29 +61,7 @@ def refused(group: str) -> tuple[Refused, ...]:
 
 
 def check_name(group: str, name: Any, kind: str) -> str:
-    """Check that a name can be used, without running any code, and return it as it is used from anywhere.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-    name : str or path
-        A name of ours, of an entry point, or the path of a file.
-    kind : str
-        What it should be, for messages.
-
-    Returns
-    -------
-    str
-        The name; for a file its absolute path, with the links of a URDF.
-
-    Raises
-    ------
-    UnknownName
-        No such name; the nearest are offered.
-    InvalidInput
-        No text, no such file, a file with a name of ours, or an entry point that is refused.
-    """
+    """Check that a name can be used, without running any code, and return it as it is used from anywhere."""
     if in_finished_run() and isinstance(name, str | os.PathLike):
         return str(os.fspath(name))  # its file may be gone, its package not installed
     if is_path(name):
@@ -133,18 +77,7 @@ def check_name(group: str, name: Any, kind: str) -> str:
 
 
 def short_name(name: str | os.PathLike[str]) -> str:
-    """Return what reports call a method or a robot: its name, or the stem of its file.
-
-    Parameters
-    ----------
-    name : str or path
-        A name or a path.
-
-    Returns
-    -------
-    str
-        Such as ``"jt"`` for ``"./jt.py"``, and ``"arm (tip tool0)"`` for ``"./arm.urdf#tip=tool0"``.
-    """
+    """Return what reports call a method or a robot: its name, or the stem of its file."""
     text = os.fspath(name)
     if not is_path(name):
         return text
@@ -157,18 +90,6 @@ def loaded(group: str, name: str) -> Any | None:
     """Return a method by its bare name without running a file: ours, an entry point's, or one loaded in this process.
 
     Files of motions and runs name paths and methods; reading them must not run code that they choose.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-    name : str
-        A bare name.
-
-    Returns
-    -------
-    object or None
-        None where a file of that name must be loaded first.
     """
     if not isinstance(name, str) or is_path(name):
         return None
@@ -182,29 +103,7 @@ def loaded(group: str, name: str) -> Any | None:
 
 
 def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
-    """Path of a data file by name: one of ours, the file that an entry point names, or a path as it is.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-    name : str or path
-        A name or a path.
-    kind : str
-        What it should be, for messages.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    UnknownName
-        No such name; the nearest are offered.
-    InvalidInput
-        No such file, or an entry point that is no path.
-    """
+    """Path of a data file by name: one of ours, the file that an entry point names, or a path as it is."""
     if is_path(name):
         file = file_of(name, kind)
         _check_stem(group, file, kind)
@@ -219,31 +118,7 @@ def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
 
 
 def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") -> Any:
-    """Return one method: the ``METHOD`` of our module or of a file, or the object that an entry point names.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-    name : str or path
-        A name of ours, of an entry point, or the path of a Python file, which is run.
-    kind : str
-        What it should be, for messages.
-
-    Returns
-    -------
-    object
-        The method. One from outside is of the kind that the group needs.
-
-    Raises
-    ------
-    UnknownName
-        No such name; the nearest are offered.
-    MissingDependency
-        The module needs a package that is not installed. A broken import of our own shows itself.
-    InvalidInput
-        A file or an entry point that is refused, that has no METHOD, or another kind of METHOD.
-    """
+    """Return one method: the ``METHOD`` of our module or of a file, or the object that an entry point names."""
     if is_path(name):
         return _from_file(group, file_of(name, kind), kind)
     point = _entry_point(group, name, kind)
@@ -256,31 +131,7 @@ def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") 
 
 
 def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments: Any, **options: Any) -> Any:
-    """Call one method with options that people wrote.
-
-    Parameters
-    ----------
-    group, name, kind
-        As `load_method` takes them.
-    *arguments
-        What every method of the group takes.
-    **options
-        Those of this method.
-
-    Returns
-    -------
-    object
-        What the method returns; an instance where it is a class.
-
-    Raises
-    ------
-    UnknownName, MissingDependency
-        As `load_method`.
-    InvalidInput
-        An option that the method does not have, or one that it needs and nobody gave.
-    TypeError
-        One that the method itself raises.
-    """
+    """Call one method with options that people wrote."""
     method = load_method(group, name, kind)
     try:
         return method(*arguments, **options)
@@ -310,18 +161,7 @@ def _folder(package: str) -> Path:
 
 
 def own_names(group: str) -> set[str]:
-    """Return the names of our own methods or data in a group; installed packages are not asked.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name of a package.
-
-    Returns
-    -------
-    set of str
-        As `names` describes them, without entry points.
-    """
+    """Return the names of our own methods or data in a group; installed packages are not asked."""
     found = set()
     for entry in os.scandir(_folder(group)):
         stem, suffix = os.path.splitext(entry.name)

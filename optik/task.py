@@ -107,21 +107,6 @@ def as_task(value: object) -> Task:
     """Return a task from a Task or from its name: pose, position, rotation, axis_x, axis_y, axis_z.
 
     ``axis_z`` is the position and the direction of the tool's z axis, free to turn about it (a spindle, a torch).
-
-    Parameters
-    ----------
-    value : Task or str
-        A task, or the name of one.
-
-    Returns
-    -------
-    Task
-        The task.
-
-    Raises
-    ------
-    InvalidInput
-        The value is neither a task nor the name of one.
     """
     if isinstance(value, Task):
         return value
@@ -134,18 +119,8 @@ def as_task(value: object) -> Task:
 def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> None:
     """Error of the tool outside the tolerance box, along the axes of the task's frame.
 
-    Parameters
-    ----------
-    T : (4, 4) array
-        Pose of the tool in the base frame [1, m].
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    e : (6,) array
-        The error [m, rad], 0 for components that are not asked for; overwritten.
-    w : (3,) array
-        Rotation vector of the tool relative to the target, log(D) [rad]; overwritten.
+    Shapes and units: T (4, 4) [1, m], target (4, 4) [1, m], flags (13,) [1, m, rad], e (6,) [m, rad] (overwritten), w (3,)
+    [rad] (overwritten).
     """
     pose_error(T, target, e)
     p0, p1, p2 = e[0], e[1], e[2]
@@ -186,16 +161,7 @@ def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
 
     A component inside its box keeps its row, though its error is zero: a step then holds it where it is.
 
-    Parameters
-    ----------
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    w : (3,) array
-        Rotation vector that `task_error` wrote [rad].
-    J : (6, n) array
-        Geometric Jacobian [m/rad, 1]; overwritten by the rows along the task's axes, 0 for components that are not asked for.
+    Shapes and units: target (4, 4) [1, m], flags (13,) [1, m, rad], w (3,) [rad], J (6, n) [m/rad, 1] (overwritten).
     """
     free = 3.0 - flags[3] - flags[4] - flags[5]
     a = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
@@ -223,19 +189,7 @@ def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
 def keep_rows(flags: Array, J: Array, e: Array) -> int:
     """Move the components that a task asks for to the front.
 
-    Parameters
-    ----------
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    J : (6, n) array
-        Jacobian of the task's error [m/rad, 1]; its rows are moved.
-    e : (6,) array
-        Error [m, rad]; its entries are moved.
-
-    Returns
-    -------
-    int
-        Number of these components.
+    Shapes and units: flags (13,) [1, m, rad], J (6, n) [m/rad, 1], e (6,) [m, rad].
     """
     m = 0
     for i in range(6):
@@ -251,23 +205,8 @@ def keep_rows(flags: Array, J: Array, e: Array) -> int:
 def task_system(target: Array, flags: Array, w: Array, J: Array, e: Array) -> int:
     """`task_rows` and `keep_rows` in one call: the equations that a task asks for, in front.
 
-    Parameters
-    ----------
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    w : (3,) array
-        Rotation vector that `task_error` wrote [rad].
-    J : (6, n) array
-        Geometric Jacobian [m/rad, 1]; overwritten.
-    e : (6,) array
-        Error [m, rad]; its entries are moved.
-
-    Returns
-    -------
-    int
-        Number of the equations.
+    Shapes and units: target (4, 4) [1, m], flags (13,) [1, m, rad], w (3,) [rad], J (6, n) [m/rad, 1] (overwritten), e (6,)
+    [m, rad].
     """
     task_rows(target, flags, w, J)
     return keep_rows(flags, J, e)
@@ -277,15 +216,7 @@ def task_system(target: Array, flags: Array, w: Array, J: Array, e: Array) -> in
 def whole_pose(flags: Array) -> bool:
     """Whether a task asks for the whole pose, exactly: `Task.is_pose` for kernels.
 
-    Parameters
-    ----------
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-
-    Returns
-    -------
-    bool
-        True where no component is free or has a box.
+    Shapes and units: flags (13,) [1, m, rad].
     """
     pose = True
     for i in range(6):
@@ -299,29 +230,8 @@ def goal_error(
 ) -> tuple[float, float]:
     """Error of one configuration against a task's target, and what forward kinematics finds on the way.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    q : (n,) array
-        Configuration [rad, m].
-    frame : (n, 4, 4) array
-        Joint frames in the base frame [1, m]; overwritten.
-    T : (4, 4) array
-        Tool pose in the base frame [1, m]; overwritten.
-    e : (6,) array
-        Error as `task_error` writes it [m, rad]; overwritten.
-    w : (3,) array
-        Rotation vector as `task_error` writes it [rad]; overwritten.
-
-    Returns
-    -------
-    p2, r2 : float
-        Square of the position error and of the rotation error, both scalars [m², rad²].
+    Shapes and units: flags (13,) [1, m, rad], target (4, 4) [1, m], q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T
+    (4, 4) [1, m] (overwritten), e (6,) [m, rad] (overwritten), w (3,) [rad] (overwritten). Returns p2, r2  [m², rad²].
     """
     forward(chain, q, frame, T)
     task_error(T, target, flags, e, w)
@@ -332,22 +242,8 @@ def goal_error(
 def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Array, w: Array, J: Array) -> None:
     """Jacobian of the error that `goal_error` found.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    frame : (n, 4, 4) array
-        Joint frames that `goal_error` wrote [1, m].
-    T : (4, 4) array
-        Tool pose that `goal_error` wrote [1, m].
-    w : (3,) array
-        Rotation vector that `goal_error` wrote [rad].
-    J : (6, n) array
-        The Jacobian, as `task_rows` writes it [m/rad, 1]; overwritten.
+    Shapes and units: flags (13,) [1, m, rad], target (4, 4) [1, m], frame (n, 4, 4) [1, m], T (4, 4) [1, m], w (3,) [rad], J
+    (6, n) [m/rad, 1] (overwritten).
     """
     jacobian_from(chain, frame, T, J)
     task_rows(target, flags, w, J)
@@ -357,25 +253,7 @@ def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Ar
 def judge(chain: Chain, limits: Range, goal: Goal, slack: float, q: Array) -> tuple[float, float, bool]:
     """Errors of a configuration against a goal, and whether it satisfies its limits.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Its position limits.
-    goal : Goal
-        The task and its target.
-    slack : float
-        Numerical slack on the limits [rad, m].
-    q : (n,) array
-        Configuration [rad, m].
-
-    Returns
-    -------
-    position, rotation : float
-        Norms of the two parts of the error, both scalars [m, rad].
-    inside : bool
-        Whether every joint is inside its limits within the slack; False for NaN.
+    Shapes and units: slack [rad, m], q (n,) [rad, m]. Returns position, rotation  [m, rad].
     """
     (lower, upper), (flags, target) = limits, goal
     e, w = np.empty(6), np.empty(3)

@@ -59,43 +59,14 @@ def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Traject
 
 
 def points_of(interpolation: str) -> int:
-    """How many of q, q̇, q̈ an interpolation goes through.
-
-    Parameters
-    ----------
-    interpolation : str
-        ``"linear"``, ``"cubic"`` or ``"quintic"``.
-
-    Returns
-    -------
-    int
-        1, 2 or 3.
-
-    Raises
-    ------
-    InvalidInput
-        Another interpolation.
-    """
+    """How many of q, q̇, q̈ an interpolation goes through."""
     if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     return INTERPOLATIONS.index(interpolation) + 1
 
 
 def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """q, q̇, q̈ at instants: the mean of both sides, which differ only at a jump.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    t : (k,) array
-        Instants [s].
-
-    Returns
-    -------
-    tuple of three (k, n) arrays
-        [rad, rad/s, rad/s², or m].
-    """
+    """q, q̇, q̈ at instants: the mean of both sides, which differ only at a jump."""
     x, c = trajectory.knots, trajectory.coefficients
     sides = []
     for beside in (t - SAME_INSTANT, t + SAME_INSTANT):
@@ -110,24 +81,7 @@ def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 
 
 def interpolated(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
-    """Motion through setpoints: positions, and velocities and accelerations where they are given.
-
-    Parameters
-    ----------
-    t : (k,) array
-        Times [s].
-    q : (k, n) array
-        Positions [rad, m].
-    v : (k, n) array, optional
-        Velocities [rad/s, m/s].
-    a : (k, n) array, optional
-        Accelerations [rad/s², m/s²].
-
-    Returns
-    -------
-    Trajectory
-        The motion.
-    """
+    """Motion through setpoints: positions, and velocities and accelerations where they are given."""
     if v is None:
         return Trajectory(scipy.interpolate.PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:

@@ -112,21 +112,7 @@ def evaluate(c: Array, knots: Array, x: Array, order: int, out: Array) -> None:
 
 
 def monomials(rates: Sequence[Array], *, full: bool = False) -> tuple[Array, ...]:
-    """Products of the derivatives of s(t) that the chain rule multiplies with f', f'', f'''.
-
-    Parameters
-    ----------
-    rates : one to three (k, ...) arrays
-        ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
-    full : bool
-        With those of lower order, which torque and its rate have too; for two rates and for three.
-
-    Returns
-    -------
-    tuple of (k, ...) arrays
-        ṡ for one rate; s̈, ṡ² for two; s⃛, ṡ s̈, ṡ³ for three [m/s^i, rad/s^i]. In full s̈, ṡ², ṡ, 1 for two;
-        s⃛, ṡ s̈, ṡ³, ṡ, s̈, ṡ² for three.
-    """
+    """Products of the derivatives of s(t) that the chain rule multiplies with f', f'', f'''."""
     v = rates[0]
     if len(rates) == 1:
         return (v,)
@@ -137,37 +123,13 @@ def monomials(rates: Sequence[Array], *, full: bool = False) -> tuple[Array, ...
 
 
 def chain_rows(derivatives: Sequence[Array]) -> Array:
-    """Coefficients of a derivative of f(s(t)) in time over its `monomials`.
-
-    Parameters
-    ----------
-    derivatives : one to three (k, n) arrays
-        f', f'', f''' [as f over powers of s]; as many as the order of the derivative in time.
-
-    Returns
-    -------
-    (k, n, order) array
-        [as f over powers of s].
-    """
+    """Coefficients of a derivative of f(s(t)) in time over its `monomials`."""
     factors = CHAIN[len(derivatives) - 1]
     return np.stack([factor * f for factor, f in zip(factors, derivatives, strict=True)], axis=-1)
 
 
 def composed(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array]:
-    """Derivatives of f(s(t)) in time by the chain rule.
-
-    Parameters
-    ----------
-    derivatives : one to three (k, ...) arrays
-        f', f'', f''' [as f over powers of s].
-    rates : as many (k, ...) arrays, which broadcast with them
-        ṡ, s̈, s⃛ [m/s, m/s², m/s³, or rad].
-
-    Returns
-    -------
-    list of (k, ...) arrays
-        Orders 1, 2, 3, as many as were given [as f over s, s², s³].
-    """
+    """Derivatives of f(s(t)) in time by the chain rule."""
     found = []
     for order in range(1, len(rates) + 1):
         products = monomials(rates[:order])
@@ -179,22 +141,7 @@ def composed(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array
 
 
 def passed_at(moving: Callable[[Array], Array], places: Array, end: float) -> Array:
-    """Times at which an increasing function of time passes given values, by bisection.
-
-    Parameters
-    ----------
-    moving : callable
-        From times (k,) [s] to values (k,), increasing in each.
-    places : (k,) array
-        Values [as the function].
-    end : float
-        Latest time [s]; the earliest is 0.
-
-    Returns
-    -------
-    (k,) array
-        Times [s], to the last bits: the latest that are known to lie before the places.
-    """
+    """Times at which an increasing function of time passes given values, by bisection."""
     low, high = np.zeros(places.size), np.full(places.size, end)
     for _ in range(TIME_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -207,12 +154,7 @@ def passed_at(moving: Callable[[Array], Array], places: Array, end: float) -> Ar
 def bell(S: Array, B: Array) -> None:
     """Complete Bell polynomials of S into B: B_k = Σ_i C(k−1, i) B_{k−1−i} S_{i+1}, up to the length of B, at most 6.
 
-    Parameters
-    ----------
-    S : (m,) array
-        Bounds on the derivatives of order 1 to m − 1 [1/s^i]; S[0] is not used.
-    B : (m,) array
-        Filled with the polynomials of order 0 to m − 1 [1/s^i].
+    Shapes and units: S (m,) [1/s^i], B (m,) [1/s^i].
     """
     B[0] = 1.0
     for k in range(1, B.shape[0]):
@@ -225,12 +167,7 @@ def bell(S: Array, B: Array) -> None:
 def bells(S: Array, B: Array) -> None:
     """Complete Bell polynomials of many rows; see `bell`.
 
-    Parameters
-    ----------
-    S : (k, m) array
-        Bounds on derivatives [1/s^i, 1/m^i]; the first column is not used.
-    B : (k, m) array
-        Filled with the polynomials [1/s^i, 1/m^i].
+    Shapes and units: S (k, m) [1/s^i, 1/m^i], B (k, m) [1/s^i, 1/m^i].
     """
     for i in range(S.shape[0]):
         bell(S[i], B[i])

@@ -49,16 +49,7 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
     A polynomial is monotone between the roots of its derivative, so the roots of each derivative are found between those
     of the next one, from the linear fourth derivative of the quintic upwards: none is missed.
 
-    Parameters
-    ----------
-    c : (6, m, n) array
-        Coefficients, highest power first [rad/s^i, m/s^i].
-    h : (m,) array
-        Durations of the pieces [s].
-    value : (4, m, n, 2) array
-        Filled with least and greatest values [rad/s^i, m/s^i].
-    when : (4, m, n, 2) array
-        Filled with their times [s].
+    Shapes and units: c (6, m, n) [rad/s^i, m/s^i], h (m,) [s], value (4, m, n, 2) [rad/s^i, m/s^i], when (4, m, n, 2) [s].
     """
     m, n = c.shape[1], c.shape[2]
     a = np.zeros((5, 6))  # derivatives of orders 0 to 4, lowest power first
@@ -102,14 +93,7 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
 def piece_ends(c: Array, h: Array, first: Array, last: Array) -> None:
     """Values of pieces and of their derivatives of order 0 to 3 at both ends.
 
-    Parameters
-    ----------
-    c : (6, m, n) array
-        Coefficients, highest power first [rad/s^i, m/s^i].
-    h : (m,) array
-        Durations of the pieces [s].
-    first, last : (4, m, n) arrays
-        Filled with the values [rad/s^i, m/s^i].
+    Shapes and units: c (6, m, n) [rad/s^i, m/s^i], h (m,) [s], first, last (4, m, n) [rad/s^i, m/s^i].
     """
     for k in range(c.shape[1]):
         for j in range(c.shape[2]):

@@ -28,31 +28,7 @@ def stretch(
     keeps: tuple[str, ...] | None = None,
     path: Path | None = None,
 ) -> float:
-    """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        From rest to rest.
-    limits : MotionLimits
-        The limits that it should keep.
-    keeps : tuple of str, optional
-        Which of them; by default all.
-    path : Path, optional
-        What the tool follows; limits with one bound for each of its segments need it.
-
-    Returns
-    -------
-    float
-        Below 1 where the motion may be faster; 0 where nothing limits it; infinity where no factor suffices.
-
-    Raises
-    ------
-    InvalidInput
-        ``keeps`` is no tuple of names of limits, or a path is needed and none is given.
-    """
+    """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly."""
     if keeps is not None:
         check_names(keeps, "keeps")
     motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
@@ -63,26 +39,7 @@ def stretch(
 def keeps_all(
     robot: Robot, trajectory: Trajectory, limits: MotionLimits, names: tuple[str, ...], path: Path | None = None
 ) -> bool:
-    """Say whether a motion keeps its limits, by the judgements of the certificate.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        The motion.
-    limits : MotionLimits
-        The limits that it should keep.
-    names : tuple of str
-        Which of them.
-    path : Path, optional
-        What the tool follows; limits with one bound for each of its segments need it.
-
-    Returns
-    -------
-    bool
-        True where every ratio is at most 1.
-    """
+    """Say whether a motion keeps its limits, by the judgements of the certificate."""
     motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if kind.name in names and np.isfinite(bounds[kind.name]).any()]
     return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
@@ -95,33 +52,7 @@ def fitted(
     keeps: tuple[str, ...] | None = None,
     path: Path | None = None,
 ) -> Trajectory:
-    """Return a motion from rest to rest, scaled in time so that it just keeps its limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        From rest to rest.
-    limits : MotionLimits
-        The limits that it should keep.
-    keeps : tuple of str, optional
-        Which of them; by default all.
-    path : Path, optional
-        What the tool follows; limits with one bound for each of its segments need it.
-
-    Returns
-    -------
-    Trajectory
-        The scaled motion; the same where nothing limits it.
-
-    Raises
-    ------
-    InvalidInput
-        ``keeps`` is no tuple of names of limits, or a path is needed and none is given.
-    NoSolution
-        A limit that no slow-down keeps.
-    """
+    """Return a motion from rest to rest, scaled in time so that it just keeps its limits."""
     factor = stretch(robot, trajectory, limits, keeps, path)
     if not factor > 0.0:
         return trajectory

@@ -11,21 +11,7 @@ from optik.types import Array
 
 
 def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Array, Array]) -> Any:
-    """Piecewise polynomial of degree 5 (Biagiotti and Melchiorri, Trajectory Planning, §2.1.6).
-
-    Parameters
-    ----------
-    x : (m + 1,) array
-        Knots, increasing [as the parameter].
-    left, right : three (m, n) arrays each
-        Value, first and second derivative at the left and the right end of each of the m pieces [as the curve].
-        They are given apart so that a derivative may jump at a knot.
-
-    Returns
-    -------
-    scipy.interpolate.PPoly
-        With coefficients (6, m, n), highest power first.
-    """
+    """Piecewise polynomial of degree 5 (Biagiotti and Melchiorri, Trajectory Planning, §2.1.6)."""
     h = np.diff(x)[:, None]
     p0, v0, a0 = left
     p1, v1, a1 = right
@@ -43,18 +29,5 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
 
 
 def through(x: Array, p: Array, v: Array, a: Array) -> Any:
-    """Quintic pieces through shared values at the knots: continuous to the second derivative.
-
-    Parameters
-    ----------
-    x : (m + 1,) array
-        Knots, increasing [as the parameter].
-    p, v, a : (m + 1, n) arrays
-        Value, first and second derivative at the knots [as the curve].
-
-    Returns
-    -------
-    scipy.interpolate.PPoly
-        With coefficients (6, m, n), highest power first.
-    """
+    """Quintic pieces through shared values at the knots: continuous to the second derivative."""
     return quintic(x, (p[:-1], v[:-1], a[:-1]), (p[1:], v[1:], a[1:]))

@@ -158,25 +158,7 @@ class HasMotion(Protocol):
 
 
 def motion_of(thing: Motion | HasMotion) -> Motion:
-    """Return the motion of a plan, or a motion itself.
-
-    Parameters
-    ----------
-    thing : Motion or Plan
-        What was given for a motion.
-
-    Returns
-    -------
-    Motion
-        The motion.
-
-    Raises
-    ------
-    NoSolution
-        The plan failed: with s, joint, reason and advice.
-    InvalidInput
-        Neither of them.
-    """
+    """Return the motion of a plan, or a motion itself."""
     motion = thing if isinstance(thing, Motion) else getattr(thing, "motion", None)
     if not isinstance(motion, Motion):
         raise InvalidInput("motion", repr(thing)[:60], "a Motion or a Plan")

@@ -61,18 +61,7 @@ def start_of(trajectory: Trajectory, t: float) -> Trajectory:
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Return one motion and, from its end on, another.
-
-    Parameters
-    ----------
-    first, second : Trajectory
-        The motions.
-
-    Returns
-    -------
-    Trajectory
-        Both.
-    """
+    """Return one motion and, from its end on, another."""
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
     a, b = first.places, second.places
     places = None if a is None or b is None else np.append(a, b[1:])
@@ -82,20 +71,7 @@ def joined(first: Trajectory, second: Trajectory) -> Trajectory:
 
 
 def held(trajectory: Trajectory, duration: float) -> Trajectory:
-    """Return a motion that ends at rest, and then stands there for a while.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    duration : float
-        How long [s].
-
-    Returns
-    -------
-    Trajectory
-        The longer motion.
-    """
+    """Return a motion that ends at rest, and then stands there for a while."""
     still = np.zeros((6, 1, trajectory.n))
     still[5] = trajectory(trajectory.end)
     return joined(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))
@@ -107,20 +83,6 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
     that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `FADE_SHARE`, else at the last. What
     is rounding only in position stays: on a short way to fade it out would need jerk.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    start : tuple of three (n,) arrays
-        q, q̇, q̈ that the motion begins with [rad, rad/s, rad/s², or m].
-    limits : MotionLimits
-        Limits of the motion.
-
-    Returns
-    -------
-    Trajectory
-        Begun exactly so.
     """
     off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
     off[0, np.abs(off[0]) <= SAME_POSITION] = 0.0

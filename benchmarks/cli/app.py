@@ -116,13 +116,7 @@ def _in_a_plugin(error: Exception) -> str:
 
 @command(app)
 def robots(as_json: AsJson = False) -> None:
-    """List the robots that come with optik, and those of installed packages; one that cannot be loaded with its error.
-
-    Parameters
-    ----------
-    as_json
-        As ``--help`` says.
-    """
+    """List the robots that come with optik, and those of installed packages; one that cannot be loaded with its error."""
     found = {name: either(optik.load, name) for name in optik.robots()}
     if as_json:
         print_json([_robot_row(name, robot) for name, robot in found.items()])
@@ -159,18 +153,7 @@ def fk(
     base: Base = None,
     as_json: AsJson = False,
 ) -> None:
-    """Forward kinematics: where the tool is.
-
-    Parameters
-    ----------
-    q_deg, robot, tip, base, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName, InvalidInput, RobotModelError
-        As `optik.load`; another number of joint values.
-    """
+    """Forward kinematics: where the tool is."""
     from optik import se3
     from optik.arm.urdf_writer import roll_pitch_yaw
 
@@ -220,18 +203,7 @@ def ik(
     restarts: Annotated[int, typer.Option(help="Attempts after the first.")] = 200,
     as_json: AsJson = False,
 ) -> None:
-    """Solve inverse kinematics: joint values for a tool pose. Without --rpy-deg and --quat, keep the orientation of the start.
-
-    Parameters
-    ----------
-    xyz, rpy_deg, quat, start_deg, robot, tip, base, solver, task, closest, restarts, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName, InvalidInput, RobotModelError
-        As `optik.load` and `optik.solve_ik`; also if two orientations are given.
-    """
+    """Solve inverse kinematics: joint values for a tool pose. Without --rpy-deg or --quat the tool keeps its orientation."""
     from optik import se3
 
     arm = arm_of(robot, tip, base)

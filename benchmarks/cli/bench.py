@@ -27,13 +27,7 @@ add_suites(bench_app)
 
 @command(bench_app, "list")
 def bench_list(as_json: AsJson = False) -> None:
-    """List the suites; one of an installed package that cannot be read with its error.
-
-    Parameters
-    ----------
-    as_json
-        As ``--help`` says.
-    """
+    """List the suites; one of an installed package that cannot be read with its error."""
     from benchmarks.suite import SUITES, load_suite
     from optik.registry import names
 
@@ -75,16 +69,6 @@ def bench_run(
 
     What speed is asked of (ik-speed) is timed in one process, whatever the number of workers. Exit status: 0; 1 where a
     part failed; 2 for misuse, or a folder that cannot be written; 130 after Ctrl-C.
-
-    Parameters
-    ----------
-    suite, out, workers, dask, part_timeout, allow_plugins, report, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName, InvalidInput, OutputError
-        As `load_suite` and `run_suite`.
     """
     folder = run_with_progress(suite, out, workers, allow_plugins, dask, part_timeout)
     manifest = folder.manifest()
@@ -105,18 +89,7 @@ def demo(
     workers: Workers = DEMO_WORKERS,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the methods on the paper's line and workspace: the suite `paper` and its report.
-
-    Parameters
-    ----------
-    out, workers, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be written or holds something else.
-    """
+    """Compare the methods on the paper's line and workspace: the suite `paper` and its report."""
     from benchmarks.experiments.claims import judge
     from benchmarks.report import write_report
 

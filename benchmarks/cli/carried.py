@@ -16,25 +16,7 @@ MASS = "a mass [kg] such as 3, or the lightest and the heaviest such as 0:3"
 
 
 def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
-    """The arm with the payload that was typed.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    payload : str or None
-        As typed; None for the payload that the arm has.
-
-    Returns
-    -------
-    Robot
-        The arm.
-
-    Raises
-    ------
-    InvalidInput
-        No mass, or an arm whose masses are unknown.
-    """
+    """The arm with the payload that was typed."""
     if payload is None:
         return arm
     try:
@@ -52,29 +34,7 @@ def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
 
 
 def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any:
-    """A limit on torques or on their rates as it was typed.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    name : str
-        ``torque`` or ``torque_rate``.
-    text : str or None
-        ``robot``, ``none``, or one number or one for each joint, comma separated; None for the robot's own, if any.
-    own : (n,) array or None
-        The robot's own [N·m, N, or over s].
-
-    Returns
-    -------
-    float, list of float, (n,) array or None
-        The limit [N·m, N, or over s]; None where free.
-
-    Raises
-    ------
-    InvalidInput
-        Something else, or an arm that has no such limit or whose masses are unknown.
-    """
+    """A limit on torques or on their rates as it was typed."""
     option = f"--{name.replace('_', '-')}"
     if text is None:
         return own

@@ -96,18 +96,6 @@ def cell(
     line to it is planned and certified, a drive executes it, and the error of the tool is split into laser, inverse
     kinematics, path and servo.
     Exit status 0 where the tool arrived; 1 where a step failed, which is named.
-
-    Parameters
-    ----------
-    robot, spot, start_deg, drive, corrections, readings, noise, miscalibration, seed
-        As ``--help`` says.
-    velocity, acceleration, jerk, timing, ik, out, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    InvalidInput
-        An option that cannot be meant.
     """
     from planners.cell import Cell, Plane
     from planners.timing import make_law
@@ -142,26 +130,7 @@ def _check_counts(seed: int, corrections: int, readings: int) -> None:
 
 
 def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
-    """Write page and data, print what came of it; exit status 1 where the tool did not arrive.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        What came of it.
-    drive, why : str
-        Which drive executed it, and why that one.
-    out : Path
-        The page.
-    as_json : bool
-        Whether to print for programs.
-
-    Raises
-    ------
-    OutputError
-        The page cannot be written.
-    Exit
-        With status 1.
-    """
+    """Write page and data, print what came of it; exit status 1 where the tool did not arrive."""
     from optik.files import write_whole
 
     page = page_of(outcome, out)
@@ -187,27 +156,7 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
 
 
 def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
-    """The laser unit: beside the arm's base, level, looking ahead to the spot.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm, whose gravity says which way is down.
-    point : (3,) array
-        The spot [m].
-    noise : str
-        As typed.
-
-    Returns
-    -------
-    PanTiltLaser
-        The unit.
-
-    Raises
-    ------
-    InvalidInput
-        No two numbers of 0 or more.
-    """
+    """The laser unit: beside the arm's base, level, looking ahead to the spot."""
     from optik import se3
     from planners.cell import PanTiltLaser
 
@@ -225,25 +174,7 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
 
 
 def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
-    """Return the calibrated unit, with a covariance of its pose that matches the miscalibration in every direction.
-
-    Parameters
-    ----------
-    laser : PanTiltLaser
-        The unit.
-    typed : str
-        What ``--miscalibration`` was given [mm, mrad].
-
-    Returns
-    -------
-    PanTiltLaser
-        The unit; its pose is exact where that is 0.
-
-    Raises
-    ------
-    InvalidInput
-        No two numbers of 0 or more.
-    """
+    """Return the calibrated unit, with a covariance of its pose that matches the miscalibration in every direction."""
     away = np.repeat(1e-3 * np.array(_away(typed)), 3)
     return laser.with_pose(laser.pose, np.diag(away**2 / 3.0)) if away.any() else laser
 
@@ -257,27 +188,7 @@ def _away(typed: str) -> tuple[float, float]:
 
 
 def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
-    """The true unit, which stands a little away from where it was calibrated, in a random direction.
-
-    Parameters
-    ----------
-    laser : PanTiltLaser
-        The unit as it was calibrated.
-    typed : str
-        How far [mm, mrad].
-    seed : int
-        Of the direction.
-
-    Returns
-    -------
-    PanTiltLaser
-        The true unit.
-
-    Raises
-    ------
-    InvalidInput
-        No two numbers of 0 or more.
-    """
+    """The true unit, which stands a little away from where it was calibrated, in a random direction."""
     from optik import se3
 
     far, turned = _away(typed)
@@ -289,23 +200,7 @@ def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
 
 
 def drive_of(typed: str) -> tuple[str, str]:
-    """The drive's name, and the sentence that says why it is that one.
-
-    Parameters
-    ----------
-    typed : str
-        What ``--drive`` was given; empty for the best that is installed.
-
-    Returns
-    -------
-    tuple of str
-        Name and sentence.
-
-    Raises
-    ------
-    InvalidInput
-        A drive that is no simulated one.
-    """
+    """The drive's name, and the sentence that says why it is that one."""
     simulated = {
         "ideal": "on the ideal drive, which follows its set-points exactly",
         "mujoco": "on the simulated arm in MuJoCo",
@@ -323,25 +218,7 @@ def drive_of(typed: str) -> tuple[str, str]:
 
 
 def page_of(outcome: Outcome, file: Path) -> Path | None:
-    """Write the page that plays the task.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        What came of it.
-    file : Path
-        Where to.
-
-    Returns
-    -------
-    Path or None
-        The page; None where the task failed before there was anything to show.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write the page that plays the task."""
     from planners.cell.view.page import write_page
     from planners.cell.view.show import show_of_outcome
 
@@ -358,15 +235,7 @@ def _took(seconds: float) -> str:
 
 
 def print_outcome(outcome: Outcome, why: str) -> None:
-    """Print the steps, the errors and the rounds of a task.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        What came of it.
-    why : str
-        Which drive executed it.
-    """
+    """Print the steps, the errors and the rounds of a task."""
     table = Table("step", "", "took", "what it found", title=f"{outcome.robot.name} to a laser spot, {why}")
     for step in outcome.steps:
         mark = "ok" if step.ok else "[red]failed[/red]"

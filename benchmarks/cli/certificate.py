@@ -11,34 +11,12 @@ from benchmarks.cli.shared import out_console
 
 
 def much(ratio: float) -> str:
-    """How far a ratio is beyond 1, in words.
-
-    Parameters
-    ----------
-    ratio : float
-        Of a value to its limit [1].
-
-    Returns
-    -------
-    str
-        For the table.
-    """
+    """How far a ratio is beyond 1, in words."""
     return f"{ratio:.3g} times its limit" if np.isfinite(ratio) else "without bound"
 
 
 def effort_words(planned: Any) -> str:
-    """What the torques of a plan stand on, and what the motion takes.
-
-    Parameters
-    ----------
-    planned : Plan
-        A plan whose torques are limited.
-
-    Returns
-    -------
-    str
-        For people.
-    """
+    """What the torques of a plan stand on, and what the motion takes."""
     proof, payload = planned.certificate, planned.robot.payload
     load = "without a payload" if payload is None else f"with {payload}"
     words = (
@@ -63,18 +41,7 @@ SMOOTH = {
 
 
 def clearance_line(found: Any) -> str:
-    """Say how near the arm comes to the scene and to itself.
-
-    Parameters
-    ----------
-    found : Clearance
-        What the certificate has.
-
-    Returns
-    -------
-    str
-        One line for each kind of pairs.
-    """
+    """Say how near the arm comes to the scene and to itself."""
     lines = []
     for words, kind in (("to the scene", found.scene), ("between links", found.own)):
         if kind is not None:
@@ -86,18 +53,7 @@ def clearance_line(found: Any) -> str:
 
 
 def print_certificate(planned: Any) -> None:
-    """Print what a plan keeps, for people.
-
-    Parameters
-    ----------
-    planned : Plan
-        The plan.
-
-    Raises
-    ------
-    NoSolution
-        There is no motion.
-    """
+    """Print what a plan keeps, for people."""
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = planned.certificate, planned.certificate.path_error

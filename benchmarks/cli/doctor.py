@@ -60,11 +60,6 @@ def doctor(as_json: AsJson = False) -> None:
 
     A package that is absent is not wrong: only what needs it says so. No plug-in of another package is imported: one that
     is listed here may still be broken.
-
-    Parameters
-    ----------
-    as_json
-        As ``--help`` says.
     """
     rows = [*_machine(), *_requirements(), *_cache(), *_extras(), *_peers(), *_plugins()]
     if as_json:

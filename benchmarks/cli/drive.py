@@ -63,22 +63,6 @@ def drive(
 
     With --on ros, the motion is checked, and it is sent only with --execute. The exit status is 0 if the arm reached the end of
     the motion or nothing was to be sent. It is 1 if the arm was stopped, also by a fault, or the motion was refused.
-
-    Parameters
-    ----------
-    plan, on, url, via, action, states, joint_names, execute, stop, allow, ik, out, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    InvalidInput
-        No motion, options of another drive, a file that cannot be written.
-    InvalidMotion
-        A motion with violations that ``--allow`` does not permit.
-    NoSolution
-        The path of the motion cannot be followed again.
-    MissingDependency
-        A drive whose package is not installed.
     """
     reached = Reached(url, via, action, states, joint_names)
     if out is not None and out.suffix.lower() != ".json":
@@ -155,13 +139,7 @@ def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dic
 
 
 def print_execution(done: Execution) -> None:
-    """Print what an arm did, for people.
-
-    Parameters
-    ----------
-    done : Execution
-        What a drive returned.
-    """
+    """Print what an arm did, for people."""
     good = done.status in ("done", "dry_run")
     style = "green" if good else "yellow"
     out_console.print(f"{done.drive}: {done.status}", style=style, highlight=False)
@@ -207,36 +185,14 @@ def _print_joints(done: Execution) -> None:
 
 
 def tracking(done: Execution) -> Any:
-    """Differences of what the arm did and the motion that was sent.
-
-    Parameters
-    ----------
-    done : Execution
-        One with a motion.
-
-    Returns
-    -------
-    (k, n) array
-        At the times up to its last set-point [rad, m].
-    """
+    """Differences of what the arm did and the motion that was sent."""
     assert done.motion is not None and done.setpoints is not None
     sent = done.t <= done.setpoints.t[-1]
     return done.q[sent] - done.motion(np.minimum(done.t[sent], done.motion.end))
 
 
 def tool_error(done: Execution) -> tuple[float, float]:
-    """Distance and angle of the tool from where the motion ends.
-
-    Parameters
-    ----------
-    done : Execution
-        One with a motion.
-
-    Returns
-    -------
-    distance, angle : float
-        At the last time that was recorded [m, rad].
-    """
+    """Distance and angle of the tool from where the motion ends."""
     from optik import se3
 
     assert done.motion is not None
@@ -245,18 +201,7 @@ def tool_error(done: Execution) -> tuple[float, float]:
 
 
 def execution_data(done: Execution) -> dict[str, Any]:
-    """Return an execution as plain data for files and programs.
-
-    Parameters
-    ----------
-    done : Execution
-        What a drive returned.
-
-    Returns
-    -------
-    dict
-        Times and states as lists, None for numbers that are unknown.
-    """
+    """Return an execution as plain data for files and programs."""
     from planners.cell.view.recorded import EXECUTION
 
     data: dict[str, Any] = {

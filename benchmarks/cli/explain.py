@@ -90,25 +90,7 @@ class Explained(NamedTuple):
 
 
 def explain(suite: Suite, folder: Path) -> list[Explained]:
-    """Explain every key of a suite, and those that could be added to its tables.
-
-    Parameters
-    ----------
-    suite : Suite
-        The suite, read and checked.
-    folder : Path
-        Of its file, where its relative paths start.
-
-    Returns
-    -------
-    list of Explained
-        In the order of the file.
-
-    Raises
-    ------
-    InvalidInput
-        An option that a method or a problem set does not have, or a value out of range.
-    """
+    """Explain every key of a suite, and those that could be added to its tables."""
     found = [
         Explained(key, suite.settings.get(key), default, "", meaning, key in suite.settings)
         for key, (meaning, default) in SUITE_KEYS.items()

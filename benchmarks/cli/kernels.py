@@ -36,18 +36,7 @@ def kernels(
     jobs: Annotated[int, typer.Option(min=1, help="With --compile: number of processes.")] = os.cpu_count() or 1,
     as_json: AsJson = False,
 ) -> None:
-    """Show how many kernels are shipped, and how many were compiled on this machine and why; or compile in advance.
-
-    Parameters
-    ----------
-    compile_, native, jobs, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    InvalidInput, OutputError, NoSolution
-        ``--native`` without ``--compile``; no folder for the cache can be written; a part ends with an error.
-    """
+    """Show how many kernels are shipped, and how many were compiled on this machine and why; or compile in advance."""
     if native and not compile_:
         raise InvalidInput("--native", "no --compile", "both")
     if compile_:

@@ -29,20 +29,6 @@ def bench_peer(
     """Say how a peer is called and whether it can be run here; make the environment of one that needs its own.
 
     Environments lie in $OPTIK_PEERS, or in optik/peers in the user's data folder; delete a folder there to remove one.
-
-    Parameters
-    ----------
-    name, install
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName
-        No such peer.
-    InvalidInput
-        The peer needs no environment of its own.
-    OutputError
-        The environment cannot be made.
     """
     kind: Any = load_method(PEERS, name, "peer")
     if install:

@@ -39,25 +39,6 @@ def plan_line(
     """Move the tool along a straight line, time it, and say what the motion keeps.
 
     The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    q : (n,) array
-        Start [rad, m].
-    move, turn_deg
-        As ``--help`` says.
-
-    Returns
-    -------
-    Path
-        The line.
-
-    Raises
-    ------
-    InvalidInput
-        A turn of more than 180°.
     """
     import planners
     from optik import se3
@@ -82,27 +63,7 @@ def plan_arc(
     axis: Annotated[str, typer.Option(metavar=NUMBERS, help="Direction of the axis, x,y,z.")] = "0,0,1",
     angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis [degrees].")] = 90.0,
 ) -> Any:
-    """Move the tool along part of a circle: through a point to an end, or about an axis by an angle.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    q : (n,) array
-        Start [rad, m].
-    via, to, centre, axis, angle_deg
-        As ``--help`` says.
-
-    Returns
-    -------
-    Path
-        The arc.
-
-    Raises
-    ------
-    InvalidInput
-        Neither ``--via`` and ``--to`` nor ``--centre``, or both; other numbers than these need.
-    """
+    """Move the tool along part of a circle: through a point to an end, or about an axis by an angle."""
     import planners
 
     start = arm.fk(q)
@@ -136,25 +97,6 @@ def plan_polyline(
 
     With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
     default in the configuration that is best for the whole path.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    q : (n,) array
-        Start [rad, m].
-    via, waypoints, blend
-        As ``--help`` says.
-
-    Returns
-    -------
-    Path
-        The polyline.
-
-    Raises
-    ------
-    InvalidInput
-        An invalid waypoint; neither ``--via`` nor ``--waypoints``, or both.
     """
     import planners
 
@@ -175,27 +117,7 @@ def plan_joints(
     q: Any,
     to_deg: Annotated[str, typer.Option(metavar=NUMBERS, help="Goal configuration [degrees, sliding mm].")],
 ) -> Any:
-    """Move from one configuration to another, straight in joint space.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    q : (n,) array
-        Start [rad, m].
-    to_deg
-        As ``--help`` says.
-
-    Returns
-    -------
-    Path
-        The motion in joint space.
-
-    Raises
-    ------
-    InvalidInput
-        No goal, or one that is no configuration of the arm.
-    """
+    """Move from one configuration to another, straight in joint space."""
     import planners
 
     return planners.JointLine(arm, q, configuration(arm, to_deg, "--to-deg"))
@@ -215,25 +137,6 @@ def plan_path(
 
     The path is built from its data, as its to_dict writes them; start is the tool's pose at the start configuration
     unless it is set.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    q : (n,) array
-        Start [rad, m].
-    path, set_
-        As ``--help`` says.
-
-    Returns
-    -------
-    Path
-        The path.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        As `planners.make_path`; or an option that is no KEY=VALUE.
     """
     import planners
 
@@ -241,23 +144,7 @@ def plan_path(
 
 
 def settings_of(texts: list[str]) -> dict[str, Any]:
-    """Read KEY=VALUE, the value as in TOML (numbers, lists, true); anything else is text.
-
-    Parameters
-    ----------
-    texts : list of str
-        As typed.
-
-    Returns
-    -------
-    dict
-        Values by key.
-
-    Raises
-    ------
-    InvalidInput
-        No ``=``, or no key.
-    """
+    """Read KEY=VALUE, the value as in TOML (numbers, lists, true); anything else is text."""
     found: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -271,27 +158,7 @@ def settings_of(texts: list[str]) -> dict[str, Any]:
 
 
 def place(text: str, option: str, before: Any) -> Any:
-    """Pose of x,y,z, which keeps the orientation before it, or of x,y,z,roll,pitch,yaw.
-
-    Parameters
-    ----------
-    text : str
-        As typed [m, degrees].
-    option : str
-        Which option it was, for messages.
-    before : (4, 4) array
-        The pose before it [m].
-
-    Returns
-    -------
-    (4, 4) array
-        T_base_tool [m].
-
-    Raises
-    ------
-    InvalidInput
-        Neither three nor six numbers.
-    """
+    """Pose of x,y,z, which keeps the orientation before it, or of x,y,z,roll,pitch,yaw."""
     from optik import se3
 
     values = numbers(text, option, 3, 6)

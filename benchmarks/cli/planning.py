@@ -33,7 +33,6 @@ from benchmarks.cli.shared import (
     print_json,
     print_start,
     start_of,
-    words_of,
 )
 from optik.arm.units import per
 from optik.check import check_number
@@ -138,18 +137,7 @@ class Wish:
 
 
 def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
-    """Decorate a function that builds a path as a command of `optik plan`, with the options of `Wish` after its own.
-
-    Parameters
-    ----------
-    name : str
-        Of the command.
-
-    Returns
-    -------
-    callable
-        The decorator. The function gets the arm and the start (n,) [rad, m], and its own options by their names.
-    """
+    """Decorate a function that builds a path as a command of `optik plan`, with the options of `Wish` after its own."""
     wished = {field.name: field for field in fields(Wish)}
     hints = get_type_hints(Wish, include_extras=True)
 
@@ -169,35 +157,14 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
         parameters = [*(p.replace(kind=Parameter.KEYWORD_ONLY) for p in own), *shared]
         run.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # typer makes the options from it
         run.__annotations__ = {p.name: p.annotation for p in parameters}
-        plan_app.command(name, cls=NumbersCommand, help=words_of(build))(run)
+        plan_app.command(name, cls=NumbersCommand, help=build.__doc__)(run)
         return run
 
     return register
 
 
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
-    """Plan, write and print; exit status 1 if there is no motion, or if ``--allow`` does not permit its violations.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    path : Path
-        Where the tool goes.
-    q : (n,) array
-        Start [rad, m].
-    wish : Wish
-        The options.
-    words : str
-        Text that states the start.
-
-    Raises
-    ------
-    InvalidInput, UnknownName
-        Invalid options.
-    NoSolution
-        There is no motion.
-    """
+    """Plan, write and print; exit status 1 if there is no motion, or if ``--allow`` does not permit its violations."""
     import planners
     from planners.certificate.failure import LIMIT_WORDS, forbidden, words_for
 
@@ -242,20 +209,7 @@ def branch_from(arm: optik.Robot, path: Any, q: Any) -> str:
 
 
 def check_out(wish: Wish) -> None:
-    """Check before planning that the motion can be written in the requested format.
-
-    Parameters
-    ----------
-    wish : Wish
-        The options.
-
-    Raises
-    ------
-    InvalidInput
-        An unknown suffix, a format without a file, an invalid rate, or a rate for a format without a table.
-    UnknownName
-        No such format.
-    """
+    """Check before planning that the motion can be written in the requested format."""
     if wish.out_failed is not None and wish.out_failed.suffix.lower() != ".json":
         raise InvalidInput("--out-failed", str(wish.out_failed), "a name that ends in .json")
     if wish.rate is not None:
@@ -286,25 +240,7 @@ def write_failed(plan: Any, file: Path) -> None:
 
 
 def scene_of(arm: optik.Robot, wish: Wish) -> Any:
-    """The scene that was asked for.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    wish : Wish
-        The options.
-
-    Returns
-    -------
-    Scene or None
-        An empty one for the arm's own links; None where none was asked for.
-
-    Raises
-    ------
-    InvalidInput
-        A margin without a scene or below 0, a file that is none, or an arm without shapes.
-    """
+    """The scene that was asked for."""
     if wish.margin is not None and not wish.margin >= 0.0:
         raise InvalidInput("--margin", wish.margin, "a distance of 0 or more [m]")
     if wish.scene is None:
@@ -321,27 +257,7 @@ def scene_of(arm: optik.Robot, wish: Wish) -> Any:
 
 
 def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
-    """The limits that were typed, the robot's own where none was.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    wish : Wish
-        The options.
-    law : TimeLaw
-        The law that shall keep them.
-
-    Returns
-    -------
-    MotionLimits
-        Of the joints and the tool.
-
-    Raises
-    ------
-    InvalidInput
-        One that the law needs and nobody gave.
-    """
+    """The limits that were typed, the robot's own where none was."""
     import planners
 
     own = planners.MotionLimits.of(arm)

@@ -33,13 +33,7 @@ class Format(StrEnum):
 
 
 def add_reports(app: typer.Typer) -> None:
-    """Add the commands of this module.
-
-    Parameters
-    ----------
-    app : typer.Typer
-        `optik bench`.
-    """
+    """Add the commands of this module."""
     command(app, "report")(bench_report)
     command(app, "compare")(bench_compare)
 
@@ -51,20 +45,7 @@ def bench_report(
     ] = Format.HTML,
     as_json: AsJson = False,
 ) -> None:
-    """Write the report of a run into its folder: one HTML file that opens offline, or Markdown, CSV or LaTeX.
-
-    Parameters
-    ----------
-    run, format, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    OutputError
-        No folder of a run, or one that cannot be written.
-    MissingDependency
-        Markdown without matplotlib.
-    """
+    """Write the report of a run into its folder: one HTML file that opens offline, or Markdown, CSV or LaTeX."""
     from benchmarks.records import RunFolder
 
     with err_console.status("writing the report"):
@@ -112,16 +93,6 @@ def bench_compare(
 
     Problems that are the same are compared in pairs (McNemar's and Wilcoxon's tests, corrected by Holm for all that is
     compared); a time must also differ by more than the rounds of the same calls do.
-
-    Parameters
-    ----------
-    first, second, threshold, show_all, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    InvalidInput
-        A folder that is no run, or runs with nothing in common.
     """
     from benchmarks.records import RunFolder
     from benchmarks.report.compare import as_data, compare_runs

@@ -55,33 +55,7 @@ def run_with_progress(
     dask: str = "",
     part_timeout: float | None = None,
 ) -> Any:
-    """Run a suite with its progress on the error stream.
-
-    Parameters
-    ----------
-    suite : str
-        A name or a file.
-    out : Path
-        Folder of the run.
-    workers : int
-        Processes.
-    allow_plugins : bool
-        Whether files that the suite names may be run.
-    dask : str
-        Address of a Dask scheduler; empty for none.
-    part_timeout : float, optional
-        Time within which a worker process must have done a part [s].
-
-    Returns
-    -------
-    RunFolder
-        The run; not complete where a part has failed.
-
-    Raises
-    ------
-    UnknownName, InvalidInput, OutputError
-        As `load_suite` and `run_suite`.
-    """
+    """Run a suite with its progress on the error stream."""
     try:
         from benchmarks.run import run_suite
         from benchmarks.suite import load_suite

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
 import json
-import re
 from collections.abc import Callable
 from itertools import takewhile
 from typing import Annotated, Any, TypeVar
@@ -85,68 +83,12 @@ StartDeg = Annotated[
 
 
 def command(group: typer.Typer, name: str | None = None, **settings: Any) -> Callable[[Command], Command]:
-    """Decorate a function as a command whose help is its docstring, without the sections that follow the words.
-
-    Parameters
-    ----------
-    group : typer.Typer
-        Where the command belongs.
-    name : str, optional
-        Of the command; by default the function's.
-    **settings
-        Those of `typer.Typer.command`.
-
-    Returns
-    -------
-    callable
-        The decorator; the function stays as it is.
-    """
-
-    def register(function: Command) -> Command:
-        group.command(name, cls=NumbersCommand, help=words_of(function), **settings)(function)
-        return function
-
-    return register
-
-
-def words_of(function: Callable[..., Any]) -> str:
-    """Return a function's docstring without its sections (Parameters, Raises and so on), for `--help`.
-
-    Parameters
-    ----------
-    function : callable
-        A command.
-
-    Returns
-    -------
-    str
-        Summary and further paragraphs.
-    """
-    return re.split(r"\n\n?\w+\n-{3,}\n", inspect.getdoc(function) or "")[0]
+    """Decorate a function as a command whose help is its docstring."""
+    return group.command(name, cls=NumbersCommand, **settings)
 
 
 def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_dir: str | None = None) -> optik.Robot:
-    """Load a robot by its name or from a file.
-
-    Parameters
-    ----------
-    robot : str
-        What ``--robot`` was given.
-    tip, base : str, optional
-        Links of a URDF.
-    package_dir : str, optional
-        Folder of ROS packages, for the meshes of a URDF.
-
-    Returns
-    -------
-    Robot
-        The arm.
-
-    Raises
-    ------
-    UnknownName, RobotModelError, InvalidInput
-        As `optik.load`; also for a folder of packages with a robot that is not a URDF.
-    """
+    """Load a robot by its name or from a file."""
     if package_dir is not None:
         path, options = split_links(robot)
         if not is_path(robot) or not path.lower().endswith((".urdf", ".xml")):
@@ -156,20 +98,7 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_
 
 
 def either(load: Callable[[str], Any], name: str) -> Any:
-    """Load what a name stands for, or return the error: a broken plug-in must not keep the others from being listed.
-
-    Parameters
-    ----------
-    load : callable
-        From a name to what it stands for.
-    name : str
-        The name.
-
-    Returns
-    -------
-    object or Exception
-        What was loaded, or why it could not be.
-    """
+    """Load what a name stands for, or return the error: a broken plug-in must not keep the others from being listed."""
     try:
         return load(name)
     except Exception as error:  # code of a package may raise any
@@ -188,27 +117,7 @@ def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
 
 
 def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> Any:
-    """Read a configuration given in degrees, sliding joints in millimetres.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    text : str
-        Joint values, separated by commas or spaces.
-    option : str
-        The option that they were given with, for messages.
-
-    Returns
-    -------
-    (n,) array
-        Configuration [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        Not numbers, the wrong count, or outside the limits.
-    """
+    """Read a configuration given in degrees, sliding joints in millimetres."""
     values = numbers(text, option, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
     q = arm.configuration(values, option) / per(arm)
     lower, upper = arm.limits.lower, arm.limits.upper
@@ -244,29 +153,7 @@ START_SAMPLES = 64
 
 
 def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
-    """Return the typed start, or the arm's default start with a text that states it.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    name : str
-        What ``--robot`` was given.
-    text : str
-        The typed start. Empty for the default: ``home_deg`` of the robot's TOML file, or else `sampled_start`.
-
-    Returns
-    -------
-    q : (n,) array
-        Configuration [rad, m].
-    words : str
-        For `print_start`; empty for a start that was typed.
-
-    Raises
-    ------
-    InvalidInput
-        As `configuration`.
-    """
+    """Return the typed start, or the arm's default start with a text that states it."""
     if text.strip():
         return configuration(arm, text), ""
     from optik.arm.library import home_of
@@ -296,11 +183,5 @@ def sampled_start(arm: optik.Robot) -> Any:
 
 
 def print_json(data: Any) -> None:
-    """Print strict JSON for programs.
-
-    Parameters
-    ----------
-    data : object
-        Plain data.
-    """
+    """Print strict JSON for programs."""
     print(json.dumps(data, allow_nan=False, indent=1))

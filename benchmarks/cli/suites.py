@@ -63,13 +63,7 @@ laws = [{{ law = "optimal" }}, {{ law = "smooth" }}]  # or: {laws}
 
 
 def add_suites(group: typer.Typer) -> None:
-    """Add the commands to a group.
-
-    Parameters
-    ----------
-    group : typer.Typer
-        The group ``optik bench``.
-    """
+    """Add the commands to a group."""
     command(group, "new")(bench_new)
     command(group, "check")(bench_check)
 
@@ -81,20 +75,7 @@ def bench_new(
     base: Base = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a commented suite to start from, for one arm; a file that exists is left as it is.
-
-    Parameters
-    ----------
-    file, robot, tip, base, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName, InvalidInput, RobotModelError
-        As `optik.load`; a name that does not end in .toml.
-    OutputError
-        The file exists, or cannot be written.
-    """
+    """Write a commented suite to start from, for one arm; a file that exists is left as it is."""
     if file.suffix.lower() != ".toml":
         raise InvalidInput("file", str(file), "a name that ends in .toml")
     arm = arm_of(robot, tip, base)
@@ -157,18 +138,7 @@ def bench_check(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a suite and explain its keys: meaning, unit, default and value. No code in files that it names is run.
-
-    Parameters
-    ----------
-    suite, every, as_json
-        As ``--help`` says.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        As `load_suite`; an option that a method or a problem set does not have.
-    """
+    """Check a suite and explain its keys: meaning, unit, default and value. No code in files that it names is run."""
     from benchmarks.cli.explain import explain
     from benchmarks.suite import SUITES, load_suite
     from optik.registry import data_file

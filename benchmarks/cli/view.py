@@ -46,22 +46,6 @@ def view(
     """Show a motion, an execution or a failed plan in the browser: arm, shapes, scene, path, and the values at every time.
 
     With --html, write one self-contained page. Without it, serve the page until Ctrl-C. No real arm is ever moved.
-
-    Parameters
-    ----------
-    plan, html, drive, host, port
-        As ``--help`` says.
-
-    Raises
-    ------
-    InvalidInput
-        A file without a motion, a suffix that is not .html, an address or port that cannot be used, or a real drive.
-    NoSolution
-        The file has a failed plan that cannot be shown.
-    OutputError
-        The page cannot be written.
-    MissingDependency
-        Without ``--html``, where viser is not installed.
     """
     from planners.cell.view.page import PAGE_SUFFIXES, write_page
 
@@ -145,25 +129,7 @@ def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
 
 
 def stored(file: Path) -> Motion:
-    """Read a motion.
-
-    Parameters
-    ----------
-    file : Path
-        What was typed.
-
-    Returns
-    -------
-    Motion
-        The motion.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, a folder, or something else in it; the message says what was expected.
-    NoSolution
-        The data of a plan that failed, as ``--json`` prints them.
-    """
+    """Read a motion."""
     from planners.cell.view.recorded import EXECUTION, FAILED_PLAN
     from planners.files import load_motion
 

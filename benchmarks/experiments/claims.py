@@ -21,16 +21,5 @@ CLAIMS = (
 
 
 def judge(folder: RunFolder) -> list[Finding]:
-    """Findings on every claim; a claim without data in the run is "not tested".
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    list of Finding
-        One finding per claim.
-    """
+    """Findings on every claim; a claim without data in the run is "not tested"."""
     return [claim(folder) for claim in CLAIMS]

@@ -35,18 +35,7 @@ OTHER_PARTS = ("laser_error", "path_error", "servo_error")
 
 
 def executed_claims(rows: pl.DataFrame) -> list[Finding]:
-    """Return the findings on claims (a), (b) and (c) for each executed reading of section 4.1.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Results for spots on graph paper, by all methods; only spots with a known solution count.
-
-    Returns
-    -------
-    list of Finding
-        One for each claim and reading; the claim says which reading.
-    """
+    """Return the findings on claims (a), (b) and (c) for each executed reading of section 4.1."""
     known = rows.filter(pl.col("known") & pl.col("budget").is_not_null()).with_columns(axis=_axis())
     dls = known.filter(pl.col("solver") == "dls")
     found = []
@@ -156,18 +145,7 @@ def _more_iterations(rows: pl.DataFrame) -> Finding:
 
 
 def needed_budgets(rows: pl.DataFrame) -> pl.DataFrame:
-    """The least budget of each trial from which on the executed tool is within 2 mm on each axis.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of one setting, with the column ``axis``, the largest error on one axis [m].
-
-    Returns
-    -------
-    DataFrame
-        ``problem``, ``repeat``, ``distance`` and ``needed`` of the trials that come so far.
-    """
+    """The least budget of each trial from which on the executed tool is within 2 mm on each axis."""
     return (
         rows.sort("budget", descending=True)
         .with_columns(ok=(pl.col("axis") <= TWO_MM).cum_min().over("problem", "repeat"))

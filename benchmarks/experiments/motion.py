@@ -20,35 +20,13 @@ ON_LINE_M, ON_LINE_RAD = 1e-4, np.deg2rad(0.01)
 
 
 def quintic_plan(folder: RunFolder) -> dict[str, Any] | None:
-    """First solved plan with the time law of the paper.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    dict or None
-        The plan as stored in the run; None if there is none.
-    """
+    """First solved plan with the time law of the paper."""
     plans = folder.read_json("line/plans.json") or []
     return next((p for p in plans if p["law"] == "quintic" and p["status"] == "solved"), None)
 
 
 def smooth_joints(folder: RunFolder) -> Finding:
-    """Claim (f): quintic segments give smooth joint motion.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (f): quintic segments give smooth joint motion."""
     claim = "Quintic segments between the samples give smooth joint motion without jumps."
     rule = (
         "Exact one-sided values at the knots. Holds if position, velocity and acceleration do not jump and velocity, "
@@ -82,18 +60,7 @@ def smooth_joints(folder: RunFolder) -> Finding:
 
 
 def on_the_line(folder: RunFolder) -> Finding:
-    """Claim (g): the tool stays on the line at constant orientation.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (g): the tool stays on the line at constant orientation."""
     claim = "The tool stays on the straight line at constant orientation."
     rule = (
         "The largest deviation of the tool from line and orientation, a bound that holds at every instant. Holds within 0.1 mm "

@@ -13,18 +13,7 @@ DECIDES = 0.2
 
 
 def damping_trade(folder: RunFolder) -> Finding:
-    """Claim (d): small damping is faster far from singularities, large damping is smoother near them.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (d): small damping is faster far from singularities, large damping is smoother near them."""
     claim = "A small λ converges faster far from singular configurations; a large λ calms the iteration near them."
     rule = (
         "Smallest against largest λ. Far (stratum of the largest singular values): the median number of iterations is lower "
@@ -78,18 +67,7 @@ def _trade_verdict(near: pl.DataFrame, far: pl.DataFrame) -> str:
 
 
 def start_and_step(folder: RunFolder) -> Finding:
-    """Claim (e): initial configuration and step size decide convergence.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (e): initial configuration and step size decide convergence."""
     claim = "The initial configuration and the step size decide whether the iteration converges."
     rule = (
         "Share solved at the largest budget: how far it varies with the distance of the start at step size 1, and with the "

@@ -50,18 +50,7 @@ class Fit(NamedTuple):
 
 
 def baseline(folder: RunFolder) -> pl.DataFrame | None:
-    """Rows of the paper's method: the first `dls` of the block, on targets with a known solution.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    DataFrame or None
-        The rows with a column ``axis``, the largest error on one axis [m]; None if the run has no such rows.
-    """
+    """Rows of the paper's method: the first `dls` of the block, on targets with a known solution."""
     rows = folder.rows(WORKSPACE)
     if rows is None:
         return None
@@ -73,18 +62,7 @@ def baseline(folder: RunFolder) -> pl.DataFrame | None:
 
 
 def within_two_millimetres(folder: RunFolder) -> Finding:
-    """Claim (a): with enough iterations the error on each axis is within 2 mm.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (a): with enough iterations the error on each axis is within 2 mm."""
     claim = "With enough iterations the error on each of X, Y and Z is within 2 mm."
     rule = (
         "Share of the targets with a known solution whose error is within 2 mm on each axis at the largest budget. Holds if "
@@ -120,18 +98,7 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
 
 
 def nearest_that_hold(within: Flags) -> int:
-    """How many of the nearest targets, as many as possible, hold claim (a) among themselves.
-
-    Parameters
-    ----------
-    within : (k,) array of bool
-        Whether each target is within the accuracy, the nearest first.
-
-    Returns
-    -------
-    int
-        0 where no number of them does.
-    """
+    """How many of the nearest targets, as many as possible, hold claim (a) among themselves."""
     solved = np.cumsum(within)
     return next((k for k in range(len(within), 0, -1) if wilson(int(solved[k - 1]), k)[0] >= ALMOST_ALL), 0)
 
@@ -151,18 +118,7 @@ def _within_figures(rows: pl.DataFrame, last: pl.DataFrame, most: int) -> tuple[
 
 
 def more_iterations(folder: RunFolder) -> Finding:
-    """Claim (b): a larger motion range needs more iterations.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (b): a larger motion range needs more iterations."""
     claim = "A larger motion range needs more iterations for the same accuracy."
     rule = (
         "Spearman's rank correlation ρ between distance and iterations to 1e-6 m and rad, on solved targets, and the medians "
@@ -195,18 +151,7 @@ def more_iterations(folder: RunFolder) -> Finding:
 
 
 def linear_error(folder: RunFolder) -> Finding:
-    """Claim (c): at a fixed number of iterations the error on X, Y and Z grows about linearly with distance.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Finding
-        The verdict with its figures; "not tested" if the run has no data for it.
-    """
+    """Claim (c): at a fixed number of iterations the error on X, Y and Z grows about linearly with distance."""
     claim = "At a fixed number of iterations the error grows about linearly with distance, on X, Y and Z."
     rule = (
         "Medians of |error| in twelve bins of equal count over distance, on targets with a known solution, for each setting of "
@@ -233,18 +178,7 @@ def linear_error(folder: RunFolder) -> Finding:
 
 
 def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
-    """The fits of every setting at its most linear budget, in words.
-
-    Parameters
-    ----------
-    fits : dict
-        By setting, budget and column.
-
-    Returns
-    -------
-    str
-        Exponents and R² of X, Y, Z and the distance.
-    """
+    """The fits of every setting at its most linear budget, in words."""
     words = []
     for method, at in fits.items():
         if at:
@@ -256,34 +190,12 @@ def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
 
 
 def fit_words(fit: dict[str, Fit]) -> str:
-    """The fits of one setting at one budget, in words.
-
-    Parameters
-    ----------
-    fit : dict
-        By column.
-
-    Returns
-    -------
-    str
-        R² and exponent of X, Y, Z and the distance.
-    """
+    """The fits of one setting at one budget, in words."""
     return ", ".join(f"{name} R² {fit[c].r2:.2f} ~d^{fit[c].exponent:.2f}" for c, name in JUDGED_ERRORS.items())
 
 
 def linear_verdict(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
-    """Verdict on claim (c).
-
-    Parameters
-    ----------
-    fits : dict
-        By setting, budget and column.
-
-    Returns
-    -------
-    str
-        "holds", "does not hold" or "holds when …".
-    """
+    """Verdict on claim (c)."""
     axes = {m: [b for b, fit in at.items() if all(fit[c].linear for c in AXIS_ERRORS)] for m, at in fits.items()}
     whole = {m: [b for b, fit in at.items() if fit["position_error"].linear] for m, at in fits.items()}
     if all(axes.values()):
@@ -303,22 +215,7 @@ def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
 
 
 def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
-    """Fit medians of error in bins of equal count over distance: robust against targets that do not converge.
-
-    Parameters
-    ----------
-    distance : (k,) array
-        Distances between start and target [m].
-    error : (k,) array
-        Errors [m].
-    bins : int
-        Number of bins.
-
-    Returns
-    -------
-    Fit
-        The line and the power law.
-    """
+    """Fit medians of error in bins of equal count over distance: robust against targets that do not converge."""
     parts = np.array_split(np.argsort(distance, kind="stable"), bins)
     d = np.array([np.median(distance[p]) for p in parts])
     e = np.maximum([np.median(error[p]) for p in parts], 1e-12)

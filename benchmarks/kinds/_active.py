@@ -20,26 +20,7 @@ LIMIT_COLOURS = {
 
 
 def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Plot:
-    """Where which joint is at which of its limits, one row of the plot for each joint and limit.
-
-    Parameters
-    ----------
-    name : str
-        Of the plot.
-    near : DataFrame
-        Pieces of motions that are near a limit: ``law``, ``joint``, ``limit``, ``from`` and ``to`` on the path.
-    laws : sequence of str
-        The laws.
-    scale : float
-        From places on the path to what the axis shows.
-    unit : str
-        Of the axis.
-
-    Returns
-    -------
-    Plot
-        With a choice of the law.
-    """
+    """Where which joint is at which of its limits, one row of the plot for each joint and limit."""
     rows = sorted(
         {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
         key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
@@ -65,16 +46,5 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
 
 
 def limit_colour(limit: str) -> str:
-    """Colour of a limit.
-
-    Parameters
-    ----------
-    limit : str
-        Its name.
-
-    Returns
-    -------
-    str
-        A variable of the page's style.
-    """
+    """Colour of a limit."""
     return f"var(--c{LIMIT_COLOURS[limit]})"

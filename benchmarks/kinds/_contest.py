@@ -29,26 +29,7 @@ def timed(
     keep_errors: bool = False,
     before: Callable[[int], None] | None = None,
 ) -> tuple[NDArray[np.int64], list[Any]]:
-    """Time one call for each tuple of arguments.
-
-    Parameters
-    ----------
-    call : callable
-        What is timed.
-    arguments : sequence of k tuples
-        Of each call.
-    keep_errors : bool
-        Whether an exception of a call takes the place of its result; otherwise it ends all calls.
-    before : callable, optional
-        Called with the number of each call before it; its time does not count.
-
-    Returns
-    -------
-    took : (k,) array of int
-        Time of each call [ns].
-    raws : list of k objects
-        What each returned, or the exception that it raised.
-    """
+    """Time one call for each tuple of arguments."""
     clock = time.perf_counter_ns
     took = np.empty(len(arguments), dtype=np.int64)
     raws: list[Any] = []
@@ -75,20 +56,7 @@ def timed(
 
 
 def turns(contestants: Sequence[Item], rounds: int) -> Iterator[tuple[int, Item]]:
-    """Who is called when: in every round each contestant once, another one first each time.
-
-    Parameters
-    ----------
-    contestants : sequence
-        Those that are compared.
-    rounds : int
-        How many rounds.
-
-    Yields
-    ------
-    tuple
-        Number of the round, and the contestant.
-    """
+    """Who is called when: in every round each contestant once, another one first each time."""
     for turn in range(rounds):
         for k in range(len(contestants)):
             yield turn, contestants[(turn + k) % len(contestants)]
@@ -101,37 +69,13 @@ def clock_cost() -> float:
 
 
 def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
-    """What a run keeps on an entry of ours, for the report.
-
-    Parameters
-    ----------
-    entry : Entry
-        The entry.
-    **more
-        Further facts.
-
-    Returns
-    -------
-    dict
-        ``kind``, ``name``, ``version``, ``settings``, and what else was given.
-    """
+    """What a run keeps on an entry of ours, for the report."""
     words = entry.words or "as it comes"
     return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
 
 
 def version_words(about: Mapping[str, Any]) -> str:
-    """What a report says as the version of an entry.
-
-    Parameters
-    ----------
-    about : dict
-        Facts on the entry, from `facts_on`.
-
-    Returns
-    -------
-    str
-        The version of its package, ``own file NAME.py``, ``this one`` for what comes with optik, or ``–``.
-    """
+    """What a report says as the version of an entry."""
     name = str(about.get("name", ""))
     if about["version"]:
         return str(about["version"])
@@ -141,27 +85,7 @@ def version_words(about: Mapping[str, Any]) -> str:
 
 
 def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:
-    """What is known of a block beside its rows: ``clock_ns``, and ``entries`` by label.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    file : str
-        Where they are.
-    block : str
-        Id of the block, for errors.
-
-    Returns
-    -------
-    dict
-        The facts.
-
-    Raises
-    ------
-    InvalidInput
-        They are not there though rows are.
-    """
+    """What is known of a block beside its rows: ``clock_ns``, and ``entries`` by label."""
     facts: dict[str, Any] | None = folder.read_json(file)
     if facts is None:
         top = file.partition("/")[0]

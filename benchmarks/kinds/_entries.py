@@ -21,27 +21,7 @@ from planners.limits import ALL_LIMITS
 
 
 def read_method(data: Any, where: str) -> Entry:
-    """Check the settings of an IK method of ours.
-
-    Parameters
-    ----------
-    data : object
-        A table with ``solver``, and perhaps ``label``, ``options`` and ``max_problems``.
-    where : str
-        Which block, for errors.
-
-    Returns
-    -------
-    Entry
-        The method.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        No such method.
-    """
+    """Check the settings of an IK method of ours."""
     check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
     name = check_known(data["solver"], "optik.ik", "IK method")
     most = optional_count(data.get("max_problems"), f"{where}: max_problems")
@@ -54,29 +34,7 @@ def read_method(data: Any, where: str) -> Entry:
 
 
 def read_law(data: Any, where: str, role: str = "law") -> Entry:
-    """Check the settings of a time law of ours.
-
-    Parameters
-    ----------
-    data : object
-        A table with ``law``, and perhaps ``label``, ``options`` and ``without``.
-    where : str
-        Which block and key, for errors.
-    role : str
-        ``law`` or ``reference``.
-
-    Returns
-    -------
-    Entry
-        The law.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        No such law.
-    """
+    """Check the settings of a time law of ours."""
     check_keys(data, {"label", "law", "options", "without"}, where, need={"law"})
     name = check_known(data["law"], "planners.timing", "time law")
     without = tuple(check_list(data["without"], f"{where}: without")) if "without" in data else ()
@@ -94,35 +52,7 @@ def read_law(data: Any, where: str, role: str = "law") -> Entry:
 def read_peers(
     data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems", budgets: bool = False
 ) -> tuple[Entry, ...]:
-    """Check the settings of all peers of a block.
-
-    Parameters
-    ----------
-    data : object
-        A list of tables with ``peer``, and perhaps ``label`` and the key `most`; None for no peers.
-    where : str
-        Which block, for errors.
-    folder : str
-        The package in which they are found by their names.
-    word : str
-        What errors call them.
-    most : str
-        The key that says how many problems or lines a slow one is given.
-    budgets : bool
-        Whether a peer may have the key ``iterations``, the largest number of iterations of a call.
-
-    Returns
-    -------
-    tuple of Entry
-        The peers.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        No such peer.
-    """
+    """Check the settings of all peers of a block."""
 
     def read(peer: Any) -> Entry:
         check_keys(
@@ -143,25 +73,7 @@ def _options(data: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def check_labels(entries: Sequence[Entry], where: str) -> list[str]:
-    """Return the labels of some entries, all of them different.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-        Of one block.
-    where : str
-        Which block and key, for errors.
-
-    Returns
-    -------
-    list of str
-        The labels.
-
-    Raises
-    ------
-    InvalidInput
-        A label that two entries have.
-    """
+    """Return the labels of some entries, all of them different."""
     labels = [entry.label for entry in entries]
     check_different(labels, where, "label")
     return labels

@@ -20,27 +20,7 @@ class ProcessFailed(OptikError, RuntimeError):
 
 
 def fresh(arguments: list[str], what: str, **environment: str) -> Any:
-    """Run ``python ARGUMENTS`` and read what it prints as JSON. Nothing is imported from the working folder.
-
-    Parameters
-    ----------
-    arguments : list of str
-        Arguments of this interpreter; our packages can be imported.
-    what : str
-        What the error calls it.
-    **environment
-        Variables added to ours.
-
-    Returns
-    -------
-    object
-        What it printed.
-
-    Raises
-    ------
-    ProcessFailed
-        It ended with an error.
-    """
+    """Run ``python ARGUMENTS`` and read what it prints as JSON. Nothing is imported from the working folder."""
     path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run(
         [sys.executable, *arguments],

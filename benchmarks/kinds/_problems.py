@@ -43,47 +43,12 @@ class ProblemBlock(Block):
 
 
 def named(data: Any, what: str) -> str:
-    """How errors call a block: its kind and its id.
-
-    Parameters
-    ----------
-    data : object
-        Its settings.
-    what : str
-        Its kind in words.
-
-    Returns
-    -------
-    str
-        Such as ``speed block 'warm'``.
-    """
+    """How errors call a block: its kind and its id."""
     return f"{what} {data.get('id', '?')!r}" if isinstance(data, dict) else what
 
 
 def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dict[str, Any]:
-    """Check what every block of IK problems has: id, title, robot, set and options.
-
-    Parameters
-    ----------
-    data : object
-        Settings of the block.
-    where : str
-        Which block, for errors.
-    known, need : set of str
-        Keys that the kind has besides, and those of them that must be there.
-
-    Returns
-    -------
-    dict
-        The arguments of a `ProblemBlock`.
-
-    Raises
-    ------
-    InvalidInput
-        No table, an unknown key, or one that is missing.
-    UnknownName
-        No such robot or set.
-    """
+    """Check what every block of IK problems has: id, title, robot, set and options."""
     check_keys(data, {"id", "title", "robot", "set", "options"} | known, where, need={"id", "robot", "set"} | need)
     robot, drawn = check_known(data["robot"], "optik.robots", "robot"), check_known(data["set"], SETS, "problem set")
     options = dict(check_table(data.get("options", {}), f"{where}: options"))
@@ -96,18 +61,7 @@ def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dic
 
 
 def check_set(block: ProblemBlock) -> None:
-    """Refuse wrong options of a problem set, by drawing a few problems of it.
-
-    Parameters
-    ----------
-    block : ProblemBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        An option that the set does not have, or out of range; the block is named.
-    """
+    """Refuse wrong options of a problem set, by drawing a few problems of it."""
     with naming(f"block {block.id!r}: options"):
         _draw_few(block)
 
@@ -120,38 +74,12 @@ def _draw_few(block: ProblemBlock) -> None:
 
 
 def about_file(block: Block) -> str:
-    """Name of the file with the hash of the problems of a block.
-
-    Parameters
-    ----------
-    block : Block
-        The block.
-
-    Returns
-    -------
-    str
-        In the run folder.
-    """
+    """Name of the file with the hash of the problems of a block."""
     return f"problems/{slug(block.id)}.json"
 
 
 def check_same(block: Block, before: str | None, now: str) -> None:
-    """Refuse to continue a run with other problems.
-
-    Parameters
-    ----------
-    block : Block
-        The block.
-    before : str or None
-        SHA-256 of its problems as the run has recorded it; None where it has not.
-    now : str
-        SHA-256 of those that were drawn now.
-
-    Raises
-    ------
-    InvalidInput
-        They differ.
-    """
+    """Refuse to continue a run with other problems."""
     if before is not None and before != now:
         expected = f"{before[:16]}…, as when the run began; use another --out"
         raise InvalidInput(f"block {block.id!r}", f"problems with SHA-256 {now[:16]}…", expected)
@@ -160,26 +88,7 @@ def check_same(block: Block, before: str | None, now: str) -> None:
 def store_problems(
     folder: RunFolder, block: ProblemBlock, robot: Robot, problems: ProblemSet, *, poses: bool = True
 ) -> None:
-    """Write the problems of a block and their hash, or check that those of a continued run are the same.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : ProblemBlock
-        The block.
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        Its problems, as drawn now.
-    poses : bool
-        Whether the table has the columns ``target`` and ``start``.
-
-    Raises
-    ------
-    InvalidInput
-        The run was begun with other problems.
-    """
+    """Write the problems of a block and their hash, or check that those of a continued run are the same."""
     name, about = f"problems/{slug(block.id)}.parquet", about_file(block)
     before = folder.read_json(about)
     check_same(block, None if before is None else str(before.get("sha256")), problems.sha256)

@@ -31,16 +31,6 @@ def ranked(given: Mapping[str, int]) -> Ranked:
     """Rank those that were given `RANKED_PROBLEMS`, or half as many as any: all are compared on the fewest of the ranked.
 
     Where that leaves fewer than two, all are ranked.
-
-    Parameters
-    ----------
-    given : mapping of str to int
-        Number of problems by label.
-
-    Returns
-    -------
-    Ranked
-        Labels in the given order.
     """
     most = max(given.values(), default=0)
     asked = tuple(label for label, count in given.items() if count)

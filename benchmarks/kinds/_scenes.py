@@ -14,25 +14,7 @@ SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "clea
 
 
 def scene_name(value: Any, where: str) -> str:
-    """Check what a suite has as a scene.
-
-    Parameters
-    ----------
-    value : object
-        A name or the path of a file.
-    where : str
-        Its place in the suite, for errors.
-
-    Returns
-    -------
-    str
-        The name, or the absolute path.
-
-    Raises
-    ------
-    InvalidInput
-        Neither a name nor a file.
-    """
+    """Check what a suite has as a scene."""
     if isinstance(value, str) and value in SCENES:
         return value
     if isinstance(value, str) and "." not in value and "/" not in value:
@@ -41,21 +23,5 @@ def scene_name(value: Any, where: str) -> str:
 
 
 def scene_named(name: str) -> Scene:
-    """Load a scene.
-
-    Parameters
-    ----------
-    name : str
-        As `scene_name` returned it.
-
-    Returns
-    -------
-    Scene
-        What stands around the arm.
-
-    Raises
-    ------
-    InvalidInput
-        A file that is no scene.
-    """
+    """Load a scene."""
     return Scene.load(SCENES.get(name, name))

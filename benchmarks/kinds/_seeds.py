@@ -10,24 +10,7 @@ import numpy as np
 
 
 def trial_seed(seed: int, problem: int, method: str, trial: int = 0) -> int:
-    """Seed of one trial of a method on a problem.
-
-    Parameters
-    ----------
-    seed : int
-        Of the suite.
-    problem : int
-        Number of the problem in its block.
-    method : str
-        Label of the method, or of whatever else is drawn.
-    trial : int
-        Which of several runs on the problem.
-
-    Returns
-    -------
-    int
-        Below 2³², as NumPy's older generator needs it; the same on every machine.
-    """
+    """Seed of one trial of a method on a problem."""
     named = int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8).digest(), "little")
     return int(np.random.SeedSequence((seed, problem, named, trial)).generate_state(1)[0])
 
@@ -37,19 +20,6 @@ def reseed(method: Any, seed: int, problem: int, label: str, trial: int = 0) -> 
 
     These are Python's `random`, NumPy's global generator, and whatever the method's own ``reseed(number)`` sets, where it
     has one.
-
-    Parameters
-    ----------
-    method : object
-        The method or peer.
-    seed : int
-        Of the suite.
-    problem : int
-        Number of the problem in its block.
-    label : str
-        Of the method.
-    trial : int
-        Which of several runs on the problem.
     """
     number = trial_seed(seed, problem, label, trial)
     random.seed(number)  # both generators are global: older packages use them

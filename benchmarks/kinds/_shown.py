@@ -134,119 +134,33 @@ class Shown:
     compared: ClassVar[tuple[Compared, ...]] = ()
 
     def compared_rows(self, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
-        """Rows of a block as two runs are compared on them.
-
-        Parameters
-        ----------
-        block : Block
-            The block.
-        rows : DataFrame
-            All its rows.
-
-        Returns
-        -------
-        DataFrame
-            ``label`` (what is compared with itself), ``problem``, and the columns that `compared` names; rows of the same
-            label and problem are repeats, which are not paired.
-        """
+        """Rows of a block as two runs are compared on them."""
         return rows.rename({"method": "label"})
 
     def sections(self) -> Sequence[Section]:
-        """Its sections of the report; where there are none, the page has a table of its rows' measures.
-
-        Returns
-        -------
-        sequence of Section
-            In any order.
-        """
+        """Its sections of the report; where there are none, the page has a table of its rows' measures."""
         return ()
 
     def subjects(self, blocks: Sequence[Any]) -> Sequence[str]:
-        """What its blocks compare, for the first sentence of the report.
-
-        Parameters
-        ----------
-        blocks : sequence of Block
-            All blocks of the suite of this kind.
-
-        Returns
-        -------
-        sequence of str
-            Such as ``inverse kinematics``.
-        """
+        """What its blocks compare, for the first sentence of the report."""
         return (self.title[:1].lower() + self.title[1:],)
 
     def labels(self, block: Block) -> Sequence[str]:
-        """What of a block has a colour on the page: by default all its entries.
-
-        Parameters
-        ----------
-        block : Block
-            The block.
-
-        Returns
-        -------
-        sequence of str
-            Labels; the same label has the same colour in all kinds.
-        """
+        """What of a block has a colour on the page: by default all its entries."""
         return block.labels
 
     def winners(self, run: Run) -> Sequence[Winner]:
-        """Who is best at what, for the first screen of the page.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        sequence of Winner
-            One for each question that its blocks answer.
-        """
+        """Who is best at what, for the first screen of the page."""
         return ()
 
     def tables(self, run: Run) -> Sequence[Table]:
-        """Tables that a reader takes out of the report.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        sequence of Table
-            In the order of the page.
-        """
+        """Tables that a reader takes out of the report."""
         return ()
 
     def findings(self, run: Run) -> Sequence[str]:
-        """Key findings for the head of the report, computed.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        sequence of str
-            Sentences.
-        """
+        """Key findings for the head of the report, computed."""
         return ()
 
     def limitations(self, run: Run) -> Sequence[str]:
-        """What a reader should know before quoting its figures.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        sequence of str
-            Sentences.
-        """
+        """What a reader should know before quoting its figures."""
         return ()

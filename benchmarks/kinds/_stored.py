@@ -26,38 +26,13 @@ OURS = __name__.rpartition(".")[0]
 
 
 def store_table(kind: Kind, block: Any, folder: RunFolder) -> None:
-    """Write the table of a block of a kind that is not ours: its entries by its measures, and its targets.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    block : Block
-        The block, run to its end.
-    folder : RunFolder
-        The run.
-    """
+    """Write the table of a block of a kind that is not ours: its entries by its measures, and its targets."""
     if not type(kind).__module__.startswith(f"{OURS}."):
         folder.write_json(kind.file(block, TABLE_ENDING), table_of(kind, block, folder))
 
 
 def table_of(kind: Kind, block: Any, folder: RunFolder) -> dict[str, Any]:
-    """The table of a block as plain data.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    block : Block
-        The block.
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    dict
-        ``kind``, ``title``, ``robots``, ``heads`` (the measures), ``rows`` (an entry each, with its values) and ``targets``.
-    """
+    """The table of a block as plain data."""
     rows = kind.rows(folder, block)
     measures = [m for m in kind.measures if not m.relative]
     return {
@@ -150,18 +125,6 @@ def kind_or_stored(name: str, folder: RunFolder) -> Kind:
     """A kind by its name; where it is not found, or comes from a file, what a run has stored of it.
 
     A kind that comes from a file is never loaded here: a report runs no code that a suite names.
-
-    Parameters
-    ----------
-    name : str
-        As the suite has it.
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Kind
-        The kind.
     """
     if is_path(name):
         return _Stored(short_name(name), folder, "a report runs no code from a file that a suite names")
@@ -181,20 +144,7 @@ def _package_words(name: str, folder: RunFolder) -> str:
 
 
 def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:
-    """The table of every block of a kind: stored, or computed where its code is here.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of tuple
-        Block and table; None in place of a table that is not there.
-    """
+    """The table of every block of a kind: stored, or computed where its code is here."""
     found: list[tuple[Any, dict[str, Any] | None]] = []
     for block in run.suite.of(kind.name):
         table = run.folder.read_json(kind.file(block, TABLE_ENDING))
@@ -205,16 +155,5 @@ def tables(kind: Kind, run: Run) -> list[tuple[Any, dict[str, Any] | None]]:
 
 
 def why_stored(kind: Kind) -> str:
-    """Why the code of a kind is not available.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-
-    Returns
-    -------
-    str
-        Why only what runs have stored is there; empty where the code is available.
-    """
+    """Why the code of a kind is not available."""
     return kind.why if isinstance(kind, _Stored) else ""

@@ -15,29 +15,7 @@ JOINT_LIMITS = (*DERIVATIVES, *LOADED)
 
 
 def torques_at(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
-    """Torques and their rates at instants.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, whose masses are known.
-    motion : Trajectory
-        Its motion.
-    t : (k,) array
-        Instants [s].
-
-    Returns
-    -------
-    torque : (loads, k, n) array
-        Torques with the lightest payload first, Coulomb friction as f sign(q̇) in them [N·m, N].
-    rate : (loads, k, n) array
-        Rates of the torques without Coulomb friction [N·m/s, N/s].
-
-    Raises
-    ------
-    InvalidInput
-        The masses of the arm are unknown.
-    """
+    """Torques and their rates at instants."""
     states = np.ascontiguousarray(np.stack([motion(t, order) for order in range(4)], axis=1))
     found = []
     for load in robot.loads:

@@ -395,23 +395,7 @@ class Kind(Shown, ABC):
 
 
 def load_kind(name: str) -> Kind:
-    """Find a kind of block by its name.
-
-    Parameters
-    ----------
-    name : str
-        Of a file or folder in `KINDS`, or of a plug-in.
-
-    Returns
-    -------
-    Kind
-        The kind.
-
-    Raises
-    ------
-    UnknownName
-        No such kind; the nearest names are offered.
-    """
+    """Find a kind of block by its name."""
     return _built(load_method(KINDS, name, "kind of block"))
 
 

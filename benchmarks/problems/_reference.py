@@ -50,27 +50,6 @@ def known_solutions(robot: Robot, targets: Array, starts: Array, *, restarts: in
 
     `lm` solves all targets as one batch, and proves those beyond the bound on the arm's reach unreachable. `closed_form`
     takes those that are left; arms with more than six moving joints, which have infinitely many branches, do without.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    targets : (k, 4, 4) array
-        Target poses [1, m].
-    starts : (k, n) array
-        Initial guesses of the first attempts, inside the limits [rad, m].
-    restarts : int
-        Restarts of `lm` for one target.
-
-    Returns
-    -------
-    Known
-        The configurations, each checked by forward kinematics and the limits.
-
-    Raises
-    ------
-    InvalidInput
-        A target that is no pose, a start outside the limits, or restarts out of range.
     """
     digests = tuple(hashlib.sha256(x.tobytes()).digest() for x in (targets, starts))
     return _solved(_Asked((content(robot.to_dict()), digests, restarts), robot, targets, starts, restarts))
@@ -105,31 +84,7 @@ def _solved(asked: _Asked) -> Known:
 def searched(
     robot: Robot, targets: Array, starts: Array, group: NDArray[np.str_], *, restarts: int = REFERENCE_RESTARTS
 ) -> ProblemSet:
-    """Problem set out of targets of which it is not known by construction whether the arm reaches them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    targets : (k, 4, 4) array
-        Target poses [1, m].
-    starts : (k, n) array
-        Initial guesses inside the limits [rad, m].
-    group : (k,) array of str
-        Group of each problem.
-    restarts : int
-        As `known_solutions` takes them.
-
-    Returns
-    -------
-    ProblemSet
-        With the smallest singular value at the known solution.
-
-    Raises
-    ------
-    InvalidInput
-        As `known_solutions`.
-    """
+    """Problem set out of targets of which it is not known by construction whether the arm reaches them."""
     known = known_solutions(robot, targets, starts, restarts=restarts)
     sigma, found = np.full(len(targets), np.nan), known.found
     if found.any():

@@ -20,46 +20,14 @@ RANK_LOST = 1e-9
 
 
 def put_on_limits(robot: Robot, rng: np.random.Generator, q: Array, but: int | None = None) -> Array:
-    """Put joints on one of their limits: each with probability ½, at least one, never the joint `but`.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    rng : Generator
-        Source of random numbers.
-    q : (k, n) array
-        Configurations [rad, m].
-    but : int, optional
-        Index of a joint that keeps its value.
-
-    Returns
-    -------
-    (k, n) array
-        Changed configurations [rad, m].
-    """
+    """Put joints on one of their limits: each with probability ½, at least one, never the joint `but`."""
     chosen = _some(rng, q.shape, but)
     ends = np.where(rng.random(q.shape) < 0.5, robot.limits.lower, robot.limits.upper)
     return np.where(chosen, ends, q)
 
 
 def put_at_zero(robot: Robot, rng: np.random.Generator, q: Array) -> Array:
-    """Put joints at zero: each with probability ½, at least one, all in the first configuration; clamp to the limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    rng : Generator
-        Source of random numbers.
-    q : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (k, n) array
-        Changed configurations [rad, m].
-    """
+    """Put joints at zero: each with probability ½, at least one, all in the first configuration; clamp to the limits."""
     chosen = _some(rng, q.shape, None)
     chosen[0] = True
     return robot.limits.clip(np.where(chosen, 0.0, q))
@@ -75,31 +43,7 @@ def _some(rng: np.random.Generator, shape: tuple[int, ...], but: int | None) -> 
 
 
 def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, on_limits: bool) -> Array:
-    """Singular configurations inside the limits, to rounding.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    rng : Generator
-        Source of random numbers.
-    count : int
-        Number of configurations.
-    joint : int
-        Index of the joint that moves to the singularity, on six-joint arms.
-    on_limits : bool
-        Whether other joints are put on their limits before.
-
-    Returns
-    -------
-    (count, n) array
-        Configurations [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        The search finds too few for this arm.
-    """
+    """Singular configurations inside the limits, to rounding."""
     found: list[Array] = []
     for _ in range(DRAWS):
         q = robot.limits.draw(rng, 2 * count)
@@ -114,24 +58,7 @@ def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, 
 
 
 def by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -> Array:
-    """Move one joint to a random sign change of det J; configurations without a sign change are dropped.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, of six joints.
-    rng : Generator
-        Source of random numbers.
-    q : (k, n) array
-        Configurations [rad, m].
-    joint : int
-        Index of the joint.
-
-    Returns
-    -------
-    (j, n) array
-        Singular configurations inside the limits of that joint, j ≤ k [rad, m].
-    """
+    """Move one joint to a random sign change of det J; configurations without a sign change are dropped."""
 
     def sign(values: Array) -> NDArray[np.bool_]:
         at = q.copy()
@@ -157,20 +84,7 @@ def by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -
 
 
 def by_all_joints(robot: Robot, q: Array) -> Array:
-    """Gauss–Newton steps of least length on Jᵀu = 0, uᵀu = 1, in q and u together, clamped to the limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, of six joints or more.
-    q : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (k, n) array
-        Configurations inside the limits [rad, m], most of them singular.
-    """
+    """Gauss–Newton steps of least length on Jᵀu = 0, uᵀu = 1, in q and u together, clamped to the limits."""
     u = np.linalg.svd(robot.jacobian(q))[0][:, :, -1]
     for _ in range(RANK_STEPS):
         J = robot.jacobian(q)

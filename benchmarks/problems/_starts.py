@@ -21,20 +21,7 @@ uniform inside the limits; zero: all joints at zero. All are clamped to the limi
 
 
 def stream(seed: int, *words: str) -> np.random.Generator:
-    """Return an independent random stream for a seed and some words, such as the names of a set and of a group.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the suite.
-    *words
-        What tells the stream from others of the same seed.
-
-    Returns
-    -------
-    Generator
-        The same for the same arguments.
-    """
+    """Return an independent random stream for a seed and some words, such as the names of a set and of a group."""
     return np.random.default_rng((seed, *(crc32(word.encode()) for word in words)))
 
 
@@ -51,32 +38,6 @@ def from_solutions(
 
     Random starts are drawn for each group by itself, one problem after another: the first problems of a group are the same
     for any larger count.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    seed : int
-        Seed of the random draw.
-    groups : dict of str to (k, n) array
-        Solutions inside the limits [rad, m], by the name of their group.
-    starts : str or sequence of str, optional
-        Out of `START_KINDS`; ``"near"`` by default. Several solve every target from each, and the groups name the start.
-    spread : float
-        Standard deviation of start − solution on every joint, for near starts [rad].
-    start_deg : (n,) array, optional
-        One start for all problems instead; prismatic joints in millimetres [deg, mm].
-
-    Returns
-    -------
-    ProblemSet
-        All solutions known.
-
-    Raises
-    ------
-    InvalidInput
-        Another kind of starts, `starts` and `start_deg` at once, a spread that is not positive, or a start outside the
-        limits.
     """
     kinds = check_starts(starts, start_deg)
     check_number(spread, "spread", "radians above 0", above=0.0)
@@ -100,27 +61,7 @@ def from_solutions(
 def check_starts(
     starts: str | Sequence[str] | None, start_deg: ArrayLike | None = None, known: Sequence[str] = START_KINDS
 ) -> tuple[str, ...]:
-    """Return the kinds of starts that were asked for.
-
-    Parameters
-    ----------
-    starts : str or sequence of str, optional
-        One or several of `known`; the first of them by default.
-    start_deg : (n,) array, optional
-        One start for all problems instead [deg, mm].
-    known : sequence of str
-        Kinds that the problem set has.
-
-    Returns
-    -------
-    tuple of str
-        The kinds; ``("fixed",)`` where one start is given.
-
-    Raises
-    ------
-    InvalidInput
-        Another kind, the same twice, none, or both arguments.
-    """
+    """Return the kinds of starts that were asked for."""
     if start_deg is not None:
         if starts is not None:
             raise InvalidInput("starts", f"{starts!r} beside start_deg", "one of the two")
@@ -132,46 +73,12 @@ def check_starts(
 
 
 def named(group: str, kind: str, kinds: Sequence[str]) -> str:
-    """Return the name of a group, with its kind of start where there are several.
-
-    Parameters
-    ----------
-    group : str
-        What the targets have in common.
-    kind : str
-        Kind of its starts.
-    kinds : sequence of str
-        All kinds of the set.
-
-    Returns
-    -------
-    str
-        Such as ``"wrist, far start"``.
-    """
+    """Return the name of a group, with its kind of start where there are several."""
     return group if len(kinds) == 1 else f"{group}, {kind} start"
 
 
 def start_configurations(limits: JointLimits, rng: np.random.Generator, q: Array, kind: str, spread: float) -> Array:
-    """Return a start of one kind for each solution.
-
-    Parameters
-    ----------
-    limits : JointLimits
-        Limits of the joints.
-    rng : Generator
-        Source of random numbers.
-    q : (k, n) array
-        Solutions [rad, m].
-    kind : str
-        One of `START_KINDS`.
-    spread : float
-        Standard deviation of start − solution, for near starts [rad].
-
-    Returns
-    -------
-    (k, n) array
-        Configurations inside the limits [rad, m].
-    """
+    """Return a start of one kind for each solution."""
     if kind == "near":
         return limits.clip(q + spread * rng.normal(size=q.shape))
     if kind == "random":

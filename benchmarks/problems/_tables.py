@@ -50,25 +50,7 @@ class Poses(NamedTuple):
 
 
 def read_poses(path: Path, robot: Robot | None = None) -> Poses:
-    """Read poses, and perhaps starts, from a CSV or NPZ file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    robot : Robot, optional
-        The arm, whose joints the starts must have; without it, starts are refused.
-
-    Returns
-    -------
-    Poses
-        Checked.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, another suffix, a column that is missing or unknown, or a wrong value.
-    """
+    """Read poses, and perhaps starts, from a CSV or NPZ file."""
     suffix = path.suffix.lower()
     if suffix == ".csv":
         poses = _from_csv(path, robot)
@@ -83,27 +65,7 @@ def read_poses(path: Path, robot: Robot | None = None) -> Poses:
 
 
 def read_table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
-    """Read a CSV file with a header.
-
-    Parameters
-    ----------
-    path : Path
-        The file, in UTF-8. Lines that are empty or begin with ``#`` are left out.
-
-    Returns
-    -------
-    columns : list of str
-        The header.
-    rows : list of list of str
-        One for each further line, as long as the header.
-    lines : list of int
-        The line of the file that each row stands in, from 1.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, no rows, or a row of another length.
-    """
+    """Read a CSV file with a header."""
     columns: list[str] = []
     rows, lines = [], []
     for line, row in _records(path):
@@ -135,27 +97,7 @@ def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def numbers_of(path: Path, table: tuple[list[str], list[list[str]], list[int]], names: Sequence[str]) -> Array:
-    """Numbers of some columns of a table.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    table : tuple
-        What `read_table` returned.
-    names : sequence of str
-        Columns that the table has.
-
-    Returns
-    -------
-    (k, m) array
-        The values [as the columns' names say].
-
-    Raises
-    ------
-    InvalidInput
-        A cell that is no finite number.
-    """
+    """Numbers of some columns of a table."""
     columns, rows, lines = table
     values = np.empty((len(rows), len(names)))
     for j, name in enumerate(names):

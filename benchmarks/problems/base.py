@@ -117,18 +117,7 @@ class ProblemSet:
 
 
 def sha256_of(problems: pl.DataFrame) -> str:
-    """Return the hash of the problems in a table that `ProblemSet.frame` made, also after it was read from a file.
-
-    Parameters
-    ----------
-    problems : DataFrame
-        With the columns ``target`` and ``start``.
-
-    Returns
-    -------
-    str
-        As `ProblemSet.sha256`.
-    """
+    """Return the hash of the problems in a table that `ProblemSet.frame` made, also after it was read from a file."""
     return _digest(*(np.array(problems[column].to_list(), dtype=float) for column in ("target", "start")))
 
 
@@ -155,53 +144,13 @@ class Draws(Protocol):
 
 
 def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
-    """Robot and problems of a block.
-
-    Parameters
-    ----------
-    block : Draws
-        The block: names of the robot and the set, and the options of the set.
-    seed : int
-        Seed of the random draw.
-
-    Returns
-    -------
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        The problems.
-
-    Raises
-    ------
-    UnknownName
-        There is no robot or no set of this name.
-    InvalidInput
-        The set does not have an option, or a value is out of range.
-    """
+    """Robot and problems of a block."""
     robot = load(block.robot)
     return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
-    """Start configuration of a set in SI units, from the degrees and millimetres of a suite.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    start_deg : (n,) array
-        Start configuration; prismatic joints in millimetres [deg, mm].
-
-    Returns
-    -------
-    (n,) array
-        Start configuration [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong length, or outside the joint limits.
-    """
+    """Start configuration of a set in SI units, from the degrees and millimetres of a suite."""
     q = robot.configuration(start_deg, "start_deg") / per(robot)
     if not robot.limits.contains(q):
         raise InvalidInput("start_deg", start_deg, f"a configuration inside the limits of {robot.name}")

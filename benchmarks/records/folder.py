@@ -395,17 +395,6 @@ def _with(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[dict[str,
 
 
 def slug(text: str) -> str:
-    """File name for a label: lower-case letters, digits, dots and dashes; λ and α are spelt out.
-
-    Parameters
-    ----------
-    text : str
-        The label.
-
-    Returns
-    -------
-    str
-        The file name, without a suffix.
-    """
+    """File name for a label: lower-case letters, digits, dots and dashes; λ and α are spelt out."""
     spelt = text.lower().replace("λ", "lambda").replace("α", "alpha")
     return re.sub(r"[^a-z0-9.]+", "-", spelt).strip("-")

@@ -28,13 +28,6 @@ class Journal:
 
     A process that ends in the middle of a call can say nothing any more. So the label of each method is written before
     its work begins: `left` tells the next process whom the last one died in.
-
-    Parameters
-    ----------
-    folder : RunFolder or None
-        The run; None keeps nothing.
-    name : str
-        Name of the journal in the run folder.
     """
 
     def __init__(self, folder: RunFolder | None, name: str = JOURNAL) -> None:
@@ -63,18 +56,7 @@ class Journal:
 
     @contextmanager
     def at_work(self, label: str) -> Iterator[None]:
-        """Say whose work is done now.
-
-        Parameters
-        ----------
-        label : str
-            Of the method.
-
-        Yields
-        ------
-        None
-            While it works.
-        """
+        """Say whose work is done now."""
         self._write(label)
         try:
             yield
@@ -95,15 +77,7 @@ class Journal:
             raise OutputError(self._path, f"cannot be written ({error.strerror})") from None
 
     def blame(self, label: str, why: str) -> None:
-        """Record that a method ended its process: it is not called in this block again.
-
-        Parameters
-        ----------
-        label : str
-            Of the method.
-        why : str
-            How the process ended.
-        """
+        """Record that a method ended its process: it is not called in this block again."""
         self.crashed |= {label: why}
         if self._folder is not None:
             self._folder.write_json(self.crashes, self.crashed)
@@ -111,34 +85,13 @@ class Journal:
     # ------------------------------------------------------------ what is finished
 
     def keep(self, name: str, rows: pl.DataFrame, seconds: float) -> None:
-        """Keep some rows of a part that is not finished.
-
-        Parameters
-        ----------
-        name : str
-            By which they are found.
-        rows : DataFrame
-            The rows.
-        seconds : float
-            What they took [s]; those of little work are not kept.
-        """
+        """Keep some rows of a part that is not finished."""
         if self._path is not None and seconds >= WORTH_KEEPING:
             self._path.mkdir(parents=True, exist_ok=True)
             write_whole(self._path / f"{name}.arrow", lambda part: rows.write_ipc(part))
 
     def kept(self, name: str) -> pl.DataFrame | None:
-        """Rows that were kept.
-
-        Parameters
-        ----------
-        name : str
-            By which they are found.
-
-        Returns
-        -------
-        DataFrame or None
-            None where they were not kept, or cannot be read.
-        """
+        """Rows that were kept."""
         if self._path is None:
             return None
         try:

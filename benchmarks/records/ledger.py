@@ -17,13 +17,7 @@ DIGEST_BYTES = 16
 
 
 class Ledger:
-    """The list of the tables of a run.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    """
+    """The list of the tables of a run."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -40,38 +34,14 @@ class Ledger:
             write_whole(self._file, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
 
     def note(self, name: str, content: memoryview) -> None:
-        """Add a table, on a line of its own, whatever a full disk has left of the line before.
-
-        Parameters
-        ----------
-        name : str
-            Path of the file, relative to the run folder.
-        content : memoryview
-            Of the file.
-
-        Raises
-        ------
-        OSError
-            The disk is full.
-        """
+        """Add a table, on a line of its own, whatever a full disk has left of the line before."""
         line = f"\n{json.dumps([name, _short(content)])}\n".encode()
         with self._file.open("ab", buffering=0) as opened:
             if opened.write(line) != len(line):
                 raise OSError(28, "No space left on device")  # what the next attempt to write would say
 
     def check(self, name: str) -> None:
-        """Refuse a table that is not what this run wrote; a run of an older version has no list.
-
-        Parameters
-        ----------
-        name : str
-            Path of the file, relative to the run folder.
-
-        Raises
-        ------
-        InvalidInput
-            The table is damaged, or was not written by this run.
-        """
+        """Refuse a table that is not what this run wrote; a run of an older version has no list."""
         digests, file = self._all(), self._folder / name
         if digests is None:
             return
@@ -89,13 +59,7 @@ class Ledger:
             self._good.add(state)
 
     def verify(self) -> None:
-        """Check every table of the run, and that no other lies beside them.
-
-        Raises
-        ------
-        InvalidInput
-            A table is damaged, or was not written by this run.
-        """
+        """Check every table of the run, and that no other lies beside them."""
         for folder in sorted({(self._folder / name).parent for name in self._all() or {}}):
             for file in sorted(folder.glob("*.parquet")):
                 self.check(self._name(file))
@@ -117,18 +81,7 @@ class Ledger:
 
 
 def damaged(file: Path) -> tuple[str, str, str]:
-    """What `InvalidInput` says of a file of a run that is not as it was written.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-
-    Returns
-    -------
-    tuple of str
-        Argument, what came, and what was expected, with what to do.
-    """
+    """What `InvalidInput` says of a file of a run that is not as it was written."""
     return "run", f"{file}, damaged", "whole parts; delete this file and run again"
 
 

@@ -41,22 +41,7 @@ class Control:
 
     @staticmethod
     def of(key: str, label: str, values: Sequence[str], initial: str = "") -> Control:
-        """A choice among values that are their own names.
-
-        Parameters
-        ----------
-        key, label : str
-            Name of the control, and what the page calls it.
-        values : sequence of str
-            What can be chosen.
-        initial : str
-            What is chosen first; the first value where empty.
-
-        Returns
-        -------
-        Control
-            The control.
-        """
+        """A choice among values that are their own names."""
         return Control(key, label, tuple((v, v) for v in values), initial)
 
 
@@ -121,17 +106,7 @@ class Plot:
     frames: list[Json] = field(default_factory=list)
 
     def add(self, trace: Json, when: When | None = None, variants: Sequence[tuple[When, Json]] = ()) -> None:
-        """Show a trace at some choices; variants change its look at others.
-
-        Parameters
-        ----------
-        trace : dict
-            A trace of Plotly.
-        when : mapping
-            Values of controls at which it is shown; always where None.
-        variants : sequence of tuple
-            Values of controls, and what changes in the trace there.
-        """
+        """Show a trace at some choices; variants change its look at others."""
         entry: Json = {"trace": trace}
         if when:
             entry["when"] = when
@@ -140,15 +115,7 @@ class Plot:
         self.traces.append(entry)
 
     def vary(self, when: When, layout: Json) -> None:
-        """Change the layout at some choices; later changes win.
-
-        Parameters
-        ----------
-        when : mapping
-            Values of controls.
-        layout : dict
-            What changes in the layout there.
-        """
+        """Change the layout at some choices; later changes win."""
         self.layouts.append({"when": when, "layout": layout})
 
     def to_data(self) -> Json:
@@ -198,18 +165,7 @@ class Board:
         return f"Drawn for {named}." if named else ""
 
     def each(self, key: str) -> tuple[Board, ...]:
-        """One board for each value of a control, to be drawn one after another.
-
-        Parameters
-        ----------
-        key : str
-            The control.
-
-        Returns
-        -------
-        tuple of Board
-            This board alone where it has no such control, or no choice there.
-        """
+        """One board for each value of a control, to be drawn one after another."""
         if all(c.key != key for c in self.shown):
             return (self,)
         values = [value for c in self.controls if c.key == key for value, _ in c.options]
@@ -223,18 +179,7 @@ class Board:
         )
 
     def packed(self, labels: Sequence[str] = ()) -> str:
-        """Everything the page's script needs to draw the plots, compressed.
-
-        Parameters
-        ----------
-        labels : sequence of str
-            Names that a suite has chosen: Plotly reads tags in text, and a name is none.
-
-        Returns
-        -------
-        str
-            As `pack` writes it.
-        """
+        """Everything the page's script needs to draw the plots, compressed."""
         marked = sorted((label for label in labels if set(label) & set("<>&")), key=len, reverse=True)
         data = [plot.to_data() for plot in self.plots]
         return pack(_escaped(data, marked) if marked else data)
@@ -271,18 +216,7 @@ def _floor_mark(values: str, floor: float) -> Json:
 
 
 def strict(data: Any) -> str:
-    """JSON without NaN that is safe inside a script element and an attribute.
-
-    Parameters
-    ----------
-    data : object
-        Dictionaries, lists, text, finite numbers, truth values and None.
-
-    Returns
-    -------
-    str
-        JSON.
-    """
+    """JSON without NaN that is safe inside a script element and an attribute."""
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")

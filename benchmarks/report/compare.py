@@ -92,40 +92,13 @@ class Comparison:
     settings: tuple[SettingDifference, ...] = ()
 
     def worse_than(self, threshold: float) -> list[Difference]:
-        """What is worse beyond noise by more than a threshold.
-
-        Parameters
-        ----------
-        threshold : float
-            In percent of the first run's value; of a share in percentage points.
-
-        Returns
-        -------
-        list of Difference
-            Empty where nothing is.
-        """
+        """What is worse beyond noise by more than a threshold."""
         return [d for d in self.differences if d.verdict == WORSE_VERDICT and d.loss > threshold]
 
 
 @without_code()
 def compare_runs(a: Run, b: Run) -> Comparison:
-    """Compare the blocks that two runs have in common.
-
-    Parameters
-    ----------
-    a, b : Run
-        The runs; changes are from the first to the second.
-
-    Returns
-    -------
-    Comparison
-        Of every method that both have rows of.
-
-    Raises
-    ------
-    InvalidInput
-        The runs have nothing in common that can be compared.
-    """
+    """Compare the blocks that two runs have in common."""
     left_out: list[str] = []
     found = list(_differences(a, b, left_out))
     if not found:
@@ -195,24 +168,7 @@ def _of_block(
 
 
 def same_problems(a: Run, block: Block, b: Run, other: Block) -> bool:
-    """Whether two blocks have the same problems: by their hash, else by the settings that decide them.
-
-    Parameters
-    ----------
-    a : Run
-        The first run.
-    block : Block
-        Its block.
-    b : Run
-        The second run.
-    other : Block
-        The block there.
-
-    Returns
-    -------
-    bool
-        Whether problems of the same number are the same.
-    """
+    """Whether two blocks have the same problems: by their hash, else by the settings that decide them."""
     stored = [run.folder.read_json(f"problems/{slug(one.id)}.json") for run, one in ((a, block), (b, other))]
     if all(isinstance(about, dict) and "sha256" in about for about in stored) and (
         stored[0].get("sha256_of")
@@ -310,16 +266,5 @@ def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Differen
 
 
 def as_data(d: Difference) -> dict[str, Any]:
-    """A difference as plain data for JSON.
-
-    Parameters
-    ----------
-    d : Difference
-        The difference.
-
-    Returns
-    -------
-    dict
-        Its attributes; None for what is not there.
-    """
+    """A difference as plain data for JSON."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in vars(d).items()}

@@ -28,18 +28,7 @@ Failures = list[dict[str, Any]]
 
 
 def failures(run: Run) -> dict[str, Failures]:
-    """What `run.json` says of failures, by the name of the kind whose block they are of.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict
-        Entries of ``failed`` with the ``block`` that they are of, in their order.
-    """
+    """What `run.json` says of failures, by the name of the kind whose block they are of."""
     found: dict[str, Failures] = {}
     for one in run.manifest.get("failed", []):
         kind, block = _whose(run, str(one["file"]))
@@ -61,20 +50,7 @@ def _whose(run: Run, file: str) -> tuple[Kind, str]:
 
 
 def failure_table(kind: Kind, run: Run) -> Table | None:
-    """What failed of a kind, each method and reason once.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Table or None
-        None where nothing failed.
-    """
+    """What failed of a kind, each method and reason once."""
     counted: dict[tuple[str, str, str], list[int]] = {}
     for one in failures(run).get(kind.name, []):
         of = counted.setdefault((str(one["label"]), str(one["block"]), str(one["why"])), [0, 0])
@@ -91,22 +67,7 @@ def failure_table(kind: Kind, run: Run) -> Table | None:
 
 
 def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
-    """A piece of a kind's own section, which has the table of what failed.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    home : Section
-        The section in which it stands.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Section or None
-        None where nothing failed.
-    """
+    """A piece of a kind's own section, which has the table of what failed."""
     table = failure_table(kind, run)
     if table is None:
         return None
@@ -114,36 +75,12 @@ def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
 
 
 def home_of(kind: Kind, sections: list[Section]) -> Section:
-    """The section of a kind in which its failures stand: the one that has its title, else the first.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    sections : list of Section
-        Its sections.
-
-    Returns
-    -------
-    Section
-        One that has a heading.
-    """
+    """The section of a kind in which its failures stand: the one that has its title, else the first."""
     own = sorted((s for s in sections if s.place == "section"), key=lambda section: section.order)
     return next((section for section in own if section.title == kind.title), own[0])
 
 
 def failure_words(run: Run) -> str:
-    """How much failed, in a sentence for the head of the report.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    str
-        Empty where nothing did.
-    """
+    """How much failed, in a sentence for the head of the report."""
     labels = dict.fromkeys(str(one["label"]) for found in failures(run).values() for one in found)
     return f"Failures or crashes: {listed(labels)}." if labels else ""

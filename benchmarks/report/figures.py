@@ -47,154 +47,51 @@ HOVER = "<extra></extra>"
 
 
 def method_colour(index: int) -> str:
-    """Colour of a method or law, as a variable that the page's theme defines.
-
-    Parameters
-    ----------
-    index : int
-        Number of the method in the run; colours repeat after `METHOD_COLOURS`.
-
-    Returns
-    -------
-    str
-        A variable of the page's style.
-    """
+    """Colour of a method or law, as a variable that the page's theme defines."""
     return f"var(--m{index % METHOD_COLOURS})"
 
 
 def method_dash(index: int) -> str:
-    """Dash of the lines of a method or law.
-
-    Parameters
-    ----------
-    index : int
-        Number of the method in the run; where colours repeat, the dash differs.
-
-    Returns
-    -------
-    str
-        A dash of Plotly.
-    """
+    """Dash of the lines of a method or law."""
     return DASHES[(index + index // METHOD_COLOURS) % len(DASHES)]
 
 
 def method_symbol(index: int) -> str:
-    """Marker of a method or law.
-
-    Parameters
-    ----------
-    index : int
-        Number of the method in the run.
-
-    Returns
-    -------
-    str
-        A marker of Plotly.
-    """
+    """Marker of a method or law."""
     return SYMBOLS[(index + index // METHOD_COLOURS) % len(SYMBOLS)]
 
 
 def colour(index: int) -> str:
-    """A muted colour for what is no method (a joint, a limit), as a variable that the page's theme defines.
-
-    Parameters
-    ----------
-    index : int
-        Which one; they repeat.
-
-    Returns
-    -------
-    str
-        A variable of the page's style.
-    """
+    """A muted colour for what is no method (a joint, a limit), as a variable that the page's theme defines."""
     return f"var(--c{index % COLOURS})"
 
 
 def noise_floor(unit: str) -> float:
-    """Least value that is drawn and written as a result.
-
-    Parameters
-    ----------
-    unit : str
-        Of the values.
-
-    Returns
-    -------
-    float
-        `NOISE` in this unit as a power of ten, for a length or an angle; else 0.
-    """
+    """Least value that is drawn and written as a result."""
     if unit not in PER_BASE_UNIT:
         return 0.0
     return float(f"1e{math.ceil(round(math.log10(NOISE * PER_BASE_UNIT[unit]), 6))}")
 
 
 def shades(count: int) -> list[str]:
-    """Ordered colours, weak to strong.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    list of str
-        Variables of the page's style.
-    """
+    """Ordered colours, weak to strong."""
     return [f"var(--s{round(i * (SHADES - 1) / max(count - 1, 1))})" for i in range(count)]
 
 
 def axis(title: str, **options: Any) -> Json:
-    """An axis with its unit.
-
-    Parameters
-    ----------
-    title : str
-        With its unit.
-    **options
-        Further options of Plotly.
-
-    Returns
-    -------
-    dict
-        An axis of Plotly.
-    """
+    """An axis with its unit."""
     lines = {"gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR}
     ticks = {"ticks": "outside", "tickcolor": MUTED_COLOUR}
     return lines | ticks | {"title": {"text": title, "standoff": 6}, "automargin": True, "ticklen": 4} | options
 
 
 def iterations(count: int) -> str:
-    """A number of iterations, in words.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    str
-        Such as 3 iterations.
-    """
+    """A number of iterations, in words."""
     return f"{count} iteration" + ("s" if count != 1 else "")
 
 
 def log_axis(title: str, **options: Any) -> Json:
-    """A logarithmic axis with powers of ten; of lengths and angles it ends at what is a result, with a mark there.
-
-    Parameters
-    ----------
-    title : str
-        With its unit in brackets at the end.
-    **options
-        Further options of Plotly.
-
-    Returns
-    -------
-    dict
-        An axis of Plotly; a board draws nothing below its ``meta``.
-    """
+    """A logarithmic axis with powers of ten; of lengths and angles it ends at what is a result, with a mark there."""
     found = re.search(r"\[([^\[\]]+)\]$", title)
     floor = noise_floor(found[1]) if found else 0.0
     data = axis(title, type="log", exponentformat="power", **({"dtick": 2} | options))
@@ -205,18 +102,7 @@ def log_axis(title: str, **options: Any) -> Json:
 
 
 def line(**options: Any) -> Json:
-    """A line trace; its numbers are ours already, and Plotly would look at every one of them.
-
-    Parameters
-    ----------
-    **options
-        Options of a scatter trace of Plotly.
-
-    Returns
-    -------
-    dict
-        A trace of Plotly.
-    """
+    """A line trace; its numbers are ours already, and Plotly would look at every one of them."""
     import plotly.graph_objects as go
 
     numbers = {k: options.pop(k) for k in ("x", "y", "customdata") if k in options}
@@ -225,18 +111,7 @@ def line(**options: Any) -> Json:
 
 
 def heatmap(**options: Any) -> Json:
-    """A heat map; its numbers are ours already, and Plotly would look at every one of them.
-
-    Parameters
-    ----------
-    **options
-        Options of a heat map of Plotly.
-
-    Returns
-    -------
-    dict
-        A trace of Plotly.
-    """
+    """A heat map; its numbers are ours already, and Plotly would look at every one of them."""
     import plotly.graph_objects as go
 
     numbers = {k: options.pop(k) for k in ("z", "customdata") if k in options}
@@ -245,18 +120,7 @@ def heatmap(**options: Any) -> Json:
 
 
 def line_3d(**options: Any) -> Json:
-    """A line in space.
-
-    Parameters
-    ----------
-    **options
-        Options of a scatter trace in space of Plotly.
-
-    Returns
-    -------
-    dict
-        A trace of Plotly.
-    """
+    """A line in space."""
     import plotly.graph_objects as go
 
     data: Json = go.Scatter3d(**({"mode": "lines", "showlegend": False} | options)).to_plotly_json()
@@ -264,18 +128,7 @@ def line_3d(**options: Any) -> Json:
 
 
 def bars(**options: Any) -> Json:
-    """Horizontal bars.
-
-    Parameters
-    ----------
-    **options
-        Options of a bar trace of Plotly.
-
-    Returns
-    -------
-    dict
-        A trace of Plotly.
-    """
+    """Horizontal bars."""
     import plotly.graph_objects as go
 
     data: Json = go.Bar(**({"orientation": "h", "showlegend": False} | options)).to_plotly_json()
@@ -283,18 +136,5 @@ def bars(**options: Any) -> Json:
 
 
 def lean(values: Iterable[float | None], digits: int = 4) -> list[float | None]:
-    """Numbers rounded to some significant digits; None for what is not finite.
-
-    Parameters
-    ----------
-    values : iterable of float
-        The numbers.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    list
-        The rounded numbers.
-    """
+    """Numbers rounded to some significant digits; None for what is not finite."""
     return [None if v is None or not math.isfinite(v) else float(f"{v:.{digits}g}") for v in values]

@@ -18,18 +18,7 @@ BADGES = {HOLDS: "good", FAILS: "bad", PARTLY: "partly"}
 
 
 def claims(run: Run) -> dict[str, Any] | None:
-    """Every claim of the paper and what this run says of it; nothing where it only measures speed.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """Every claim of the paper and what this run says of it; nothing where it only measures speed."""
     if not run.on_paper:
         return None
     return claims_of(run.findings)
@@ -41,18 +30,7 @@ def claims_of(findings: Sequence[Finding]) -> dict[str, Any]:
 
 
 def badge(verdict: str) -> str:
-    """Look of a verdict.
-
-    Parameters
-    ----------
-    verdict : str
-        Of a claim.
-
-    Returns
-    -------
-    str
-        A class of the page's style.
-    """
+    """Look of a verdict."""
     return next(
         (look for words, look in BADGES.items() if verdict == words or (words == PARTLY and verdict.startswith(words))),
         "none",
@@ -60,18 +38,7 @@ def badge(verdict: str) -> str:
 
 
 def misprints(run: Run) -> dict[str, Any] | None:
-    """The paper's misprints with what computing them shows; nothing where the run only measures speed.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """The paper's misprints with what computing them shows; nothing where the run only measures speed."""
     if not run.on_paper:
         return None
     from benchmarks.experiments.misprints import evidence
@@ -80,18 +47,7 @@ def misprints(run: Run) -> dict[str, Any] | None:
 
 
 def limitations(run: Run) -> dict[str, Any]:
-    """What a reader should know before quoting.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict
-        What the template shows.
-    """
+    """What a reader should know before quoting."""
     provenance = run.manifest["provenance"]
     workers, cores = provenance.get("workers"), provenance.get("cores")
     robots = sorted(map(short_name, run.suite.robots))
@@ -114,18 +70,7 @@ def limitations(run: Run) -> dict[str, Any]:
 
 
 def asked(run: Run) -> dict[str, Any] | None:
-    """What this project asked of itself: the targets of the suite with their outcomes.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the suite has no targets.
-    """
+    """What this project asked of itself: the targets of the suite with their outcomes."""
     found = run.outcomes
     if not found:
         return None
@@ -136,18 +81,7 @@ def asked(run: Run) -> dict[str, Any] | None:
 
 
 def provenance(run: Run) -> dict[str, Any]:
-    """Where the numbers come from, and how to get them again.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict
-        What the template shows.
-    """
+    """Where the numbers come from, and how to get them again."""
     p = run.manifest["provenance"]
     commit = p.get("commit")
     state = "" if not commit else (" with uncommitted changes" if p.get("dirty") else " (clean)")

@@ -15,20 +15,7 @@ _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Format a number: 0.00123, 88.4, 12,345, 1.2·10⁻⁷, ∞, – for NaN and None.
-
-    Parameters
-    ----------
-    value : float or None
-        The number.
-    digits : int
-        Significant digits.
-
-    Returns
-    -------
-    str
-        Without a unit.
-    """
+    """Format a number: 0.00123, 88.4, 12,345, 1.2·10⁻⁷, ∞, – for NaN and None."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -44,18 +31,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def ratio(value: float) -> str:
-    """Format a value over its limit; above 1 with as many digits as show that, but not what is rounding.
-
-    Parameters
-    ----------
-    value : float
-        Value over limit.
-
-    Returns
-    -------
-    str
-        1.0000057 above the limit, 1.00 at it or a little below.
-    """
+    """Format a value over its limit; above 1 with as many digits as show that, but not what is rounding."""
     off = value - 1.0
     if UNWRITTEN_EXCESS < off < 5e-4:
         return f"{value:.{1 - math.floor(math.log10(off))}f}"
@@ -63,34 +39,10 @@ def ratio(value: float) -> str:
 
 
 def p_value(p: float) -> str:
-    """Format a p-value: below 10⁻⁶ how small it is tells a reader no more, and depends on the test's assumptions.
-
-    Parameters
-    ----------
-    p : float
-        From 0 to 1.
-
-    Returns
-    -------
-    str
-        Two digits, or ``< 10⁻⁶``; a dash for NaN.
-    """
+    """Format a p-value: below 10⁻⁶ how small it is tells a reader no more, and depends on the test's assumptions."""
     return f"< {number(LEAST_P, 1).replace('1·', '')}" if p < LEAST_P else number(p, 2)
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """Format a share given in percent.
-
-    Parameters
-    ----------
-    share : float
-        In percent.
-    digits : int
-        Decimals.
-
-    Returns
-    -------
-    str
-        With the sign; a dash for NaN.
-    """
+    """Format a share given in percent."""
     return "–" if math.isnan(share) else f"{share:.{digits}f} %"

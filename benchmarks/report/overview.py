@@ -14,18 +14,7 @@ from optik.registry import short_name
 
 
 def overview(run: Run) -> dict[str, Any]:
-    """What was compared, on what, and what came out.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict
-        What the template of the head shows.
-    """
+    """What was compared, on what, and what came out."""
     begun = [b.block for b in run.begun]
     # A kind that says who wins has its findings in that table.
     own = [words for kind in run.suite.kinds if not kind.winners(run) for words in kind.findings(run)]

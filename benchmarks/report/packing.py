@@ -25,18 +25,7 @@ PACKED = "f32"
 
 
 def pack(data: Any) -> str:
-    """Compress data for the page; the script `page.js` and `unpack` read it.
-
-    Parameters
-    ----------
-    data : object
-        Dictionaries, lists, text, finite numbers, truth values and None.
-
-    Returns
-    -------
-    str
-        Base64 of gzip: length of the JSON, the JSON, and the floats that it refers to, NaN for None.
-    """
+    """Compress data for the page; the script `page.js` and `unpack` read it."""
     floats = _Floats()
     words = json.dumps(floats.taken_out(data), allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
     words += b" " * (-len(words) % 4)  # so that the floats are aligned
@@ -44,34 +33,12 @@ def pack(data: Any) -> str:
 
 
 def squeeze(content: bytes) -> str:
-    """Compress bytes to text, the same every time.
-
-    Parameters
-    ----------
-    content : bytes
-        What is compressed.
-
-    Returns
-    -------
-    str
-        Base64 of gzip.
-    """
+    """Compress bytes to text, the same every time."""
     return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode()
 
 
 def unpack(text: str) -> Any:
-    """Read what `pack` wrote.
-
-    Parameters
-    ----------
-    text : str
-        Base64 of gzip.
-
-    Returns
-    -------
-    object
-        The data, numbers of packed lists with the precision of 32-bit floats.
-    """
+    """Read what `pack` wrote."""
     content = gzip.decompress(base64.b64decode(text))
     (length,) = struct.unpack_from("<I", content)
     numbers = np.frombuffer(content, dtype="<f4", offset=4 + length)

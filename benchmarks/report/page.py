@@ -27,42 +27,13 @@ PAGE = "report.html"
 
 @without_code()
 def write_report(folder: RunFolder) -> Path:
-    """Write ``report.html`` into a run folder: one file that opens offline.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        A run, finished or not; what it does not hold is left out, and an unfinished run is called so.
-
-    Returns
-    -------
-    Path
-        Of the page.
-
-    Raises
-    ------
-    InvalidInput
-        The folder is no run.
-    OutputError
-        The page cannot be written.
-    """
+    """Write ``report.html`` into a run folder: one file that opens offline."""
     folder.write_text(PAGE, render(Run(folder)))
     return folder.path / PAGE
 
 
 def render(run: Run) -> str:
-    """The page as text.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """The page as text."""
     environment = Environment(
         loader=PackageLoader("benchmarks.report"),
         autoescape=True,

@@ -16,18 +16,7 @@ TEMPLATE = Path(__file__).parent / "templates" / "rows.html.j2"
 
 
 def section_of(kind: Kind) -> Section:
-    """The section of a kind that has none of its own.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-
-    Returns
-    -------
-    Section
-        A table for every block.
-    """
+    """The section of a kind that has none of its own."""
     return Section(kind.title, slug(kind.name), lambda run: _build(kind, run), TEMPLATE)
 
 

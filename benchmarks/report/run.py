@@ -53,25 +53,7 @@ class Run:
         return self.folder.read_json(ARMS) or {}
 
     def robot(self, name: str) -> Robot:
-        """Return an arm of the suite: from the data stored in the run, or one that comes with optik.
-
-        Parameters
-        ----------
-        name : str
-            As a block has it.
-
-        Returns
-        -------
-        Robot
-            The arm.
-
-        Raises
-        ------
-        UnknownName
-            This version has no such arm, and the run has not stored it.
-        InvalidInput
-            The arm is a file, and the run has not stored it.
-        """
+        """Return an arm of the suite: from the data stored in the run, or one that comes with optik."""
         stored = self._arms.get(short_name(name))
         if stored is None and is_path(name):
             expected = (
@@ -90,18 +72,7 @@ class Run:
         return found
 
     def of(self, kind: str) -> list[Any]:
-        """Blocks of a kind that have rows.
-
-        Parameters
-        ----------
-        kind : str
-            Name of the kind.
-
-        Returns
-        -------
-        list of BlockRows
-            In the order of the suite.
-        """
+        """Blocks of a kind that have rows."""
         return self._read.get(kind, [])
 
     @cached_property
@@ -119,67 +90,19 @@ class Run:
         return sorted(found, key=lambda label: (label not in compared, label in peers))
 
     def colour(self, label: str) -> str:
-        """Colour of a method or law, one on the whole page.
-
-        Parameters
-        ----------
-        label : str
-            Of the method or law.
-
-        Returns
-        -------
-        str
-            A variable of the page's style.
-        """
+        """Colour of a method or law, one on the whole page."""
         return method_colour(self.labels.index(label))
 
     def dash(self, label: str) -> str:
-        """Dash of the lines of a method or law: it tells methods apart where their colours look alike.
-
-        Parameters
-        ----------
-        label : str
-            Of the method or law.
-
-        Returns
-        -------
-        str
-            A dash of Plotly.
-        """
+        """Dash of the lines of a method or law: it tells methods apart where their colours look alike."""
         return method_dash(self.labels.index(label))
 
     def symbol(self, label: str) -> str:
-        """Marker of a method or law.
-
-        Parameters
-        ----------
-        label : str
-            Of the method or law.
-
-        Returns
-        -------
-        str
-            A marker of Plotly.
-        """
+        """Marker of a method or law."""
         return method_symbol(self.labels.index(label))
 
     def key(self, label: str, when: When | None = None, *, marked: bool = True) -> Key:
-        """Entry of a legend for a method or law, with its colour, dash and marker.
-
-        Parameters
-        ----------
-        label : str
-            Of the method or law.
-        when : mapping, optional
-            Values of controls at which it is shown; always where left out.
-        marked : bool
-            Whether its lines have markers.
-
-        Returns
-        -------
-        Key
-            The entry.
-        """
+        """Entry of a legend for a method or law, with its colour, dash and marker."""
         symbol = self.symbol(label) if marked else ""
         return Key(label, self.colour(label), "solid", dict(when or {}), self.dash(label), symbol)
 

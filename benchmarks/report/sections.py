@@ -26,18 +26,7 @@ CLOSING = (
 
 
 def all_sections(run: Run) -> list[Section]:
-    """Sections of all kinds that were run, and what closes the page.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Section
-        Each once, in the order of the page.
-    """
+    """Sections of all kinds that were run, and what closes the page."""
     found: dict[Section, None] = {}
     for kind in run.suite.kinds:
         own = list(kind.sections() or (section_of(kind),))
@@ -47,20 +36,7 @@ def all_sections(run: Run) -> list[Section]:
 
 
 def built(run: Run, place: str) -> list[tuple[Section, list[tuple[Section, dict[str, Any]]]]]:
-    """Sections that have something to show, each with its pieces: those that have the same anchor.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    place : str
-        Where on the page.
-
-    Returns
-    -------
-    list of tuple
-        The first piece, which has the heading, and all pieces with what their templates show.
-    """
+    """Sections that have something to show, each with its pieces: those that have the same anchor."""
     shown = []
     for _, group in groupby((s for s in all_sections(run) if s.place == place), key=lambda section: section.anchor):
         pieces = [(section, context) for section in group if (context := section.build(run)) is not None]

@@ -57,20 +57,7 @@ class ShownTable:
 
 
 def shown_table(table: Table, run: Run | None = None) -> ShownTable:
-    """A table with its cells as text.
-
-    Parameters
-    ----------
-    table : Table
-        The table.
-    run : Run, optional
-        Where the methods' colours come from.
-
-    Returns
-    -------
-    ShownTable
-        The same rows and columns.
-    """
+    """A table with its cells as text."""
     best = {column.key: _best(column, table.rows) for column in table.columns}
     rows = []
     for k, row in enumerate(table.rows):
@@ -93,22 +80,7 @@ def _own(column: Column, row: Mapping[str, Cell]) -> Column:
 
 
 def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
-    """A cell as text.
-
-    Parameters
-    ----------
-    column : Column
-        Its column.
-    value : Cell
-        What it holds.
-    best : bool
-        Whether none in its column is surely better.
-
-    Returns
-    -------
-    ShownCell
-        A dash where there is no value.
-    """
+    """A cell as text."""
     if isinstance(value, str):
         return ShownCell(value)
     if value is None:
@@ -124,20 +96,7 @@ def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
 
 
 def written(show: str, middle: float, low: float = math.nan, high: float = math.nan) -> tuple[str, str]:
-    """A value and its interval with the digits that it deserves.
-
-    Parameters
-    ----------
-    show : str
-        As of a `Column`.
-    middle, low, high : float
-        Value and ends of its interval, NaN where it has none; of a share in percent.
-
-    Returns
-    -------
-    value, interval : str
-        Without a unit; the interval is empty where there is none.
-    """
+    """A value and its interval with the digits that it deserves."""
     if low == middle == high:
         low = high = math.nan  # an exact value
     half = (high - low) / 2
@@ -172,11 +131,6 @@ def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
 
     Told apart are two values of which neither is inside the other's interval: that is less than intervals without
     overlap, which small samples hardly ever have.
-
-    Returns
-    -------
-    set of int
-        Numbers of the rows.
     """
     if not column.better:
         return set()

@@ -16,22 +16,6 @@ def steps_of(values: ArrayLike, count: int, most: int = MOST_STEPS) -> tuple[Arr
 
     Of more steps than `most`, half are evenly spaced in their share, half become ever denser towards either end; the first
     and the last are always there, and each that is drawn is exact.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Values without NaN, at least one [as the result].
-    count : int
-        How many there would be with those that have no value: failures never reach the last share.
-    most : int
-        Steps that are drawn at most.
-
-    Returns
-    -------
-    x : (j,) array
-        Values, ascending; the first one twice, where the curve leaves 0 [as the values].
-    share : (j,) array
-        Shares [%].
     """
     x, counts = np.unique(np.asarray(values, dtype=float), return_counts=True)
     share = 100.0 * np.cumsum(counts) / count

@@ -18,20 +18,7 @@ PRECISE_FROM = 10_000
 
 
 def share(solved: int, count: int) -> tuple[str, str]:
-    """Share of successes and its interval, with as many digits as the count deserves.
-
-    Parameters
-    ----------
-    solved, count : int
-        How many of how many.
-
-    Returns
-    -------
-    share : str
-        In percent; 100 % only where all are.
-    interval : str
-        Wilson's, 95 %.
-    """
+    """Share of successes and its interval, with as many digits as the count deserves."""
     digits = 1 if count < PRECISE_FROM else 3
     rounded = 100.0 * solved / count
     if solved < count:
@@ -45,20 +32,7 @@ def share(solved: int, count: int) -> tuple[str, str]:
 
 
 def cells(measure: Measure, values: Sequence[float]) -> list[str]:
-    """The values of a measure as tables show them.
-
-    Parameters
-    ----------
-    measure : Measure
-        The measure.
-    values : sequence of float
-        One for each of its parts.
-
-    Returns
-    -------
-    list of str
-        One for each; of a share its value and its interval.
-    """
+    """The values of a measure as tables show them."""
     if measure.show == "share":
         value, low, high = values
         return [percent(value), "–" if math.isnan(low) else f"[{low:.1f}, {high:.1f}]"]
@@ -70,18 +44,7 @@ def cells(measure: Measure, values: Sequence[float]) -> list[str]:
 
 
 def target_row(o: Outcome) -> dict[str, Any]:
-    """A target and its outcome as tables show them.
-
-    Parameters
-    ----------
-    o : Outcome
-        The outcome.
-
-    Returns
-    -------
-    dict
-        What the template shows.
-    """
+    """A target and its outcome as tables show them."""
     words, look = VERDICTS[o.held]
     if o.target.goal:
         words += ", a goal"

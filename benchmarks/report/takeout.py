@@ -29,18 +29,7 @@ HELD_WORDS = {True: "yes", False: "no", None: "not measured"}
 
 
 def all_tables(run: Run) -> list[Table]:
-    """Every table, each id once.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        The winners first, then those of the kinds in their order with what failed of each, then the targets.
-    """
+    """Every table, each id once."""
     found = [winners_table(run)]
     for kind in run.suite.kinds:
         found += kind.tables(run) or (() if kind.sections() else rows_tables(kind, run))
@@ -50,20 +39,7 @@ def all_tables(run: Run) -> list[Table]:
 
 
 def rows_tables(kind: Kind, run: Run) -> list[Table]:
-    """Entries by measures of every block, for a kind that has no tables of its own.
-
-    Parameters
-    ----------
-    kind : Kind
-        The kind.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        One for each block that has rows.
-    """
+    """Entries by measures of every block, for a kind that has no tables of its own."""
     found = tables_of_rows(kind, run)
     return [_of_rows(kind, block, table) for block, table in found if table is not None and table["rows"]]
 
@@ -84,18 +60,7 @@ def _of_rows(kind: Kind, block: Any, table: dict[str, Any]) -> Table:
 
 
 def asked_table(run: Run) -> Table | None:
-    """Every target of the suite with its outcome.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Table or None
-        None where the suite has no targets.
-    """
+    """Every target of the suite with its outcome."""
     rows: list[dict[str, Cell]] = [
         {
             "label": o.what, "where": o.where, "value": None if math.isnan(o.value) else o.value, "asked": o.asked,

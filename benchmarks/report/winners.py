@@ -49,34 +49,12 @@ class Won:
 
 
 def winners(run: Run) -> list[Winner]:
-    """Every question with its entries, in the order of the kinds.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Winner
-        Those in which something took part.
-    """
+    """Every question with its entries, in the order of the kinds."""
     return [winner for kind in run.suite.kinds for winner in kind.winners(run) if winner.entries]
 
 
 def won(run: Run) -> list[Won]:
-    """The winners as the first screen of the page shows them.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Won
-        One for each question.
-    """
+    """The winners as the first screen of the page shows them."""
     return [_won(winner, run) for winner in winners(run)]
 
 
@@ -111,34 +89,12 @@ def _place(winner: Winner, entry: tuple[str, float, float, float], run: Run) -> 
 
 
 def tied_words(labels: tuple[str, ...]) -> str:
-    """Those tied with the best, in words.
-
-    Parameters
-    ----------
-    labels : tuple of str
-        Their labels.
-
-    Returns
-    -------
-    str
-        Empty where there are none.
-    """
+    """Those tied with the best, in words."""
     return listed(labels) if len(labels) <= MOST_TIED else f"{listed(labels[:2])} and {len(labels) - 2} more"
 
 
 def winners_table(run: Run) -> Table | None:
-    """The winners as a table that leaves the report.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Table or None
-        None where no kind of the run says who wins.
-    """
+    """The winners as a table that leaves the report."""
     rows: list[dict[str, Cell]] = []
     for winner in winners(run):
         label, *value = winner.entries[0]

@@ -6,32 +6,10 @@ from collections.abc import Iterable
 
 
 def quoted(label: str) -> str:
-    """A label as it stands in a list: in quotation marks where it has a comma or a semicolon of its own.
-
-    Parameters
-    ----------
-    label : str
-        Of a method, law or problem set.
-
-    Returns
-    -------
-    str
-        Such as ``lm`` or ``“lm, one attempt”``.
-    """
+    """A label as it stands in a list: in quotation marks where it has a comma or a semicolon of its own."""
     return f"“{label}”" if set(label) & set(",;") else label
 
 
 def listed(labels: Iterable[str]) -> str:
-    """Labels in a sentence, with commas between them.
-
-    Parameters
-    ----------
-    labels : iterable of str
-        Their order is kept.
-
-    Returns
-    -------
-    str
-        Each as `quoted` has it.
-    """
+    """Labels in a sentence, with commas between them."""
     return ", ".join(map(quoted, labels))

@@ -25,13 +25,7 @@ DEATHS = 2
 
 
 class Mark:
-    """What the first process has in hand: a file that is left only where the process died in the middle of it.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    """
+    """What the first process has in hand: a file that is left only where the process died in the middle of it."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._folder, self._set = folder, False
@@ -42,43 +36,15 @@ class Mark:
         self._left = (str(left.get("work", "")), int(left.get("deaths", 0) or 0)) if isinstance(left, dict) else ("", 0)
 
     def deadly(self, work: str) -> bool:
-        """Whether the first process died in some work as often as it may.
-
-        Parameters
-        ----------
-        work : str
-            Name of the file that it is to write.
-
-        Returns
-        -------
-        bool
-            True where it is better done in a process apart.
-        """
+        """Whether the first process died in some work as often as it may."""
         return self._left[0] == work and self._left[1] >= DEATHS
 
     def died_in(self, work: str) -> bool:
-        """Whether the first process died in some work.
-
-        Parameters
-        ----------
-        work : str
-            Name of the file that it is to write.
-
-        Returns
-        -------
-        bool
-            True where it did, if only once.
-        """
+        """Whether the first process died in some work."""
         return self._left[0] == work
 
     def set(self, work: str) -> None:
-        """Say what is begun now.
-
-        Parameters
-        ----------
-        work : str
-            Name of the file that it is to write.
-        """
+        """Say what is begun now."""
         deaths = self._left[1] + 1 if self._left[0] == work else 1
         self._folder.write_json(MARK, {"work": work, "deaths": deaths})
         self._set = True
@@ -118,25 +84,6 @@ def finish_apart(work: Apart, journal: str, tell: Tell) -> Failure | None:
 
     A method in whose work a process ended is tried a second time, since the first may have been the machine's fault. Then
     it is recorded as crashed, and the block goes on with the others.
-
-    Parameters
-    ----------
-    work : Apart
-        The block.
-    journal : str
-        Name of its journal, which says whose work it was.
-    tell : callable
-        Called with what is next.
-
-    Returns
-    -------
-    Failure or None
-        Why it failed.
-
-    Raises
-    ------
-    OptikError
-        One that the work raised.
     """
     ends = Counter([Journal(work.folder, journal).left])
     while True:
@@ -152,25 +99,7 @@ def finish_apart(work: Apart, journal: str, tell: Tell) -> Failure | None:
 
 
 def run_apart(work: Apart, tell: Tell) -> Failure | None:
-    """Do what a block lacks in a process of its own.
-
-    Parameters
-    ----------
-    work : Apart
-        The block.
-    tell : callable
-        Called with what is next.
-
-    Returns
-    -------
-    Failure or None
-        Why it failed; to be tried again where the process died.
-
-    Raises
-    ------
-    OptikError
-        One that the work raised.
-    """
+    """Do what a block lacks in a process of its own."""
     context = get_context("spawn")
     pipe, other = context.Pipe(duplex=False)
     given = (work.kind, work.block, work.seed, str(work.folder.path), list(work.recorded))

@@ -20,18 +20,6 @@ def compiled_aside(suite: Suite, *, wanted: bool) -> Iterator[None]:
 
     Compiled kernels go to the cache on disk, where this process finds them. Nothing else comes of it: where it fails, this
     process compiles by itself.
-
-    Parameters
-    ----------
-    suite : Suite
-        What is run; one with plug-ins is left alone, since their files are loaded under a guard of their own.
-    wanted : bool
-        Whether there are processors for it.
-
-    Yields
-    ------
-    None
-        While it works.
     """
     if not wanted or suite.plugins or not any(kind.warms for kind in suite.kinds):
         yield

@@ -24,23 +24,7 @@ class ClusterLost(OptikError, RuntimeError):
 
 
 class OnDask:
-    """A Dask cluster.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler: ``HOST:PORT``, ``tcp://HOST:PORT``, or ``tls://HOST:PORT`` with the certificates that Dask's own
-        configuration names.
-    recorded : sequence of mapping
-        Plug-ins as the run has recorded them: every worker refuses files that differ.
-
-    Raises
-    ------
-    MissingDependency
-        The extra ``distributed`` is not installed.
-    InvalidInput
-        No scheduler answers there, or it has no workers.
-    """
+    """A Dask cluster."""
 
     def __init__(self, address: str, recorded: Sequence[Mapping[str, str]]) -> None:
         try:
@@ -79,33 +63,12 @@ class OnDask:
         comm.abort()
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Submit a piece of work.
-
-        Parameters
-        ----------
-        ticket : int
-            By which its outcome is told.
-        kind : str
-            What its kind is found by.
-        work : object
-            What the kind's `solve` is given.
-        """
+        """Submit a piece of work."""
         future = self._client.submit(attempt, kind, work, self._recorded, pure=False)
         self._tickets[future] = ticket
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Wait for outcomes.
-
-        Returns
-        -------
-        sequence of tuple
-            Ticket and outcome.
-
-        Raises
-        ------
-        ClusterLost
-            The scheduler has ended.
-        """
+        """Wait for outcomes."""
         try:
             with self._client.as_current():
                 done = self._dask.wait(list(self._tickets), return_when="FIRST_COMPLETED").done
@@ -141,18 +104,7 @@ def _first_line(error: BaseException) -> str:
 
 
 def warn_of_plain_text(address: str) -> str:
-    """What to say of an address whose traffic anyone on the network may read and change.
-
-    Parameters
-    ----------
-    address : str
-        Of a scheduler.
-
-    Returns
-    -------
-    str
-        A warning; empty for ``tls://`` and for this machine itself.
-    """
+    """What to say of an address whose traffic anyone on the network may read and change."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     if parts.scheme in ("tls", "wss", "inproc") or _is_loopback(parts.hostname or ""):
         return ""

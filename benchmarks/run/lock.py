@@ -28,23 +28,6 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
 
     The operating system holds the lock and releases it when the process ends, in whatever way: a lock of a dead process
     does not exist.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    wait : bool, optional
-        Wait for another process instead of raising.
-
-    Yields
-    ------
-    None
-        While the lock is held.
-
-    Raises
-    ------
-    OutputError
-        Another process works in the folder, or it cannot be written.
     """
     file = folder / LOCK
     try:

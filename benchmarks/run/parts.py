@@ -67,23 +67,6 @@ def solved(parts: Iterable[tuple[str, Part]], place: Place) -> Iterator[Done]:
 
     Work whose process dies or hangs is tried a second time. If it fails again, or raises an error, it is divided until
     the problems that are to blame are found; these get the rows that the work says (`crashed`), all others their own.
-
-    Parameters
-    ----------
-    parts : iterable of tuple
-        What the kind of a part is found by, and the part. No more of them are drawn than the place has room for.
-    place : Place
-        Where.
-
-    Yields
-    ------
-    Done
-        One for each part, in the order in which they end.
-
-    Raises
-    ------
-    OptikError
-        One that the work raised.
     """
     runner = _Runner(place)
     source = iter(parts)

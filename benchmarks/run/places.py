@@ -21,27 +21,11 @@ class Here:
         self._work: list[tuple[int, str, Any]] = []
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Keep a piece of work until `wait`.
-
-        Parameters
-        ----------
-        ticket : int
-            By which its outcome is told.
-        kind : str
-            What its kind is found by.
-        work : object
-            What the kind's `solve` is given.
-        """
+        """Keep a piece of work until `wait`."""
         self._work.append((ticket, kind, work))
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Do the work.
-
-        Returns
-        -------
-        sequence of tuple
-            Ticket and outcome.
-        """
+        """Do the work."""
         ticket, kind, work = self._work.pop(0)
         return [(ticket, attempt(kind, work))]
 
@@ -50,15 +34,7 @@ class Here:
 
 
 class OnExecutor:
-    """An executor of the caller's, such as one of `concurrent.futures`.
-
-    Parameters
-    ----------
-    executor : Executor
-        The executor; the caller's to shut down.
-    recorded : sequence of mapping
-        Plug-ins as the run has recorded them.
-    """
+    """An executor of the caller's, such as one of `concurrent.futures`."""
 
     room = IN_FLIGHT
 
@@ -68,27 +44,11 @@ class OnExecutor:
         self._tickets: dict[Future[Outcome], int] = {}
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Submit a piece of work.
-
-        Parameters
-        ----------
-        ticket : int
-            By which its outcome is told.
-        kind : str
-            What its kind is found by.
-        work : object
-            What the kind's `solve` is given.
-        """
+        """Submit a piece of work."""
         self._tickets[self._submit(attempt, kind, work, self._recorded)] = ticket
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Wait for outcomes.
-
-        Returns
-        -------
-        sequence of tuple
-            Ticket and outcome.
-        """
+        """Wait for outcomes."""
         done = wait(self._tickets, return_when=FIRST_COMPLETED).done
         return [(self._tickets.pop(future), future.result()) for future in done]
 

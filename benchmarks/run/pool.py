@@ -26,17 +26,7 @@ class WorkerFailed(OptikError, RuntimeError):
 
 
 class Workers:
-    """Worker processes; a place for work.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-    recorded : sequence of mapping
-        Plug-ins as the run has recorded them.
-    limit : float
-        Time within which a piece of work must be done [s].
-    """
+    """Worker processes; a place for work."""
 
     def __init__(self, count: int, recorded: Sequence[Mapping[str, str]], limit: float) -> None:
         self.room = count
@@ -45,34 +35,13 @@ class Workers:
         self._busy: list[_Worker] = []
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Give a piece of work to a worker that has none, or to a new one.
-
-        Parameters
-        ----------
-        ticket : int
-            By which its outcome is told.
-        kind : str
-            What its kind is found by.
-        work : object
-            What the kind's `solve` is given.
-        """
+        """Give a piece of work to a worker that has none, or to a new one."""
         worker = self._idle.pop() if self._idle else _Worker(self._recorded)
         self._busy.append(worker)
         worker.give(ticket, (kind, work), self._limit)
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Wait for outcomes.
-
-        Returns
-        -------
-        sequence of tuple
-            Ticket and outcome.
-
-        Raises
-        ------
-        WorkerFailed
-            A worker ended before it could take any work.
-        """
+        """Wait for outcomes."""
         found: list[tuple[int, Outcome]] = []
         while not found:
             until = min(worker.until for worker in self._busy)
@@ -145,18 +114,7 @@ class _Worker:
 
 
 def ending(status: int | None) -> str:
-    """How a process ended, in words.
-
-    Parameters
-    ----------
-    status : int or None
-        Its exit status; negative where a signal ended it.
-
-    Returns
-    -------
-    str
-        The signal's name, or the status.
-    """
+    """How a process ended, in words."""
     if status is not None and status < 0:
         try:
             return signal.Signals(-status).name

@@ -68,23 +68,7 @@ class Where:
             raise InvalidInput("part_timeout", self.limit, "a time [s] above 0")
 
     def place(self, recorded: list[dict[str, str]]) -> Place:
-        """Start what is needed.
-
-        Parameters
-        ----------
-        recorded : list of dict
-            Plug-ins as the run has recorded them.
-
-        Returns
-        -------
-        Place
-            The place; to be closed.
-
-        Raises
-        ------
-        InvalidInput, MissingDependency
-            As `OnDask`.
-        """
+        """Start what is needed."""
         if self.executor is not None:
             return OnExecutor(self.executor, recorded)
         if self.dask:

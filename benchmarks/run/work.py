@@ -45,48 +45,17 @@ class Place(Protocol):
         """How many pieces of work it takes at a time."""
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Take a piece of work.
-
-        Parameters
-        ----------
-        ticket : int
-            By which its outcome is told.
-        kind : str
-            What its kind is found by.
-        work : object
-            What the kind's `solve` is given.
-        """
+        """Take a piece of work."""
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Wait for outcomes; at least one, where there is work.
-
-        Returns
-        -------
-        sequence of tuple
-            Ticket and outcome.
-        """
+        """Wait for outcomes; at least one, where there is work."""
 
     def close(self) -> None:
         """End all processes that were started; work in hand is lost."""
 
 
 def attempt(kind: str, work: Any, recorded: Sequence[Mapping[str, str]] = ()) -> Outcome:
-    """Do some work in this process; whatever is raised is returned.
-
-    Parameters
-    ----------
-    kind : str
-        What its kind is found by: a name, or the path of a file.
-    work : object
-        What the kind's `solve` is given.
-    recorded : sequence of mapping
-        Plug-ins as the run has recorded them: this process refuses files that have changed since.
-
-    Returns
-    -------
-    DataFrame, Failure or OptikError
-        Its rows, or why there are none.
-    """
+    """Do some work in this process; whatever is raised is returned."""
     try:
         with _one_at_a_time:
             expect(recorded)
@@ -101,16 +70,5 @@ def attempt(kind: str, work: Any, recorded: Sequence[Mapping[str, str]] = ()) ->
 
 
 def words_of_error(error: BaseException) -> str:
-    """An error on one line.
-
-    Parameters
-    ----------
-    error : BaseException
-        The error.
-
-    Returns
-    -------
-    str
-        Its class and its words.
-    """
+    """An error on one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300].rstrip(": ")

@@ -30,18 +30,6 @@ def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float
     """Wilson score interval of a proportion.
 
     SciPy computes it only together with a binomial test, which takes a thousand times longer.
-
-    Parameters
-    ----------
-    successes, trials : int
-        Number of successes, and of trials.
-    confidence : float
-        Confidence level of the interval.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper end, from 0 to 1; NaN without trials.
     """
     if trials == 0:
         return float("nan"), float("nan")
@@ -53,20 +41,7 @@ def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float
 
 
 def median_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Median and its percentile bootstrap interval.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Values without NaN [as the result]; infinity stands for a failure.
-    confidence : float
-        Confidence level of the interval.
-
-    Returns
-    -------
-    tuple of float
-        Median, lower and upper end; the ends are NaN for fewer than two values, all are NaN for none.
-    """
+    """Median and its percentile bootstrap interval."""
     x = np.minimum(np.asarray(values, dtype=float), STANDS_FOR_INFINITY)
     if x.size == 0:
         return (float("nan"),) * 3
@@ -74,20 +49,7 @@ def median_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float,
 
 
 def ratio_interval(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Ratio of two medians of paired values and its percentile bootstrap interval; pairs are resampled.
-
-    Parameters
-    ----------
-    first, second : (k,) array
-        Values above 0 of both, in the same order of problems [as each other].
-    confidence : float
-        Confidence level of the interval.
-
-    Returns
-    -------
-    tuple of float
-        Ratio, lower and upper end [1]; the ends are NaN for fewer than two pairs, all are NaN for none.
-    """
+    """Ratio of two medians of paired values and its percentile bootstrap interval; pairs are resampled."""
     x, y = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
     if x.size == 0:
         return (float("nan"),) * 3

@@ -35,36 +35,14 @@ class McNemar:
 
 
 def mcnemar(first: ArrayLike, second: ArrayLike) -> McNemar:
-    """McNemar's exact test.
-
-    Parameters
-    ----------
-    first, second : (k,) array of bool
-        Whether each method solved each problem, in the same order.
-
-    Returns
-    -------
-    McNemar
-        Counts and p-value.
-    """
+    """McNemar's exact test."""
     a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
     only_a, only_b = int((a & ~b).sum()), int((b & ~a).sum())
     return McNemar(int((a & b).sum()), only_a, only_b, int((~a & ~b).sum()), mcnemar_p(only_a, only_b))
 
 
 def mcnemar_p(only_first: int, only_second: int) -> float:
-    """Two-sided p-value of McNemar's exact test.
-
-    Parameters
-    ----------
-    only_first, only_second : int
-        Problems that only the first method solved, and only the second.
-
-    Returns
-    -------
-    float
-        p-value; 1 where there are none.
-    """
+    """Two-sided p-value of McNemar's exact test."""
     if not only_first + only_second:
         return 1.0
     from scipy.stats import binomtest
@@ -77,18 +55,6 @@ def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str
 
     Intervals of two shares may overlap although one method solves nearly all that the other solves and more: the test
     compares problem by problem.
-
-    Parameters
-    ----------
-    best : str
-        Label of the method with the largest share solved.
-    solved : mapping of str to mapping of int to bool
-        Whether each method solved each problem that it was given, by the problem's number.
-
-    Returns
-    -------
-    tuple of str
-        Labels, the best first, then in the order of `solved`; each is compared on the problems that both were given.
     """
     p_values = {}
     for label in (label for label in solved if label != best):
@@ -98,20 +64,7 @@ def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str
 
 
 def not_longer(best: str, values: Mapping[str, ArrayLike]) -> tuple[str, ...]:
-    """The best and those whose times Wilcoxon's test, corrected by Holm's procedure, does not show to be longer.
-
-    Parameters
-    ----------
-    best : str
-        Label of the one with the least median.
-    values : mapping of str to (k,) array
-        Times or durations above 0 of each on the same problems in the same order [as each other]; infinity for a failure.
-
-    Returns
-    -------
-    tuple of str
-        Labels, the best first.
-    """
+    """The best and those whose times Wilcoxon's test, corrected by Holm's procedure, does not show to be longer."""
     mine = np.asarray(values[best], dtype=float)
     p_values = {label: signed_rank(x, mine) for label, x in values.items() if label != best}
     shorter = {label: 1.0 for label in p_values if np.sum(values[label] > mine) <= np.sum(values[label] < mine)}
@@ -119,20 +72,7 @@ def not_longer(best: str, values: Mapping[str, ArrayLike]) -> tuple[str, ...]:
 
 
 def not_told_apart(best: str, p_values: Mapping[str, float]) -> tuple[str, ...]:
-    """The best and those that a test, corrected by Holm's procedure, does not tell from it.
-
-    Parameters
-    ----------
-    best : str
-        Label of the best.
-    p_values : mapping of str to float
-        Of the test of each other with the best, by label.
-
-    Returns
-    -------
-    tuple of str
-        Labels, the best first.
-    """
+    """The best and those that a test, corrected by Holm's procedure, does not tell from it."""
     corrected = holm(list(p_values.values()))
     return (best, *(label for label, p in zip(p_values, corrected, strict=True) if not p < SIGNIFICANT))
 
@@ -141,16 +81,6 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
     """Two-sided p-value of Wilcoxon's signed-rank test on the logarithms of two paired samples of times or errors.
 
     Logarithms, because times differ by factors: the test asks whether ratios above and below 1 balance.
-
-    Parameters
-    ----------
-    first, second : (k,) array
-        Values above 0 of both, in the same order of problems [as each other]; infinity is longer than all else.
-
-    Returns
-    -------
-    float
-        p-value; 1 where no pair differs, NaN where there are no pairs.
     """
     x, y = (np.minimum(np.asarray(sample, dtype=float), STANDS_FOR_INFINITY) for sample in (first, second))
     if x.size == 0:
@@ -164,18 +94,7 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values of several tests corrected by Holm's step-down procedure (Holm 1979), which bounds the family-wise error.
-
-    Parameters
-    ----------
-    p_values : sequence of float
-        Of each test; NaN where a test could not be made, which then does not count.
-
-    Returns
-    -------
-    list of float
-        Corrected p-values in the same order, at most 1.
-    """
+    """p-values of several tests corrected by Holm's step-down procedure (Holm 1979), which bounds the family-wise error."""
     p = np.asarray(p_values, dtype=float)
     found = np.full(p.shape, np.nan)
     order = [int(i) for i in np.argsort(p, kind="stable") if not np.isnan(p[i])]

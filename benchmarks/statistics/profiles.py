@@ -12,18 +12,6 @@ def performance_profile(costs: ArrayLike, ratios: ArrayLike) -> Array:
     """Share of problems that each method solves within a multiple of the least cost that any method had there.
 
     A problem that no method solved counts among the problems and is solved by none.
-
-    Parameters
-    ----------
-    costs : (k, m) array
-        Cost of each problem by each method, above 0, infinity for a failure [as each other].
-    ratios : (r,) array
-        Multiples of the least cost, from 1 upwards [1].
-
-    Returns
-    -------
-    (r, m) array
-        Shares, from 0 to 1 [1].
     """
     cost = np.asarray(costs, dtype=float)
     best = cost.min(axis=1, keepdims=True)

@@ -10,20 +10,7 @@ from numpy.typing import ArrayLike
 
 
 def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
-    """Quantiles by linear interpolation between order statistics.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Values without NaN, in any unit [as the result]; infinite ones count as larger than all others.
-    levels : sequence of float
-        Levels of the quantiles, from 0 to 1.
-
-    Returns
-    -------
-    tuple of float
-        The quantile of each level; NaN if there are no values.
-    """
+    """Quantiles by linear interpolation between order statistics."""
     x = np.asarray(values, dtype=float)
     if x.size == 0:
         return (float("nan"),) * len(levels)
@@ -37,18 +24,6 @@ def shifted_geometric_mean(values: ArrayLike, shift: float) -> float:
     """Shifted geometric mean, exp(mean(log(x + shift))) − shift: for times, which spread over powers of ten.
 
     The shift keeps values far below it from deciding the mean.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Values from 0 upwards [as the result].
-    shift : float
-        Above 0, in the unit of the values.
-
-    Returns
-    -------
-    float
-        The mean; NaN if there are no values.
     """
     x = np.asarray(values, dtype=float)
     return float(np.exp(np.mean(np.log(x + shift))) - shift) if x.size else float("nan")
@@ -57,26 +32,7 @@ def shifted_geometric_mean(values: ArrayLike, shift: float) -> float:
 def binned(
     rows: pl.DataFrame, by: str, column: str, *, width: float, least: int = 10, levels: Sequence[float] = (0.5, 0.95)
 ) -> pl.DataFrame:
-    """Quantiles of one column in bins of equal width of another.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Table with both columns.
-    by, column : str
-        Column that is divided into bins from 0 upwards, and column of which quantiles are computed.
-    width : float
-        Width of a bin, in the unit of `by`.
-    least : int
-        Bins with fewer rows are omitted: too few for quantiles.
-    levels : sequence of float
-        Levels of the quantiles, from 0 to 1.
-
-    Returns
-    -------
-    DataFrame
-        ``middle`` of each bin, ``count``, and one column ``q0.5``, ``q0.95``, … for each level, in order of `by`.
-    """
+    """Quantiles of one column in bins of equal width of another."""
     return (
         rows.group_by(bin=(pl.col(by) / width).floor())
         .agg(

@@ -34,18 +34,7 @@ Body = tuple[float, Array, Array]
 
 
 def joined(bodies: Iterable[Body]) -> Body:
-    """Return several bodies, all in one frame, as one.
-
-    Parameters
-    ----------
-    bodies : iterable of Body
-        The bodies; those without mass do not count.
-
-    Returns
-    -------
-    Body
-        Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²]; zeros if there is no mass.
-    """
+    """Return several bodies, all in one frame, as one."""
     heavy = [body for body in bodies if body[0] > 0.0]
     if len(heavy) == 1:
         return heavy[0]
@@ -60,20 +49,7 @@ def joined(bodies: Iterable[Body]) -> Body:
 
 
 def moved_body(body: Body, T: Array) -> Body:
-    """Return a body, stated in another frame.
-
-    Parameters
-    ----------
-    body : Body
-        The body.
-    T : (4, 4) array
-        Pose of its present frame in the new one [1, m].
-
-    Returns
-    -------
-    Body
-        Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²].
-    """
+    """Return a body, stated in another frame."""
     mass, com, tensor = body
     R = T[:3, :3]
     turned = R @ tensor @ R.T
@@ -84,26 +60,7 @@ def moved_body(body: Body, T: Array) -> Body:
 
 
 def checked_body(body: Body, where: str) -> Body:
-    """Return a body that can exist, with a tensor that is exactly symmetric.
-
-    Parameters
-    ----------
-    body : Body
-        The body.
-    where : str
-        What an error calls it, such as "link 3".
-
-    Returns
-    -------
-    Body
-        Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²].
-
-    Raises
-    ------
-    InvalidInput
-        NaN or infinity, a negative mass, a mass of 0 with an inertia, a tensor that no body has, or lengths and masses that
-        are too large for metres and kilograms.
-    """
+    """Return a body that can exist, with a tensor that is exactly symmetric."""
     mass = check_number(float(body[0]), f"mass of {where}", "a finite mass ≥ 0 [kg]", least=0.0)
     com, tensor = body[1], body[2]
     if mass > HEAVIEST:
@@ -142,27 +99,7 @@ def _checked_tensor(mass: float, tensor: Array, where: str) -> Array:
 
 
 def shaped(value: ArrayLike, shape: tuple[int, ...], argument: str) -> Array:
-    """Return an array of a known shape.
-
-    Parameters
-    ----------
-    value : array of the shape
-        What was passed [as the name says].
-    shape : tuple of int
-        The shape.
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    array of the shape
-        The numbers [as value].
-
-    Raises
-    ------
-    InvalidInput
-        Another shape, or no numbers.
-    """
+    """Return an array of a known shape."""
     array = real_array(value, argument, f"numbers of shape {shape}")
     if array.shape != shape:
         raise InvalidInput(argument, f"shape {array.shape}", f"numbers of shape {shape}")

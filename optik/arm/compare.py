@@ -154,29 +154,7 @@ class _Pair:
 
 
 def compare_arms(first: Arm, other: Arm, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
-    """Compare two models of an arm, and explain the difference; see `Robot.compare`.
-
-    Parameters
-    ----------
-    first : Arm
-        One model.
-    other : Arm
-        Another model of the same arm.
-    position : float
-        Tolerance of the tool's position [m].
-    rotation : float
-        Tolerance of the tool's rotation [rad].
-
-    Returns
-    -------
-    Comparison
-        True where they agree; `str` says what differs.
-
-    Raises
-    ------
-    InvalidInput
-        A tolerance that is not above 0.
-    """
+    """Compare two models of an arm, and explain the difference; see `Robot.compare`."""
     position = check_number(position, "position", "a tolerance above 0 [m]", above=0.0)
     rotation = check_number(rotation, "rotation", "a tolerance above 0 [rad]", above=0.0)
     mismatch = _joints_that_differ(first, other)

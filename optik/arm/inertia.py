@@ -228,24 +228,7 @@ class Payload:
 
 
 def arm_loads(inertia: Inertia, payload: Payload | None, tool: Array, gravity: Array) -> tuple[Load, ...]:
-    """Return what the joints of an arm move: one load, or two for a payload whose mass is an interval.
-
-    Parameters
-    ----------
-    inertia : Inertia
-        Of the arm.
-    payload : Payload or None
-        In the tool's frame.
-    tool : (4, 4) array
-        Pose of the tool in the last joint's frame [1, m].
-    gravity : (3,) array
-        Acceleration of free fall in the base frame [m/s²].
-
-    Returns
-    -------
-    tuple of Load
-        With the lightest and the heaviest payload; between them, torques are affine in the mass.
-    """
+    """Return what the joints of an arm move: one load, or two for a payload whose mass is an interval."""
     found = []
     for carried in (None,) if payload is None else payload.bodies:
         *links, last = inertia.bodies
@@ -261,23 +244,7 @@ def arm_loads(inertia: Inertia, payload: Payload | None, tool: Array, gravity: A
 
 
 def payload_masses(mass: Any) -> tuple[float, float]:
-    """Return the smallest and the largest mass of a payload, equal if one number is given.
-
-    Parameters
-    ----------
-    mass : float or pair of floats
-        Mass or interval [kg].
-
-    Returns
-    -------
-    tuple of two floats
-        Smallest and largest mass [kg].
-
-    Raises
-    ------
-    InvalidInput
-        Neither a number nor two, a negative mass, NaN or infinity, or ends in the wrong order.
-    """
+    """Return the smallest and the largest mass of a payload, equal if one number is given."""
     expected = "a finite mass ≥ 0 [kg], or an interval (lightest, heaviest)"
     masses = real_array(mass, "payload.mass", expected)
     if masses.shape not in ((), (2,)):

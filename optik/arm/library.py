@@ -224,27 +224,7 @@ def _robot_of(value: Any, where: str, name: str) -> Robot:
 
 
 def robot_from_toml(file: Path, name: str | None = None) -> Robot:
-    """Read a robot from a TOML file, in the format that this module describes.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-    name : str, optional
-        Of the robot; by default the file's stem.
-
-    Returns
-    -------
-    Robot
-        The arm.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read or is not TOML, or a key is missing, unknown or has a wrong value; the error names it.
-    RobotModelError
-        Not a serial arm.
-    """
+    """Read a robot from a TOML file, in the format that this module describes."""
     data = _parsed(file)
     try:
         return _robot(data, file, name or file.stem)

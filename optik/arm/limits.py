@@ -26,25 +26,7 @@ LARGEST_LIMIT = 1e5
 
 
 def frozen(value: ArrayLike, argument: str) -> Array:
-    """Return a read-only copy as float64.
-
-    Parameters
-    ----------
-    value : array of any shape
-        Numbers [rad, m or 1].
-    argument : str
-        What an error calls them.
-
-    Returns
-    -------
-    array of the same shape
-        The copy [as value].
-
-    Raises
-    ------
-    InvalidInput
-        Not an array of real numbers.
-    """
+    """Return a read-only copy as float64."""
     array = real_array(value, argument, "an array of numbers").copy()
     array.setflags(write=False)
     return array
@@ -251,28 +233,7 @@ class JointLimits:
 
 
 def positive(value: ArrayLike, n: int, argument: str) -> Array:
-    """Return a limit as a read-only array.
-
-    Parameters
-    ----------
-    value : scalar or (n,) array
-        A limit of the velocity [rad/s, m/s], acceleration [rad/s², m/s²], jerk [rad/s³, m/s³], torque [N·m, N] or torque
-        rate [N·m/s, N/s].
-    n : int
-        Number of joints.
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    (n,) array
-        The limit of every joint [as value].
-
-    Raises
-    ------
-    InvalidInput
-        Not a scalar or (n,), or not above zero (infinity is allowed).
-    """
+    """Return a limit as a read-only array."""
     array = real_array(value, argument, f"a positive number or {n} of them")
     if array.ndim == 0:
         array = np.full(n, float(array))

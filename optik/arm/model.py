@@ -26,21 +26,7 @@ UNIT_LENGTH = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """The data of a serial arm, whose joints turn about or slide along their z axes; what readers of files return.
-
-    Parameters
-    ----------
-    name, fixed, prismatic, tool, limits, joint_names, gravity, source, gravity_magnitude, inertia, payload, shapes
-        As those of `optik.Robot`.
-
-    Raises
-    ------
-    InvalidInput
-        A value of the wrong type.
-    RobotModelError
-        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity,
-        masses of another number of links, or a payload on an arm whose masses are unknown.
-    """
+    """The data of a serial arm, whose joints turn about or slide along their z axes; what readers of files return."""
 
     name: str
     fixed: Array
@@ -143,27 +129,7 @@ class ArmModel:
         return base, *self.joint_names
 
     def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
-        """Return configurations as a float64 array, checked.
-
-        Parameters
-        ----------
-        q : (n,) or (..., n) array
-            Configurations [rad, m].
-        argument : str
-            What an error calls them.
-        batch : bool
-            Whether more than one configuration is allowed.
-
-        Returns
-        -------
-        (n,) or (..., n) array
-            The configurations [rad, m].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity.
-        """
+        """Return configurations as a float64 array, checked."""
         array = real_array(q, argument, f"{self.n} joint values")
         if array.ndim == 0 or array.shape[-1] != self.n or (array.ndim > 1 and not batch):
             wanted = f"shape ({self.n},) or (..., {self.n})" if batch else f"shape ({self.n},)"
@@ -179,21 +145,6 @@ class ArmModel:
 
         The transform multiplies the present base, it does not replace it; the identity changes nothing. Gravity keeps
         its physical direction and is expressed in the new base frame.
-
-        Parameters
-        ----------
-        base : (4, 4) array
-            Pose of the present base frame in the new one [1, m].
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same tool, limits and names.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose.
         """
         T = se3.check_pose(base, "base")
         fixed = np.array(self.fixed)
@@ -202,28 +153,7 @@ class ArmModel:
         return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity, shapes=shapes)
 
     def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:
-        """Return the arm with another tool.
-
-        Parameters
-        ----------
-        tool : (4, 4) array
-            By default the whole transform from the last joint's frame to the tool: it replaces the present one, which
-            contains what the last row of a standard table, or the fixed joints of a URDF, put behind the last joint.
-            With ``add``, the pose of the new tool in the frame of the present one [1, m].
-        add : bool
-            Append the transform to the present tool, new.fk(q) = self.fk(q) @ tool, as the option ``tool`` of
-            `Robot.from_dh` and `Robot.from_mdh` does.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same base, limits and names.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose, or an ``add`` that is neither True nor False.
-        """
+        """Return the arm with another tool."""
         T = se3.check_pose(tool, "tool")
         new = self.tool @ T if check_flag(add, "add") else T
         moved = self.shapes is not None and PAYLOAD in self.shapes.names
@@ -231,54 +161,14 @@ class ArmModel:
         return replace(self, tool=new, shapes=shapes)
 
     def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:
-        """Return the arm with other limits.
-
-        Parameters
-        ----------
-        limits : JointLimits, optional
-            Limits of all joints; by default the present ones.
-        **fields
-            Single limits in place of those: lower and upper, (n,) arrays [rad, m]; velocity, acceleration, jerk, torque
-            and torque_rate, scalars or (n,) arrays [rad/s, rad/s², rad/s³, N·m, N·m/s, or metres]; None for an unknown
-            one. Limits that are not named stay as they are.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same kinematics and names.
-
-        Raises
-        ------
-        InvalidInput
-            A limit that does not exist, or values that `JointLimits` refuses.
-        RobotModelError
-            Limits for another number of joints.
-        """
+        """Return the arm with other limits."""
         new = self.limits if limits is None else limits
         if not isinstance(new, JointLimits):
             raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
         return replace(self, limits=new.replaced(**fields) if fields else new)
 
     def with_shapes(self, shapes: Shapes | None) -> Self:
-        """Return the arm with other shapes.
-
-        Parameters
-        ----------
-        shapes : Shapes or None
-            Capsules that enclose its links, in place of the present ones; None for an arm without shapes.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same kinematics, limits and names.
-
-        Raises
-        ------
-        InvalidInput
-            Not shapes.
-        RobotModelError
-            A capsule on a link that the arm does not have.
-        """
+        """Return the arm with other shapes."""
         return replace(self, shapes=shapes)
 
 

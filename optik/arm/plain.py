@@ -40,18 +40,7 @@ SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
 
 
 def plain_numbers(values: ArrayLike) -> Any:
-    """Return numbers as nested lists of floats, infinite ones as the words "inf" and "-inf".
-
-    Parameters
-    ----------
-    values : array of any shape
-        Real numbers [rad, m or 1].
-
-    Returns
-    -------
-    list or float or str
-        The numbers as JSON can hold them; one number for a scalar.
-    """
+    """Return numbers as nested lists of floats, infinite ones as the words "inf" and "-inf"."""
 
     def plain(x: Any) -> Any:
         if isinstance(x, list):
@@ -62,27 +51,7 @@ def plain_numbers(values: ArrayLike) -> Any:
 
 
 def numbers(data: Any, shape: tuple[int, ...], argument: str) -> Array:
-    """Read an array of a known shape that `plain_numbers` wrote.
-
-    Parameters
-    ----------
-    data : list
-        Nested lists of numbers.
-    shape : tuple of int
-        Shape of the array.
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    array of that shape
-        The numbers [as data].
-
-    Raises
-    ------
-    InvalidInput
-        Another shape, or an item that is no number.
-    """
+    """Read an array of a known shape that `plain_numbers` wrote."""
     flat: list[float] = []
 
     def walk(part: Any, depth: int) -> None:
@@ -111,29 +80,7 @@ def _number(value: Any, argument: str) -> float:
 
 
 def record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return a mapping that has all required keys and no unknown ones.
-
-    Parameters
-    ----------
-    data : dict
-        Plain data.
-    keys : tuple of str
-        Required keys.
-    argument : str
-        What an error calls it.
-    optional : tuple of str
-        Keys that may be left out.
-
-    Returns
-    -------
-    dict
-        The data itself.
-
-    Raises
-    ------
-    InvalidInput
-        Not a mapping; missing and unknown keys are named.
-    """
+    """Return a mapping that has all required keys and no unknown ones."""
     expected = f"a mapping with {', '.join((*keys, *optional))}"
     if not isinstance(data, dict):
         raise InvalidInput(argument, repr(data)[:60], expected)
@@ -146,68 +93,21 @@ def record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[s
 
 
 def word(value: Any, argument: str) -> str:
-    """Return a string, checked.
-
-    Parameters
-    ----------
-    value : str
-        Plain data.
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    str
-        The string itself.
-
-    Raises
-    ------
-    InvalidInput
-        Not a string.
-    """
+    """Return a string, checked."""
     if not isinstance(value, str):
         raise InvalidInput(argument, repr(value)[:60], "a word")
     return value
 
 
 def words(value: Any, argument: str) -> tuple[str, ...]:
-    """Return a list of strings as a tuple, checked.
-
-    Parameters
-    ----------
-    value : list of str
-        Plain data.
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    tuple of str
-        The strings.
-
-    Raises
-    ------
-    InvalidInput
-        Not a list, or an item that is not a string.
-    """
+    """Return a list of strings as a tuple, checked."""
     if not isinstance(value, list):
         raise InvalidInput(argument, repr(value)[:60], "a list of words")
     return tuple(word(w, argument) for w in value)
 
 
 def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
-    """Return an arm as plain data; see `Robot.to_dict`.
-
-    Parameters
-    ----------
-    arm : ArmModel
-        The arm.
-
-    Returns
-    -------
-    dict
-        Data that JSON can hold, with the keys `ARM_KEYS` and those of `MASS_KEYS` that are known.
-    """
+    """Return an arm as plain data; see `Robot.to_dict`."""
     limits = {k: None if (v := getattr(arm.limits, k)) is None else plain_numbers(v) for k in LIMIT_KEYS}
     limits |= {k: plain_numbers(v) for k in TORQUE_KEYS if (v := getattr(arm.limits, k)) is not None}
     masses: dict[str, Any] = {}
@@ -233,25 +133,7 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
 
 
 def arm_from_dict(data: Any) -> ArmModel:
-    """Read an arm from plain data; see `Robot.from_dict`.
-
-    Parameters
-    ----------
-    data : dict
-        What `arm_to_dict` returned.
-
-    Returns
-    -------
-    ArmModel
-        The arm, equal to the one that was written.
-
-    Raises
-    ------
-    InvalidInput
-        Missing or unknown keys, wrong lengths, or a value that is no number.
-    RobotModelError
-        Not a serial arm.
-    """
+    """Read an arm from plain data; see `Robot.from_dict`."""
     data = record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes"))
     joint_names = words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
@@ -292,18 +174,7 @@ def _payload(data: Any) -> Payload:
 
 
 def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
-    """Return shapes as plain data.
-
-    Parameters
-    ----------
-    shapes : Shapes
-        The shapes.
-
-    Returns
-    -------
-    dict
-        Data that JSON can hold, with the keys `SHAPES_KEYS`; an unknown excess is None.
-    """
+    """Return shapes as plain data."""
     columns = [column.tolist() for column in (*shapes.capsules, shapes.excess)]
     columns[4] = [None if e != e else e for e in columns[4]]
     words_ = (list(shapes.names), [list(pair) for pair in shapes.apart], shapes.source)
@@ -311,23 +182,7 @@ def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
 
 
 def shapes_from_dict(data: Any) -> Shapes:
-    """Read shapes from plain data.
-
-    Parameters
-    ----------
-    data : dict
-        What `shapes_to_dict` returned.
-
-    Returns
-    -------
-    Shapes
-        The shapes, equal to the ones that were written.
-
-    Raises
-    ------
-    InvalidInput
-        Missing or unknown keys, wrong lengths, or values that `Shapes` refuses.
-    """
+    """Read shapes from plain data."""
     data = record(data, SHAPES_KEYS, "robot.shapes")
     links = data["link"]
     if not isinstance(links, list):

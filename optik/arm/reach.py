@@ -24,18 +24,6 @@ def reach_bound(robot: Robot, task: Task) -> Array:
     least the longest less all others: the polygon inequality. The points are placed on their axes so that the sum is
     smallest. For a task of the full pose the last point is on the last axis, where the target fixes it; for a task of
     the position only, it is the tool point. A task that leaves a position component free has no bound: (…, 0, ∞).
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    task : Task
-        Which components of the pose are required, and their tolerances.
-
-    Returns
-    -------
-    (8,) array
-        The point A (3,) in the base frame, the point c (3,) in the tool frame, least and largest |T c − A| [m].
     """
     if not all(task.mask[:3]):
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf])
@@ -100,21 +88,7 @@ def _shortest(robot: Robot, whole: bool) -> Array:
 def outside_reach(reach: Array, target: Array, tolerance_p: float, tolerance_r: float) -> float:
     """Distance of the tool's point from the base's if it violates the bound for every pose within the tolerance.
 
-    Parameters
-    ----------
-    reach : (8,) array
-        What `reach_bound` returned [m].
-    target : (4, 4) array
-        Pose of the tool [1, m].
-    tolerance_p : float
-        Tolerance of the position [m].
-    tolerance_r : float
-        Tolerance of the rotation [rad].
-
-    Returns
-    -------
-    float
-        The distance [m] if the target is unreachable, else −1.
+    Shapes and units: reach (8,) [m], target (4, 4) [1, m], tolerance_p [m], tolerance_r [rad]. Returns [m].
     """
     square, lever = 0.0, 0.0
     for i in range(3):

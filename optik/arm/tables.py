@@ -27,61 +27,17 @@ class DHRow(NamedTuple):
 
 
 def screw_x(angle: float, length: float) -> Array:
-    """Return the transform Rot(x, angle) Trans(x, length).
-
-    Parameters
-    ----------
-    angle : float
-        About x [rad].
-    length : float
-        Along x [m].
-
-    Returns
-    -------
-    (4, 4) array
-        The transform [1, m].
-    """
+    """Return the transform Rot(x, angle) Trans(x, length)."""
     return se3.pose(se3.exp_so3([angle, 0.0, 0.0]), (length, 0.0, 0.0))
 
 
 def screw_z(angle: float, length: float) -> Array:
-    """Return the transform Rot(z, angle) Trans(z, length).
-
-    Parameters
-    ----------
-    angle : float
-        About z [rad].
-    length : float
-        Along z [m].
-
-    Returns
-    -------
-    (4, 4) array
-        The transform [1, m].
-    """
+    """Return the transform Rot(z, angle) Trans(z, length)."""
     return se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, length))
 
 
 def rows_of(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
-    """Return the rows of a table as `DHRow`, checked.
-
-    Parameters
-    ----------
-    rows : iterable of DHRow or mapping
-        One for each joint; lengths [m], angles [rad].
-
-    Returns
-    -------
-    list of DHRow
-        The rows.
-
-    Raises
-    ------
-    InvalidInput
-        Not a list of rows, or a row with other keys.
-    RobotModelError
-        A value that is not a finite number.
-    """
+    """Return the rows of a table as `DHRow`, checked."""
     table = []
     if not isinstance(rows, Iterable):
         raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")

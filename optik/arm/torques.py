@@ -22,53 +22,12 @@ class ArmDynamics(ArmModel):
     """An arm's data with what follows from its masses; the part of `optik.Robot` that concerns torques."""
 
     def with_gravity(self, direction: ArrayLike | None = None, magnitude: float | None = None) -> Self:
-        """Return the arm under another gravity.
-
-        Parameters
-        ----------
-        direction : (3,) array, optional
-            Direction of gravity in the base frame, of any length [1]; by default the present one.
-        magnitude : float, optional
-            Acceleration of free fall [m/s²], 0 without weight; by default the present one.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with everything else as it is.
-
-        Raises
-        ------
-        InvalidInput
-            A negative magnitude, NaN or infinity.
-        RobotModelError
-            No direction.
-        """
+        """Return the arm under another gravity."""
         changes: dict[str, Any] = {"gravity": direction, "gravity_magnitude": magnitude}
         return replace(self, **{name: value for name, value in changes.items() if value is not None})
 
     def with_inertia(self, inertia: Inertia | None = None, **fields: ArrayLike | str) -> Self:
-        """Return the arm with other masses.
-
-        Parameters
-        ----------
-        inertia : Inertia, optional
-            Masses of all links; by default the present ones.
-        **fields
-            Single fields of `Inertia` in place of those, such as motor, viscous and coulomb, scalars or (n,) arrays
-            [kg·m², N·m·s/rad, N·m], which most files do not state. Fields that are not named stay as they are.
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same kinematics, limits and payload.
-
-        Raises
-        ------
-        InvalidInput
-            A field that does not exist, values that `Inertia` refuses, or fields for an arm whose masses are unknown.
-        RobotModelError
-            Masses of another number of links.
-        """
+        """Return the arm with other masses."""
         new = self.inertia if inertia is None else inertia
         if not isinstance(new, Inertia):
             got = repr(inertia)[:60] if inertia is not None else f"none for {self.name!r}, whose masses are unknown"
@@ -85,31 +44,6 @@ class ArmDynamics(ArmModel):
         """Return the arm with a rigid body in its tool, in place of the present payload.
 
         The body keeps its place in the tool's frame: a `with_tool` that moves the tool moves the payload with it.
-
-        Parameters
-        ----------
-        mass : float or pair of floats, or None
-            Mass [kg], or an interval (lightest, heaviest), which is planned for its worst; None or 0 for no payload.
-        com : (3,) array, optional
-            Centre of mass in the tool's frame [m]; by default its origin.
-        inertia : (3, 3) array, optional
-            Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. Of an
-            interval it is the inertia of the largest mass, and scales with the mass.
-        shapes : sequence of (T, edges), (centre, radius) or (a, b, radius), optional
-            The space that it takes, in the tool's frame: boxes by the pose (4, 4) of their centre and full edge lengths,
-            which capsules enclose, spheres and capsules [m]. In ``robot.shapes`` they are called "payload".
-
-        Returns
-        -------
-        ArmModel or Robot
-            The arm with the same kinematics, limits and masses.
-
-        Raises
-        ------
-        InvalidInput
-            Values that `Payload` refuses, objects that are no such shapes, or shapes for an arm that has none itself.
-        RobotModelError
-            The masses of the arm are unknown, so that torques could not count the payload.
         """
         if mass is None or payload_masses(mass)[1] == 0.0:
             return replace(self, payload=None, shapes=self._shapes_with(None))
@@ -132,11 +66,6 @@ class ArmDynamics(ArmModel):
 
         One load, or two for a payload whose mass is an interval: the lightest and the heaviest. Torques are affine in the
         payload's mass, so no mass between them needs more torque than both.
-
-        Raises
-        ------
-        InvalidInput
-            The masses of the arm are unknown.
         """
         if self.inertia is None:
             wanted = "an arm with masses: with_inertia(...), or a file that states them"
@@ -148,26 +77,6 @@ class ArmDynamics(ArmModel):
 
         They hold for this model: the links, motors and friction that `inertia` states, and the payload. Coulomb friction is
         f·sign(q̇), and 0 at rest.
-
-        Parameters
-        ----------
-        q : (n,) or (..., n) array
-            Configurations [rad, m].
-        dq : (n,) or (..., n) array
-            Velocities [rad/s, m/s].
-        ddq : (n,) or (..., n) array
-            Accelerations [rad/s², m/s²]. The three are broadcast: one configuration goes with many accelerations.
-
-        Returns
-        -------
-        (n,) or (..., n) array
-            Torques of the joints, forces of prismatic ones [N·m, N].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity, shapes that do not match, an arm whose masses are unknown, or a payload whose mass
-            is an interval.
         """
         load = self._load("torques")
         given = {"q": q, "dq": dq, "ddq": ddq}
@@ -186,44 +95,12 @@ class ArmDynamics(ArmModel):
         return out
 
     def gravity_torques(self, q: ArrayLike) -> Array:
-        """Torques that hold the arm at rest against gravity, payload included.
-
-        Parameters
-        ----------
-        q : (n,) or (..., n) array
-            Configurations [rad, m].
-
-        Returns
-        -------
-        (n,) or (..., n) array
-            Torques of the joints, forces of prismatic ones [N·m, N].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity, an arm whose masses are unknown, or a payload whose mass is an interval.
-        """
+        """Torques that hold the arm at rest against gravity, payload included."""
         rest = np.zeros(self.n)
         return self.torques(q, rest, rest)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
-        """Mass matrices M with torque = M q̈ + the rest, payload included and the motors' inertia on the diagonal.
-
-        Parameters
-        ----------
-        q : (n,) or (..., n) array
-            Configurations [rad, m].
-
-        Returns
-        -------
-        (n, n) or (..., n, n) array
-            Symmetric matrices, positive definite where every joint moves a mass [kg·m²], with prismatic joints [kg·m, kg].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity, an arm whose masses are unknown, or a payload whose mass is an interval.
-        """
+        """Mass matrices M with torque = M q̈ + the rest, payload included and the motors' inertia on the diagonal."""
         load, q = self._load("mass_matrix"), self.configuration(q, batch=True)
         out = np.empty((*q.shape, self.n))
         dynamics.mass_matrices(self.chain, load.bodies, q.reshape(-1, self.n), out.reshape(-1, self.n, self.n))

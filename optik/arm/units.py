@@ -9,32 +9,10 @@ from optik.types import Array
 
 
 def per(arm: Robot) -> Array:
-    """Factors from the joints' units, rad and m, to the units that are shown.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-
-    Returns
-    -------
-    (n,) array
-        Degrees in a radian, or millimetres in a metre [°/rad, mm/m].
-    """
+    """Factors from the joints' units, rad and m, to the units that are shown."""
     return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
 
 
 def units(arm: Robot) -> list[str]:
-    """Units in which the joints are shown.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-
-    Returns
-    -------
-    list of str
-        ``"°"`` or ``" mm"`` for each joint, to stand behind a number.
-    """
+    """Units in which the joints are shown."""
     return [" mm" if slides else "°" for slides in arm.prismatic]

@@ -46,37 +46,7 @@ def read_urdf(
     folders: MeshFolders | None = None,
     srdf: str | os.PathLike[str] | None = None,
 ) -> ArmModel:
-    """Read the chain between two links; see `Robot.from_urdf`.
-
-    Parameters
-    ----------
-    source : str or path
-        A file, or the XML itself (text that begins with <).
-    tip : str, optional
-        Link of the tool; by default the only link without children below the base.
-    base : str, optional
-        Link whose frame poses are given in; by default the root.
-    name : str, optional
-        Name of the arm; by default the file's.
-    gravity : (3,) array, optional
-        Direction of gravity in the base frame [1].
-    folders : MeshFolders, optional
-        Where the meshes of <collision> elements may lie; without it, shapes are not read.
-    srdf : str or path, optional
-        An SRDF whose pairs of links are left out.
-
-    Returns
-    -------
-    ArmModel
-        The arm.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
-    RobotModelError
-        No tree of links, no such link, no tip below the base, or an unsupported joint on the chain.
-    """
+    """Read the chain between two links; see `Robot.from_urdf`."""
     for argument, value in (("tip", tip), ("base", base), ("name", name)):
         if value is not None and not isinstance(value, str):
             raise InvalidInput(argument, repr(value)[:60], "a name")
@@ -99,29 +69,7 @@ def read_urdf(
 def wanted_folders(
     source: str | os.PathLike[str], shapes: bool, package_dirs: Folders, srdf: object
 ) -> MeshFolders | None:
-    """Return where meshes may lie if shapes are asked for; else nothing may be said of meshes and pairs.
-
-    Parameters
-    ----------
-    source : str or path
-        The description.
-    shapes : bool
-        Whether shapes are asked for.
-    package_dirs : mapping of str to path, or sequence of paths, optional
-        Further folders.
-    srdf : str or path, optional
-        An SRDF.
-
-    Returns
-    -------
-    MeshFolders or None
-        The folders.
-
-    Raises
-    ------
-    InvalidInput
-        Not folders, or folders or an SRDF without ``shapes``.
-    """
+    """Return where meshes may lie if shapes are asked for; else nothing may be said of meshes and pairs."""
     if not shapes:
         if package_dirs is not None or srdf is not None:
             raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")

@@ -17,26 +17,7 @@ PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 
 
 def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None:
-    """Read what the joints of a chain move, merged over fixed joints.
-
-    Parameters
-    ----------
-    tree : Tree
-        The links.
-    placed : list of (Joint, (4, 4) array)
-        The chain's joints, fixed ones too, with the frame of the link below each of them in the frame of the last moving
-        joint [1, m].
-
-    Returns
-    -------
-    Inertia or None
-        One body for each moving joint, of mass 0 where no <inertial> is stated; None where none is stated at all.
-
-    Raises
-    ------
-    RobotModelError
-        A number that is none, or masses that no body has; the link is named.
-    """
+    """Read what the joints of a chain move, merged over fixed joints."""
     chain = {joint.child for joint, _T in placed}
     groups: list[list[Body]] = []
     for joint, T in placed:
@@ -61,25 +42,7 @@ INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
 
 
 def read_torques(robot: str, joints: list[Joint]) -> Array | None:
-    """Read the torque limits of joints.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the robot, for errors.
-    joints : list of Joint
-        The moving joints.
-
-    Returns
-    -------
-    (n,) array or None
-        Limits [N·m, N], infinite for joints without an effort or with an effort of 0 or inf; None if all are infinite.
-
-    Raises
-    ------
-    RobotModelError
-        An effort that is negative or no number.
-    """
+    """Read the torque limits of joints."""
     efforts = np.array([_effort(robot, joint) for joint in joints])
     return efforts if np.isfinite(efforts).any() else None
 

@@ -45,18 +45,7 @@ class Tree:
     prefix: str
 
     def reached(self, base: str) -> list[str]:
-        """Links at and below a link.
-
-        Parameters
-        ----------
-        base : str
-            The link.
-
-        Returns
-        -------
-        list of str
-            Their names.
-        """
+        """Links at and below a link."""
         found, todo = [], [base]
         while todo:
             found.append(todo.pop())
@@ -64,57 +53,18 @@ class Tree:
         return found
 
     def path(self, link: str) -> list[str]:
-        """Links from one up to the root.
-
-        Parameters
-        ----------
-        link : str
-            The link to begin with.
-
-        Returns
-        -------
-        list of str
-            Their names.
-        """
+        """Links from one up to the root."""
         found = [link]
         while found[-1] in self.above:
             found.append(self.above[found[-1]].parent)
         return found
 
     def parts(self, link: str, tag: str) -> list[Any]:
-        """XML elements of one kind in a link.
-
-        Parameters
-        ----------
-        link : str
-            The link.
-        tag : str
-            Their tag, such as "inertial" or "collision".
-
-        Returns
-        -------
-        list of Element
-            In the file's order.
-        """
+        """XML elements of one kind in a link."""
         return list(self.links[link].findall(self.prefix + tag))
 
     def carried(self, link: str, chain: set[str]) -> Iterator[tuple[str, Array]]:
-        """Links that move with a link of a chain: itself, and what hangs on it beside the chain, whose joints stand at 0.
-
-        Parameters
-        ----------
-        link : str
-            The link of the chain.
-        chain : set of str
-            Links of the chain; joints that lead to them are not followed.
-
-        Yields
-        ------
-        name : str
-            Name of the link.
-        pose : (4, 4) array
-            Pose of its frame in that of the first link [1, m].
-        """
+        """Links that move with a link of a chain: itself, and what hangs on it beside the chain, whose joints stand at 0."""
         todo = [(link, np.eye(4))]
         while todo:
             name, T = todo.pop()
@@ -125,48 +75,12 @@ class Tree:
 
 
 def read_tree(source: str | os.PathLike[str], name: str | None) -> Tree:
-    """Read the links and joints of a URDF.
-
-    Parameters
-    ----------
-    source : str or path
-        A file, or the XML itself (text that begins with <).
-    name : str, optional
-        Name of the robot; by default the file's.
-
-    Returns
-    -------
-    Tree
-        The tree.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, no XML, no URDF, xacro, a DOCTYPE or an entity.
-    RobotModelError
-        No tree of links.
-    """
+    """Read the links and joints of a URDF."""
     return _tree(read_xml(source), name)
 
 
 def read_xml(source: str | os.PathLike[str]) -> Any:
-    """Read XML without DOCTYPE and entities.
-
-    Parameters
-    ----------
-    source : str or path
-        A file, or the XML itself (text that begins with <).
-
-    Returns
-    -------
-    Element
-        The outermost element.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, no XML, xacro, a DOCTYPE or an entity.
-    """
+    """Read XML without DOCTYPE and entities."""
     return _parsed(_content_of(source))
 
 
@@ -292,18 +206,7 @@ def _repeated(names: Iterable[str]) -> str | None:
 
 
 def listed(names: list[str]) -> str:
-    """Return names for an error, at most twelve of them.
-
-    Parameters
-    ----------
-    names : list of str
-        The names.
-
-    Returns
-    -------
-    str
-        The names, separated by commas.
-    """
+    """Return names for an error, at most twelve of them."""
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "none"
 
 
@@ -311,50 +214,12 @@ def listed(names: list[str]) -> str:
 
 
 def joint_origin(robot: str, joint: Joint) -> Array:
-    """Pose of a joint in its parent link.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the robot, for errors.
-    joint : Joint
-        The joint.
-
-    Returns
-    -------
-    (4, 4) array
-        The pose [1, m].
-
-    Raises
-    ------
-    RobotModelError
-        An <origin> that is no pose.
-    """
+    """Pose of a joint in its parent link."""
     return origin_pose(robot, f"joint {joint.name!r}", joint.element.get("origin"))
 
 
 def origin_pose(robot: str, where: str, element: Any) -> Array:
-    """Pose that an <origin> states: R = Rz(yaw) Ry(pitch) Rx(roll).
-
-    Parameters
-    ----------
-    robot : str
-        Name of the robot, for errors.
-    where : str
-        What an error calls the element that has this origin.
-    element : Element or None
-        The <origin>; None for the identity.
-
-    Returns
-    -------
-    (4, 4) array
-        The pose [1, m].
-
-    Raises
-    ------
-    RobotModelError
-        Not three finite numbers each, or farther away than poses may be.
-    """
+    """Pose that an <origin> states: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     if element is None:
         return np.eye(4)
     roll, pitch, yaw = triple(robot, where, element.get("rpy", "0 0 0"), "origin rpy")
@@ -368,31 +233,7 @@ def origin_pose(robot: str, where: str, element: Any) -> Array:
 
 
 def triple(robot: str, where: str, text: str, what: str) -> Array:
-    """Read three numbers.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the robot, for errors.
-    where : str
-        What an error calls the element.
-    text : str
-        The numbers, separated by blanks.
-    what : str
-        What an error calls the numbers.
-
-    Returns
-    -------
-    (3,) array
-        The numbers [rad, m or 1].
-
-    Raises
-    ------
-    InvalidInput
-        xacro.
-    RobotModelError
-        Not three finite numbers.
-    """
+    """Read three numbers."""
     words = text.split()
     if len(words) != 3:
         raise RobotModelError(robot, f"{where}: {what} is {text[:60]!r}, expected three numbers")
@@ -400,31 +241,7 @@ def triple(robot: str, where: str, text: str, what: str) -> Array:
 
 
 def number(robot: str, where: str, text: str, what: str) -> float:
-    """Read a number.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the robot, for errors.
-    where : str
-        What an error calls the element.
-    text : str
-        The number.
-    what : str
-        What an error calls it.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    InvalidInput
-        xacro.
-    RobotModelError
-        Not a finite number.
-    """
+    """Read a number."""
     if "${" in text or "$(" in text:
         _refuse_xacro(text)
     try:

@@ -19,28 +19,7 @@ from optik.types import Array
 
 
 def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str:
-    """Return an arm as URDF text and write it to a file if one is named; see `Robot.to_urdf`.
-
-    Parameters
-    ----------
-    arm : ArmModel
-        The arm.
-    path : str or path, optional
-        File to be written.
-
-    Returns
-    -------
-    str
-        The text.
-
-    Raises
-    ------
-    RobotModelError
-        A prismatic joint without limits, a limit on one side only, a payload whose mass is an interval, or a name that XML
-        cannot hold.
-    OutputError
-        The file cannot be written.
-    """
+    """Return an arm as URDF text and write it to a file if one is named; see `Robot.to_urdf`."""
     check_xml_names(arm)
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
@@ -63,18 +42,7 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
 
 
 def check_xml_names(arm: ArmModel) -> None:
-    """Raise where XML cannot hold the name of an arm or of a joint.
-
-    Parameters
-    ----------
-    arm : ArmModel
-        The arm.
-
-    Raises
-    ------
-    RobotModelError
-        A name that is empty or has a control character.
-    """
+    """Raise where XML cannot hold the name of an arm or of a joint."""
     for name in (arm.name, *arm.joint_names):
         if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
             raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
@@ -140,16 +108,6 @@ def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
 
     Near pitch = ±90° the yaw is determined by rounding errors only; every yaw is correct there, because roll is computed
     from Rz(−yaw) R.
-
-    Parameters
-    ----------
-    R : (3, 3) array
-        Rotation matrix [1].
-
-    Returns
-    -------
-    tuple of three floats
-        Roll, pitch and yaw [rad].
     """
     yaw = math.atan2(R[1, 0], R[0, 0])
     c, s = cos(yaw), sin(yaw)

@@ -53,25 +53,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return None if place is None else str(place.locator.get_cache_path())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for types of arguments, from the machine's cache, else from the archive.
-
-        Parameters
-        ----------
-        sig : tuple or numba signature
-            Types of the arguments.
-        target_context : numba target context
-            Numba's description of the processor.
-
-        Returns
-        -------
-        compile result or None
-            None if the function must be compiled.
-
-        Raises
-        ------
-        RuntimeError
-            The function must be compiled, and the environment has ``OPTIK_COMPILES=error``.
-        """
+        """Return the code for types of arguments, from the machine's cache, else from the archive."""
         target_context.refresh()
         codegen = target_context.codegen()
         if depends := self._depends(sig):
@@ -86,15 +68,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write compiled code to the cache; if the disk is full, nothing is cached and no error is raised.
-
-        Parameters
-        ----------
-        sig : tuple or numba signature
-            Types of the arguments.
-        data : compile result
-            What Numba compiled.
-        """
+        """Write compiled code to the cache; if the disk is full, nothing is cached and no error is raised."""
         depends, place = self._depends(sig), _place(self._kernel.py_func)
         if not depends or place is None or not place.check_cachable(data):
             return

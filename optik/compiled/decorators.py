@@ -35,18 +35,7 @@ def compiled(function: F) -> F:
 
 
 def parallel(function: F) -> F:
-    """Compile as `compiled` does, into code that releases Python's global lock, so that threads can run it in parallel.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-
-    Returns
-    -------
-    callable
-        The compiled function, with the signature of the Python function.
-    """
+    """Compile as `compiled` does, into code that releases Python's global lock, so that threads can run it in parallel."""
     return _jit(function, True)
 
 
@@ -63,16 +52,6 @@ def inlined(function: F) -> F:
     """Compile a helper into every kernel that calls it: it sees the kernel's constants, and is cached with the kernel.
 
     There is no fast-math here either: LLVM would fuse products and sums differently for one lane and for many.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-
-    Returns
-    -------
-    callable
-        The function for kernels, with the signature of the Python function.
     """
     helper: Any = function if config.DISABLE_JIT else Helper(function)
     result: F = helper

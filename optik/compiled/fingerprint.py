@@ -67,25 +67,7 @@ class Opaque(Exception):
 
 
 def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
-    """Return the fingerprint of everything that the machine code of a kernel depends on.
-
-    Parameters
-    ----------
-    kernel : Dispatcher
-        The compiled function.
-    signature : tuple of numba types
-        Types of the arguments.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Raises
-    ------
-    Opaque
-        The kernel reaches a value that cannot be fingerprinted.
-    """
+    """Return the fingerprint of everything that the machine code of a kernel depends on."""
     walk = _Walk()
     level = int(config.OPT if kernel.targetoptions.get("nogil") else min(config.OPT, MOST_OPT))
     walk.note("versions", *VERSIONS, f"OPT {level}", *(f"{name} {getattr(config, name, None)}" for name in SETTINGS))
@@ -99,20 +81,7 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
 
 
 def variant(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
-    """Short name of one kernel of a function, from its types of arguments and the plain values in its closure.
-
-    Parameters
-    ----------
-    kernel : Dispatcher
-        The compiled function.
-    signature : tuple of numba types
-        Types of the arguments.
-
-    Returns
-    -------
-    str
-        16 hexadecimal digits.
-    """
+    """Short name of one kernel of a function, from its types of arguments and the plain values in its closure."""
     closed = (_cell(c) for c in kernel.py_func.__closure__ or ())
     parts = [ADDRESS.sub("", str(kind)) for kind in signature] + [repr(v) for v in closed if isinstance(v, PLAIN)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]

@@ -201,29 +201,7 @@ def solve_ik_batch(
 
 
 def solver_for(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dict[str, Any] | None = None) -> IKSolver:
-    """Return the solver that `solve_ik` keeps for a robot and options; built where it is not there yet.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    solver : str or path
-        As `make_solver` takes it. A file is checked in every call: build a solver once where a call must be fast.
-    options : dict, optional
-        Those of the method.
-
-    Returns
-    -------
-    IKSolver
-        The same object for the same robot, method and options.
-
-    Raises
-    ------
-    UnknownName, InvalidInput
-        As `make_solver`.
-    TypeError
-        A key of the options cannot be compared; values without a hash are taken.
-    """
+    """Return the solver that `solve_ik` keeps for a robot and options; built where it is not there yet."""
     name: Any = solver
     options = options or {}
     try:

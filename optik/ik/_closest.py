@@ -19,26 +19,7 @@ DESCENT_GROWTH = 4.0
 
 
 def nearest(robot: Robot, task: Task, target: Array, starts: Array, max_iterations: int = 500) -> Array:
-    """Return the configuration of least ½|e|² that is found inside the limits, e the task's error.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    task : Task
-        Which components of the error count.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    starts : (k, n) array
-        Initial guesses [rad, m].
-    max_iterations : int, optional
-        Most steps from each.
-
-    Returns
-    -------
-    (n,) array
-        The configuration [rad, m].
-    """
+    """Return the configuration of least ½|e|² that is found inside the limits, e the task's error."""
     q, best, least = robot.limits.clip(starts), starts[0], np.inf
     limits, goal = (robot.limits.lower, robot.limits.upper), (task.flags, target)
     rule = (

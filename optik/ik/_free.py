@@ -22,35 +22,7 @@ STARTS = 100
 def solve_free(
     solver: IKSolver, target: ArrayLike, q0: ArrayLike, scene: Scene, margin: float, trace: bool = False
 ) -> IKResult:
-    """Find a configuration whose tool pose is the target, and which touches neither a scene nor itself.
-
-    Parameters
-    ----------
-    solver : IKSolver
-        The method, built for an arm with shapes.
-    target : (4, 4) array
-        T_base_tool [1, m].
-    q0 : (n,) array
-        First start, inside the limits [rad, m].
-    scene : Scene
-        What must not be touched.
-    margin : float
-        What all distances to it must exceed [m].
-    trace : bool
-        Whether to keep the error of every iteration.
-
-    Returns
-    -------
-    IKResult
-        The first free solution; else IN_CONTACT, with the solution that is farthest from contact, or the failure to find any.
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes, no scene, a margin below 0, or as `IKSolver.solve`.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
-    """
+    """Find a configuration whose tool pose is the target, and which touches neither a scene nor itself."""
     robot = solver.robot
     margin = check_scene(robot, scene, margin)
     first = best = solver.solve(target, q0, trace=trace)

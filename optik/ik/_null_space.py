@@ -42,19 +42,7 @@ SUFFICIENT = 1e-4
 def normalised(x: float, low: float, high: float) -> tuple[float, float]:
     """Position of a joint relative to its range, as `JointLimits.normalised` has it.
 
-    Parameters
-    ----------
-    x : float
-        Joint value [rad, m].
-    low, high : float
-        Its limits [rad, m].
-
-    Returns
-    -------
-    offset : float
-        (x − middle) / half, a scalar [1]: −1 and 1 at the limits; 0 for a joint that is locked or has no limit on a side.
-    half : float
-        Half of its range, a scalar [rad, m]; 1 for such a joint.
+    Shapes and units: x [rad, m], low, high [rad, m]. Returns offset  [1], half  [rad, m].
     """
     if not -np.inf < low < high < np.inf:
         return 0.0, 1.0
@@ -66,25 +54,8 @@ def normalised(x: float, low: float, high: float) -> tuple[float, float]:
 def cost(limits: Range, wish: Wish, q: Array, J: Array, flags: Array, g: Array) -> float:
     """What is preferred, and its gradient.
 
-    Parameters
-    ----------
-    limits : Range
-        Position limits.
-    wish : Wish
-        Weights and posture.
-    q : (n,) array
-        Configuration [rad, m].
-    J : (6, n) array
-        Geometric Jacobian there, along the axes of the task's frame [m/rad, 1].
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    g : (n,) array
-        The gradient [1/rad, 1/m]; overwritten.
-
-    Returns
-    -------
-    float
-        The weighted sum [1].
+    Shapes and units: q (n,) [rad, m], J (6, n) [m/rad, 1], flags (13,) [1, m, rad], g (n,) [1/rad, 1/m] (overwritten). Returns
+    [1].
     """
     (lower, upper), (weights, posture) = limits, wish
     value = 0.0
@@ -131,21 +102,7 @@ def log_manipulability(J: Array, flags: Array, weight: float, g: Array) -> float
 
     The gradient is the trace of J⁺ ∂J/∂q_k; ∂J_i/∂q_k = (ω_k × v_i, ω_k × ω_i) for k ≤ i, and (ω_i × v_k, 0) for k > i.
 
-    Parameters
-    ----------
-    J : (6, n) array
-        Geometric Jacobian along the axes of the task's frame [m/rad, 1].
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    weight : float
-        Factor on the gradient [1].
-    g : (n,) array
-        What it is added to [1/rad, 1/m].
-
-    Returns
-    -------
-    float
-        The logarithm [1]; `LOST_RANK` where J Jᵀ cannot be factorised.
+    Shapes and units: J (6, n) [m/rad, 1], flags (13,) [1, m, rad], weight [1], g (n,) [1/rad, 1/m]. Returns [1].
     """
     n, m = J.shape[1], 0
     rows = np.empty(6, np.int64)
@@ -178,16 +135,7 @@ def log_manipulability(J: Array, flags: Array, weight: float, g: Array) -> float
 def along_task(target: Array, flags: Array, J: Array, K: Array) -> None:
     """Geometric Jacobian along the axes of the task's frame.
 
-    Parameters
-    ----------
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    flags : (13,) array
-        `Task.flags` [1, m, rad].
-    J : (6, n) array
-        Geometric Jacobian in the base frame [m/rad, 1].
-    K : (6, n) array
-        The same along the task's axes [m/rad, 1]; overwritten.
+    Shapes and units: target (4, 4) [1, m], flags (13,) [1, m, rad], J (6, n) [m/rad, 1], K (6, n) [m/rad, 1] (overwritten).
     """
     for k in range(J.shape[1]):
         for b in (0, 3):
@@ -210,23 +158,7 @@ def _preferred(limits: Range, goal: Goal, wish: Wish, q: Array, J: Array, g: Arr
 def value_at(chain: Chain, limits: Range, goal: Goal, wish: Wish, q: Array) -> float:
     """What is preferred, at one configuration.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Its position limits.
-    goal : Goal
-        The task and its target.
-    wish : Wish
-        Weights and posture.
-    q : (n,) array
-        Configuration [rad, m].
-
-    Returns
-    -------
-    float
-        The weighted sum [1].
+    Shapes and units: q (n,) [rad, m]. Returns [1].
     """
     frame, T, J = workspace(q.shape[0])
     forward(chain, q, frame, T)
@@ -240,23 +172,7 @@ def free_direction(J: Array, g: Array, limits: Range, q: Array, d: Array) -> flo
 
     A joint at a limit that the direction pushes further out is held, and the projection is done again.
 
-    Parameters
-    ----------
-    J : (6, n) array
-        Jacobian of the task's error [m/rad, 1]; the columns of held joints are set to 0.
-    g : (n,) array
-        Gradient [1/rad, 1/m]; entries of held joints are set to 0.
-    limits : Range
-        Position limits.
-    q : (n,) array
-        Configuration inside them [rad, m].
-    d : (n,) array
-        The direction [1/rad, 1/m]; overwritten.
-
-    Returns
-    -------
-    float
-        Its norm; 0 where there is no way down.
+    Shapes and units: J (6, n) [m/rad, 1], g (n,) [1/rad, 1/m], q (n,) [rad, m], d (n,) [1/rad, 1/m] (overwritten).
     """
     n, (lower, upper) = q.shape[0], limits
     A, y, e = np.empty((6, 6)), np.empty(6), np.empty(6)
@@ -287,29 +203,8 @@ def correct(
 ) -> bool:
     """Bring a configuration back onto the task, inside the limits, by a few Newton steps.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Its position limits.
-    goal : Goal
-        The task and its target.
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    q : (n,) array
-        Configuration [rad, m]; overwritten.
-    frame : (n, 4, 4) array
-        Joint frames at q [1, m]; overwritten.
-    T : (4, 4) array
-        Tool pose at q [1, m]; overwritten.
-    J : (6, n) array
-        Geometric Jacobian at q in the base frame [m/rad, 1]; overwritten.
-
-    Returns
-    -------
-    bool
-        Whether the task is met, well inside the tolerance.
+    Shapes and units: tolerance (float, float) [m, rad], q (n,) [rad, m] (overwritten), frame (n, 4, 4) [1, m] (overwritten), T
+    (4, 4) [1, m] (overwritten), J (6, n) [m/rad, 1] (overwritten).
     """
     n, (flags, target), (lower, upper) = q.shape[0], goal, limits
     A, y, dq, e, w, K = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3), np.empty((6, n))
@@ -335,20 +230,7 @@ def descend(
 ) -> None:  # fmt: skip
     """Projected gradient descent on what is preferred, along the motion that the task leaves free.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Its position limits.
-    goal : Goal
-        The task and its target.
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    wish : Wish
-        Weights and posture.
-    q : (n,) array
-        Configuration that meets the task [rad, m]; overwritten by the local minimum that is found.
+    Shapes and units: tolerance (float, float) [m, rad], q (n,) [rad, m] (overwritten).
     """
     n, (flags, target), (lower, upper) = q.shape[0], goal, limits
     frame, T, J = workspace(n)

@@ -50,27 +50,7 @@ class Preference:
 
     @classmethod
     def of(cls, robot: Robot, prefer: object, posture: ArrayLike | None) -> Preference:
-        """Read the options ``prefer`` and ``posture``.
-
-        Parameters
-        ----------
-        robot : Robot
-            The arm.
-        prefer : str or mapping of str to float or None
-            A name out of `PREFERENCES`, or weights by name; 0 leaves one out.
-        posture : (n,) array, optional
-            Posture [rad, m], where ``"posture"`` is preferred.
-
-        Returns
-        -------
-        Preference
-            What they mean.
-
-        Raises
-        ------
-        InvalidInput
-            An unknown name, a weight below 0, a posture that is not a configuration, or one that is not preferred.
-        """
+        """Read the options ``prefer`` and ``posture``."""
         expected = f"one or more of {', '.join(PREFERENCES)}, alone or as a mapping from these to weights"
         named = {} if prefer is None else {prefer: 1.0} if isinstance(prefer, str) else prefer
         if not isinstance(named, Mapping):
@@ -94,20 +74,7 @@ class Preference:
         return {"prefer": dict(self.weights) or None, "posture": posture}
 
     def note(self, task: Task, moving: int | None = None) -> str:
-        """Message that a preference changes nothing, where a task leaves the joints no free motion; else empty.
-
-        Parameters
-        ----------
-        task : Task
-            The task.
-        moving : int, optional
-            Number of joints that can move; by default those that the limits do not lock.
-
-        Returns
-        -------
-        str
-            The message.
-        """
+        """Message that a preference changes nothing, where a task leaves the joints no free motion; else empty."""
         limits = self.robot.limits
         moving = int((limits.lower < limits.upper).sum()) if moving is None else moving
         if not self or task.exact < moving:
@@ -115,66 +82,17 @@ class Preference:
         return f"prefer changes nothing: {moving} joints that move, {task.exact} components to be met exactly"
 
     def wish(self, start: Array) -> Wish:
-        """Arguments of the kernels for one solve.
-
-        Parameters
-        ----------
-        start : (n,) array
-            Start of the solve [rad, m], the posture where none was given.
-
-        Returns
-        -------
-        weights : (3,) array
-            Weights in the order of `PREFERENCES` [1].
-        posture : (n,) array
-            Posture [rad, m].
-        """
+        """Arguments of the kernels for one solve."""
         weights = np.array([self.weights.get(name, 0.0) for name in PREFERENCES])
         return weights, start if self.posture is None else self.posture
 
     def value(self, task: Task, target: Array, start: Array, q: Array) -> float:
-        """Return what is minimised, at one configuration.
-
-        Parameters
-        ----------
-        task : Task
-            The task, whose rows of the Jacobian manipulability takes.
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-        start : (n,) array
-            Start of the solve [rad, m].
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        float
-            The weighted sum [1].
-        """
+        """Return what is minimised, at one configuration."""
         limits, goal = (self.robot.limits.lower, self.robot.limits.upper), (task.flags, target)
         return float(value_at(self.robot.chain, limits, goal, self.wish(start), q))
 
     def improve(self, task: Task, tolerance: tuple[float, float], target: Array, start: Array, q: Array) -> Array:
-        """Return the local minimum along the free motion that is found from a configuration.
-
-        Parameters
-        ----------
-        task : Task
-            The task.
-        tolerance : (float, float)
-            Largest position and rotation error [m, rad].
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-        start : (n,) array
-            Start of the solve [rad, m].
-        q : (n,) array
-            Configuration that meets the task [rad, m].
-
-        Returns
-        -------
-        (n,) array
-            Configuration that meets the task [rad, m].
-        """
+        """Return the local minimum along the free motion that is found from a configuration."""
         limits, out = (self.robot.limits.lower, self.robot.limits.upper), q.copy()
         descend(self.robot.chain, limits, (task.flags, target), tolerance, self.wish(start), out)
         return out

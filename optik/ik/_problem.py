@@ -21,27 +21,6 @@ def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array
     """Check a target and a start.
 
     Plain arrays that are valid, the usual case, are checked by compiled code, in a tenth of the time.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    q0 : (n,) array
-        Start [rad, m].
-
-    Returns
-    -------
-    target : (4, 4) array
-        Target pose [1, m].
-    q0 : (n,) array
-        Start [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        The target is not a pose, numbers are NaN, a shape is wrong, or the start is outside the limits.
     """
     if type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == np.float64:
         plain = target.shape == (4, 4) and q0.shape == (robot.n,) and target.flags.carray and q0.flags.carray
@@ -52,27 +31,7 @@ def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array
 
 
 def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
-    """Check a start configuration.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q0 : (n,) array
-        Start [rad, m].
-    argument : str, optional
-        What an error calls it.
-
-    Returns
-    -------
-    (n,) array
-        The start [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong length, NaN, or a joint outside its limits, which the message names.
-    """
+    """Check a start configuration."""
     q = robot.configuration(q0, argument)
     if not robot.limits.contains(q):
         lower, upper = robot.limits.lower, robot.limits.upper
@@ -86,29 +45,7 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
 
 
 def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Array, Array]:
-    """Check the targets and starts of a batch.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    targets : (N, 4, 4) array
-        Target poses in the base frame [1, m].
-    starts : (N, n) or (n,) array
-        Starts, or one for all [rad, m].
-
-    Returns
-    -------
-    targets : (N, 4, 4) array
-        Target poses [1, m], contiguous.
-    starts : (N, n) array
-        Starts [rad, m], contiguous.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong shape, or the index of the first target that is not a pose or of the first start outside the limits.
-    """
+    """Check the targets and starts of a batch."""
     poses = np.ascontiguousarray(real_array(targets, "targets", "poses (N, 4, 4)"))
     if poses.shape == (0,):
         poses = poses.reshape(0, 4, 4)
@@ -139,23 +76,7 @@ def _own(array: Array) -> Array:
 def first_wrong(poses: Array, q: Array, limits: Range, slack: float) -> tuple[int, int]:
     """Indices of the first target and of the first start that are not valid.
 
-    Parameters
-    ----------
-    poses : (N, 4, 4) array
-        Targets [1, m].
-    q : (k, n) array
-        Starts [rad, m].
-    limits : Range
-        Position limits.
-    slack : float
-        Numerical slack on the limits [rad, m].
-
-    Returns
-    -------
-    bad_pose : int
-        Index of the first target that is not a pose, −1 where all are.
-    bad_start : int
-        Index of the first start outside the limits or with NaN, −1 where all are inside.
+    Shapes and units: poses (N, 4, 4) [1, m], q (k, n) [rad, m], slack [rad, m].
     """
     lower, upper = limits
     bad_pose, bad_start = -1, -1
@@ -175,24 +96,7 @@ def first_wrong(poses: Array, q: Array, limits: Range, slack: float) -> tuple[in
 
 
 def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
-    """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    q0 : (n,) array
-        Start of the solve [rad, m].
-    restart : int
-        Number of the restart.
-
-    Returns
-    -------
-    (n,) array
-        Its start [rad, m].
-    """
+    """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
     problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
     rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
     return np.asarray(robot.limits.draw(rng, 1)[0])

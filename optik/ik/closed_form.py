@@ -201,24 +201,7 @@ class ClosedForm(IKSolver):
         return Branches(q, position, rotation, found.free[order], found.backend, found.complete, found.message)
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Take the branch nearest to the start.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-        start : (n,) array
-            Start inside the limits [rad, m].
-        trace : bool
-            Not used: there is no iteration.
-        seconds : float or None
-            Not used [s].
-
-        Returns
-        -------
-        Attempt
-            The branch; its iterations are those of an enumeration, where one was needed.
-        """
+        """Take the branch nearest to the start."""
         # of one type whatever the caller has: kernels are compiled once
         target, start = np.ascontiguousarray(target), np.array(start)
         if self._closed is None or self._redundant:

@@ -31,31 +31,8 @@ def iterate(
 ) -> tuple[int, int]:  # fmt: skip
     """Run eq. 8–13 from one start.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Limits that every iterate is clamped to.
-    goal : Goal
-        The task and its target.
-    options : (5,) array
-        Damping λ [m, rad], step size α [1], position and rotation tolerance [m, rad], 1 where eq. 9 is taken as printed.
-    max_iterations : int
-        Most steps.
-    q : (n,) array
-        Start [rad, m]; overwritten by the last iterate.
-    best : (n,) array
-        Iterate of smallest error [rad, m]; overwritten.
-    trace : (max_iterations + 1, 6) or (0, 6) array
-        Error of every iterate [m, rad], where it has rows; overwritten.
-
-    Returns
-    -------
-    k : int
-        Steps taken.
-    code : int
-        SOLVED, MAX_ITERATIONS, or STALLED where the system is singular.
+    Shapes and units: options (5,) [m, rad], q (n,) [rad, m] (overwritten), best (n,) [rad, m] (overwritten), trace
+    (max_iterations + 1, 6) or (0, 6) [m, rad] (overwritten).
     """
     n, (flags, target), (lower, upper), (frame, T, J) = q.shape[0], goal, limits, workspace(q.shape[0])
     A, y, dq, e, w = np.empty((6, 6)), np.empty(6), np.empty(n), np.empty(6), np.empty(3)
@@ -126,24 +103,7 @@ class DLS(IKSolver):
         return {**super().options, "damping": self.damping, "step": self.step, "as_printed": self.as_printed}
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Run the iteration once; it is so short that a time limit is only checked between attempts.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-        start : (n,) array
-            Initial guess inside the limits [rad, m].
-        trace : bool
-            Whether to keep the error of every iteration.
-        seconds : float or None
-            Not used [s].
-
-        Returns
-        -------
-        Attempt
-            The iterate of smallest error, and how the run ended.
-        """
+        """Run the iteration once; it is so short that a time limit is only checked between attempts."""
         robot, limits = self.robot, self.robot.limits
         q, best = limits.clip(start), np.empty(robot.n)
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))

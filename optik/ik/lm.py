@@ -119,29 +119,7 @@ class LM(IKSolver):
         return {**super().options, "gain": self.gain, **self.preference.options}
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
-        """Find a configuration whose tool pose is the target.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            T_base_tool [1, m].
-        q0 : (n,) array
-            Start, inside the limits [rad, m].
-        trace : bool
-            Whether to keep the error of every iteration.
-        closest : bool
-            Whether a failure goes on to the nearest pose inside the limits; see `IKSolver.solve`.
-
-        Returns
-        -------
-        IKResult
-            As `IKSolver.solve` returns it.
-
-        Raises
-        ------
-        InvalidInput
-            As `IKSolver.solve` raises it.
-        """
+        """Find a configuration whose tool pose is the target."""
         if trace is not False or closest is not False:
             trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
         if trace or not self._fast:
@@ -213,24 +191,7 @@ class LM(IKSolver):
         return Attempt(out[:n].copy(), status, iterations, errors, _MESSAGE.get(status, ""))
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Attempt once from the start; it is so short that a time limit is only checked between attempts.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-        start : (n,) array
-            Initial guess inside the limits [rad, m].
-        trace : bool
-            Whether to keep the error of every iteration.
-        seconds : float or None
-            Not used [s].
-
-        Returns
-        -------
-        Attempt
-            The last iterate, and how the attempt ended.
-        """
+        """Attempt once from the start; it is so short that a time limit is only checked between attempts."""
         if self.task.is_pose:
             return self._attempt(0, target, start, trace, seconds, None)
         robot, limits = self.robot, self.robot.limits

@@ -36,18 +36,7 @@ _expected: dict[str, str] = {}
 
 
 def is_path(name: Any) -> bool:
-    """Return whether a name means a file: it has a separator or the suffix of a plug-in; a bare name never does.
-
-    Parameters
-    ----------
-    name : str or path
-        What a user gave.
-
-    Returns
-    -------
-    bool
-        True for every `os.PathLike`, and for text such as ``"./jt.py"`` or ``"arm.urdf"``.
-    """
+    """Return whether a name means a file: it has a separator or the suffix of a plug-in; a bare name never does."""
     if isinstance(name, os.PathLike):
         return True
     if not isinstance(name, str):
@@ -57,61 +46,18 @@ def is_path(name: Any) -> bool:
 
 
 def split_links(name: str) -> tuple[str, str]:
-    """Split ``arm.urdf#tip=tool0`` into the file and the links; the links of any other name are empty.
-
-    Parameters
-    ----------
-    name : str
-        A name or a path.
-
-    Returns
-    -------
-    tuple of str
-        Path and links.
-    """
+    """Split ``arm.urdf#tip=tool0`` into the file and the links; the links of any other name are empty."""
     found = _FRAGMENT.fullmatch(name)
     return (found[1], found[2]) if found else (name, "")
 
 
 def digest(file: Path) -> str:
-    """Return the SHA-256 of a file.
-
-    Parameters
-    ----------
-    file : Path
-        Of a plug-in.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read.
-    """
+    """Return the SHA-256 of a file."""
     return hashlib.sha256(_read(file)).hexdigest()
 
 
 def module_of(file: Path) -> ModuleType:
-    """Import a Python file, or return its module where this process has imported it.
-
-    Parameters
-    ----------
-    file : Path
-        Absolute.
-
-    Returns
-    -------
-    module
-        One per file and process. Errors in the file show themselves.
-
-    Raises
-    ------
-    InvalidInput
-        The file has changed since it was imported, or since the run recorded it; or code must not run here.
-    """
+    """Import a Python file, or return its module where this process has imported it."""
     name = f"{PARENT}.{quote(file.as_posix(), safe='/ ').replace('.', '%2E')}"
     module = sys.modules.get(name)
     if module is None:
@@ -166,13 +112,7 @@ def _read(file: Path) -> bytes:
 
 @contextmanager
 def without_code() -> Iterator[None]:
-    """Refuse to import files of plug-ins: for reports and comparisons, which only read.
-
-    Yields
-    ------
-    None
-        What this process has imported before can still be used.
-    """
+    """Refuse to import files of plug-ins: for reports and comparisons, which only read."""
     token = _code_forbidden.set(True)
     try:
         yield
@@ -181,11 +121,5 @@ def without_code() -> Iterator[None]:
 
 
 def expect(recorded: Iterable[Mapping[str, str]]) -> None:
-    """Have this process refuse files that are not as a run has recorded them: called in every worker before its work.
-
-    Parameters
-    ----------
-    recorded : iterable of mapping
-        What `record` returned.
-    """
+    """Have this process refuse files that are not as a run has recorded them: called in every worker before its work."""
     _expected.update({row["path"]: row["sha256"] for row in recorded if "path" in row})

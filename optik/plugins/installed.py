@@ -33,19 +33,7 @@ class Refused(NamedTuple):
 
 
 def entry_points(group: str) -> Mapping[str, Sequence[EntryPoint]]:
-    """Return the entry points of installed packages in a group, by their names; none of them is imported.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name, such as ``"optik.ik"``.
-
-    Returns
-    -------
-    mapping of str to sequence of EntryPoint
-        More than one under a name that several packages chose. Packages that are installed while the process runs are
-        found in the next process.
-    """
+    """Return the entry points of installed packages in a group, by their names; none of them is imported."""
     found: dict[str, list[EntryPoint]] = {}
     for point in _installed(group, tuple(sys.path)):
         found.setdefault(point.name, []).append(point)
@@ -59,16 +47,5 @@ def _installed(group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
 
 
 def distribution_of(point: EntryPoint) -> str:
-    """Return the name and version of the package that an entry point comes from.
-
-    Parameters
-    ----------
-    point : EntryPoint
-        Of an installed package.
-
-    Returns
-    -------
-    str
-        Such as ``"fast-arms 1.2"``.
-    """
+    """Return the name and version of the package that an entry point comes from."""
     return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown package"

@@ -18,23 +18,7 @@ _OURS = ("optik", "planners", "benchmarks")
 
 
 def base_of(group: str) -> Any:
-    """Return the class that the methods of a group are subclasses of: ``METHOD_BASE`` of the group's module ``base``.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-
-    Returns
-    -------
-    type or None
-        None for groups of functions and of data.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        The group's module needs one that is not there.
-    """
+    """Return the class that the methods of a group are subclasses of: ``METHOD_BASE`` of the group's module ``base``."""
     if group in DATA_GROUPS:
         return None
     try:
@@ -46,18 +30,7 @@ def base_of(group: str) -> Any:
 
 
 def wanted(base: Any) -> str:
-    """Return what a METHOD must be, in words.
-
-    Parameters
-    ----------
-    base : type or None
-        As `base_of` returns it.
-
-    Returns
-    -------
-    str
-        Such as ``"a subclass of optik.ik.IKSolver"``.
-    """
+    """Return what a METHOD must be, in words."""
     if base is None:
         return "a function or a class"
     places = (base.__module__.removesuffix(".base"), base.__module__.partition(".")[0], base.__module__)
@@ -66,30 +39,7 @@ def wanted(base: Any) -> str:
 
 
 def checked(group: str, method: Any, name: str, where: str) -> Any:
-    """Return a method from outside once it is of the kind that the group needs and bears its name.
-
-    Parameters
-    ----------
-    group : str
-        Dotted name.
-    method : object
-        What the file or the entry point has.
-    name : str
-        By which it is asked for: the class's ``name``, where classes of this group have one. The class in a file is
-        given the file's when it is imported; the class of an entry point states it.
-    where : str
-        Where it comes from, for messages.
-
-    Returns
-    -------
-    object
-        The method.
-
-    Raises
-    ------
-    InvalidInput
-        Another kind of object, another ``name`` in the class, or a class that lacks a method or an attribute.
-    """
+    """Return a method from outside once it is of the kind that the group needs and bears its name."""
     base = base_of(group)
     if base is None:
         if not callable(method) and group != "optik.robots":
@@ -111,13 +61,7 @@ def checked(group: str, method: Any, name: str, where: str) -> Any:
 
 
 class NamedDependency:
-    """Turns a package that is missing while a method is imported into `MissingDependency`; all else shows itself.
-
-    Parameters
-    ----------
-    kind, name : str
-        What is imported, for the message.
-    """
+    """Turns a package that is missing while a method is imported into `MissingDependency`; all else shows itself."""
 
     def __init__(self, kind: str, name: str) -> None:
         self._what = f"{kind} {name!r}"

@@ -37,18 +37,7 @@ class Described(NamedTuple):
 
 
 def described(kinds: type | Any) -> dict[str, Described]:
-    """Return what the docstring of a function or a class says of its parameters and attributes.
-
-    Parameters
-    ----------
-    kinds : function or class
-        Of a class, the docstrings of those that it is derived from count, too.
-
-    Returns
-    -------
-    dict of str to Described
-        By name.
-    """
+    """Return what the docstring of a function or a class says of its parameters and attributes."""
     found: dict[str, Described] = {}
     for one in inspect.getmro(kinds) if inspect.isclass(kinds) else (kinds,):
         doc = vars(one).get("__doc__") if inspect.isclass(one) else one.__doc__
@@ -73,18 +62,7 @@ def _entries(doc: str) -> Iterable[tuple[str, Described]]:
 
 
 def defaults(method: Any) -> dict[str, Any]:
-    """Return the options of a method with their defaults: keyword arguments of a function, or of a class's ``__init__``.
-
-    Parameters
-    ----------
-    method : function or class
-        A class that takes ``**options`` has those of the class that it is derived from, too.
-
-    Returns
-    -------
-    dict of str to object
-        `NO_DEFAULT` where an option must be given.
-    """
+    """Return the options of a method with their defaults: keyword arguments of a function, or of a class's ``__init__``."""
     found: dict[str, Any] = {}
     for one in inspect.getmro(method) if inspect.isclass(method) else (method,):
         function = vars(one).get("__init__") if inspect.isclass(one) else one
@@ -100,18 +78,5 @@ def defaults(method: Any) -> dict[str, Any]:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that a misspelt one probably means.
-
-    Parameters
-    ----------
-    name : str
-        What was written.
-    known : iterable of str
-        Names that exist.
-
-    Returns
-    -------
-    str
-        Empty where none is near.
-    """
+    """Return the known name that a misspelt one probably means."""
     return next(iter(get_close_matches(name, list(known), n=1)), "")

@@ -47,25 +47,7 @@ DATA = "files"
 
 
 def data_file_of(name: str, kind: str) -> str:
-    """Return the absolute path of a file of data, which exists, and note it: a run records its SHA-256.
-
-    Parameters
-    ----------
-    name : str
-        A path; relative ones start as in `file_of`.
-    kind : str
-        Which setting it is, for the message.
-
-    Returns
-    -------
-    str
-        Absolute, without links.
-
-    Raises
-    ------
-    InvalidInput
-        No text, no such file, or two files of the same name.
-    """
+    """Return the absolute path of a file of data, which exists, and note it: a run records its SHA-256."""
     if not isinstance(name, str) or not name:
         raise InvalidInput(kind, repr(name)[:60], "the path of a file")
     file = file_of(name, kind, "a file; its path starts at the suite's folder")
@@ -75,27 +57,7 @@ def data_file_of(name: str, kind: str) -> str:
 
 
 def file_of(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path:
-    """Return the absolute path of a plug-in's file, which exists.
-
-    Parameters
-    ----------
-    name : str or path
-        A path; relative ones start at the suite's folder while a suite is read, else at the working directory.
-    kind : str
-        What it should be, for the message.
-    expected : str
-        What the message expects where there is no such file; by default why the name is a path.
-
-    Returns
-    -------
-    Path
-        Absolute, without links.
-
-    Raises
-    ------
-    InvalidInput
-        No such file; the message says that a path was meant.
-    """
+    """Return the absolute path of a plug-in's file, which exists."""
     text = split_links(os.fspath(name))[0]
     reading = _reading.get()
     if reading is not None and reading.folder is None:
@@ -113,20 +75,7 @@ def file_of(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path
 
 
 def file_beside(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
-    """Return a name with the suffix that makes it an existing file, for advice where the suffix was forgotten.
-
-    Parameters
-    ----------
-    name : str
-        A name or a path that is no file.
-    suffixes : iterable of str
-        What may be missing.
-
-    Returns
-    -------
-    str
-        Such as ``"jt.py"``, where that file lies in the suite's folder or else in the working directory; empty where none does.
-    """
+    """Return a name with the suffix that makes it an existing file, for advice where the suffix was forgotten."""
     reading = _reading.get()
     folder = (reading and reading.folder) or Path()
     try:
@@ -137,19 +86,7 @@ def file_beside(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
 
 @contextmanager
 def reading(folder: Path | None) -> Iterator[list[Used]]:
-    """Read settings: relative paths in them start at a folder, and every plug-in that they name is noted.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Of the file that holds the settings. None reads the settings of a finished run, whose files may be gone or
-        elsewhere: they are neither looked for nor run.
-
-    Yields
-    ------
-    list of Used
-        The plug-ins, each once, complete when the block ends.
-    """
+    """Read settings: relative paths in them start at a folder, and every plug-in that they name is noted."""
     used: list[Used] = []
     token = _reading.set(_Reading(folder, used))
     try:
@@ -159,18 +96,7 @@ def reading(folder: Path | None) -> Iterator[list[Used]]:
 
 
 def note(plugin: Used) -> None:
-    """Note a plug-in that settings name, where settings are being read.
-
-    Parameters
-    ----------
-    plugin : Used
-        The plug-in.
-
-    Raises
-    ------
-    InvalidInput
-        The settings name another file that has the same name in the same group.
-    """
+    """Note a plug-in that settings name, where settings are being read."""
     current = _reading.get()
     if current is None or plugin in current.used:
         return
@@ -182,48 +108,18 @@ def note(plugin: Used) -> None:
 
 
 def in_finished_run() -> bool:
-    """Return whether the settings of a finished run are being read, whose files are not looked at.
-
-    Returns
-    -------
-    bool
-        True inside ``reading(None)``.
-    """
+    """Return whether the settings of a finished run are being read, whose files are not looked at."""
     current = _reading.get()
     return current is not None and current.folder is None
 
 
 def has_code(plugin: Used) -> bool:
-    """Return whether using a plug-in runs code out of a file: robots in TOML, URDF or JSON, and tables, are data.
-
-    Parameters
-    ----------
-    plugin : Used
-        A plug-in that settings name.
-
-    Returns
-    -------
-    bool
-        True for Python files.
-    """
+    """Return whether using a plug-in runs code out of a file: robots in TOML, URDF or JSON, and tables, are data."""
     return isinstance(plugin.source, Path) and plugin.source.suffix.lower() == ".py"
 
 
 def check_allowed(used: Iterable[Used], allowed: bool) -> None:
-    """Refuse Python files in a suite unless they are allowed: running them is running code. Files of data are not.
-
-    Parameters
-    ----------
-    used : iterable of Used
-        The plug-ins that a suite names.
-    allowed : bool
-        Whether ``--allow-plugins`` was given.
-
-    Raises
-    ------
-    InvalidInput
-        A file that is not allowed; all of them are named.
-    """
+    """Refuse Python files in a suite unless they are allowed: running them is running code. Files of data are not."""
     files = sorted({str(u.source) for u in used if has_code(u)})
     if files and not allowed:
         expected = "--allow-plugins (allow_plugins=True), since running the suite runs the code in these files"
@@ -231,23 +127,7 @@ def check_allowed(used: Iterable[Used], allowed: bool) -> None:
 
 
 def record(used: Iterable[Used]) -> list[dict[str, str]]:
-    """Return what a run's manifest says of its plug-ins, as plain data.
-
-    Parameters
-    ----------
-    used : iterable of Used
-        The plug-ins that a suite names.
-
-    Returns
-    -------
-    list of dict
-        Group and name; of a file path and SHA-256, of an entry point distribution and version. In a fixed order.
-
-    Raises
-    ------
-    InvalidInput
-        A file that cannot be read.
-    """
+    """Return what a run's manifest says of its plug-ins, as plain data."""
     rows = []
     for group, name, source in used:
         if isinstance(source, Path):
@@ -260,18 +140,7 @@ def record(used: Iterable[Used]) -> list[dict[str, str]]:
 
 
 def compare(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, str]]) -> None:
-    """Refuse to continue a run with other plug-ins than those that it began with.
-
-    Parameters
-    ----------
-    recorded, now : sequence of mapping
-        What `record` returned when the run began, and what it returns now. A file may lie elsewhere; its content counts.
-
-    Raises
-    ------
-    InvalidInput
-        A plug-in that is missing, added, or has another SHA-256 or version; the message names it.
-    """
+    """Refuse to continue a run with other plug-ins than those that it began with."""
     before, after = ({(row["group"], row["name"]): row for row in rows} for rows in (recorded, now))
     for key in sorted(before.keys() | after.keys()):
         if _content(before.get(key)) != _content(after.get(key)):

@@ -64,27 +64,7 @@ def load_scene(
     file: str | os.PathLike[str],
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
-    """Read a scene from a file; see `Scene.load`.
-
-    Parameters
-    ----------
-    file : str or path
-        The file.
-    package_dirs : mapping of str to path, or sequence of paths, optional
-        For a URDF, folders of meshes besides its own.
-
-    Returns
-    -------
-    dict
-        Arguments of `Scene`.
-
-    Raises
-    ------
-    InvalidInput
-        A file that cannot be read, or that holds no scene.
-    RobotModelError
-        A URDF that is no tree, or that has no <collision>.
-    """
+    """Read a scene from a file; see `Scene.load`."""
     suffix = suffix_of(file, (".toml", ".json", ".urdf", ".xml"))
     if suffix in (".urdf", ".xml"):
         from optik.scene.urdf import scene_from_urdf
@@ -102,23 +82,7 @@ def load_scene(
 
 
 def scene_from_toml(text: str) -> dict[str, Any]:
-    """Read a scene from TOML, in the format that this module describes.
-
-    Parameters
-    ----------
-    text : str
-        The TOML text.
-
-    Returns
-    -------
-    dict
-        Arguments of `Scene`.
-
-    Raises
-    ------
-    InvalidInput
-        Not TOML, a key that is missing or unknown, or a wrong value; the error names it.
-    """
+    """Read a scene from TOML, in the format that this module describes."""
     try:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -165,18 +129,7 @@ def _singular(kind: str) -> str:
 
 
 def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scene as plain data; see `Scene.to_dict`.
-
-    Parameters
-    ----------
-    scene : mapping
-        The fields of a `Scene`.
-
-    Returns
-    -------
-    dict
-        Data that JSON can hold, with the keys `SCENE_KEYS`; an unknown excess is None.
-    """
+    """Return a scene as plain data; see `Scene.to_dict`."""
 
     def plain(value: Any) -> Any:
         return value.tolist() if isinstance(value, np.ndarray) else value
@@ -187,23 +140,7 @@ def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def scene_from_dict(data: Any) -> dict[str, Any]:
-    """Read a scene from plain data; see `Scene.from_dict`.
-
-    Parameters
-    ----------
-    data : dict
-        What `scene_to_dict` returned.
-
-    Returns
-    -------
-    dict
-        Arguments of `Scene`: an equal one.
-
-    Raises
-    ------
-    InvalidInput
-        Missing or unknown keys, or values that `Scene` refuses.
-    """
+    """Read a scene from plain data; see `Scene.from_dict`."""
     data = record(data, SCENE_KEYS, "scene")
     for key in SCENE_KEYS:
         if not isinstance(data[key], list):

@@ -19,27 +19,7 @@ def scene_from_urdf(
     source: str | os.PathLike[str],
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
-    """Read a scene from a URDF; see `Scene.load`.
-
-    Parameters
-    ----------
-    source : str or path
-        A file, or the XML itself (text that begins with <).
-    package_dirs : mapping of str to path, or sequence of paths, optional
-        Folders of meshes besides the file's own.
-
-    Returns
-    -------
-    dict
-        Arguments of `Scene`: the objects, named after their links, in the frame of the root link.
-
-    Raises
-    ------
-    InvalidInput
-        A file or a mesh that cannot be read.
-    RobotModelError
-        No tree of links, an unknown geometry, or no <collision> at all.
-    """
+    """Read a scene from a URDF; see `Scene.load`."""
     tree, folders = read_tree(source, None), folders_of(source, package_dirs)
     objects: dict[str, list[tuple[str, tuple[Any, ...], float]]] = {"boxes": [], "spheres": [], "capsules": []}
     poses: dict[str, Array] = {tree.root: np.eye(4)}

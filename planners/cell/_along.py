@@ -17,22 +17,6 @@ def split_along(execution: Execution, solver: IKSolver, true_spot: Array, sample
 
     At each instant the place on the path is that which is nearest to the planned tool. The point that the executed tool should
     have had there lies on the line to the true spot, as far along it as the place is along the planned line.
-
-    Parameters
-    ----------
-    execution : Execution
-        One that came to the end of its plan.
-    solver : IKSolver
-        The method by which it was planned; its answers start one from another.
-    true_spot : (3,) array
-        Where the spot truly is [m].
-    samples : int
-        At most so many instants.
-
-    Returns
-    -------
-    PathSplit
-        The last instant is the end of the execution.
     """
     robot, path, t = execution.robot, execution.plan.path, execution.t
     motion = execution.plan.trajectory if execution.motion is None else execution.motion

@@ -9,22 +9,7 @@ from optik.types import Array
 
 
 def ik_answers(solver: IKSolver, poses: Array, q: Array) -> Array:
-    """Solve poses one after the other, each from the answer before, as the paper does.
-
-    Parameters
-    ----------
-    solver : IKSolver
-        The method; what it returns counts, solved or not.
-    poses : (k, 4, 4) array
-        Target poses [1, m].
-    q : (n,) array
-        Where the first one starts, inside the limits [rad, m].
-
-    Returns
-    -------
-    (k, n) array
-        Its answers [rad, m].
-    """
+    """Solve poses one after the other, each from the answer before, as the paper does."""
     limits = solver.robot.limits
     answers = np.empty((len(poses), solver.robot.n))
     for k, pose in enumerate(poses):

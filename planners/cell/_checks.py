@@ -18,43 +18,14 @@ Limits = tuple[float, float]
 
 
 def fixed(array: ArrayLike) -> Array:
-    """Return a copy that cannot be written to, for the fields of immutable objects.
-
-    Parameters
-    ----------
-    array : array of any shape
-        What is copied [as array].
-
-    Returns
-    -------
-    array of the same shape
-        The copy [as array].
-    """
+    """Return a copy that cannot be written to, for the fields of immutable objects."""
     copy = np.array(array, dtype=np.float64)
     copy.setflags(write=False)
     return copy
 
 
 def vectors(value: ArrayLike, argument: str) -> Array:
-    """Return points or directions as an array, checked.
-
-    Parameters
-    ----------
-    value : (3,) or (..., 3) array
-        What was passed [m].
-    argument : str
-        Name of the argument, for the error.
-
-    Returns
-    -------
-    (3,) or (..., 3) array
-        The vectors [m].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shape, NaN or infinity, or farther than 1e6 m.
-    """
+    """Return points or directions as an array, checked."""
     array = real_array(value, argument, "an array of shape (3,) or (..., 3)")
     if array.shape[-1:] != (3,):
         raise InvalidInput(argument, f"shape {array.shape}", "an array of shape (3,) or (..., 3)")
@@ -64,25 +35,7 @@ def vectors(value: ArrayLike, argument: str) -> Array:
 
 
 def vector(value: ArrayLike, argument: str) -> Array:
-    """Return one point or direction as an array, checked.
-
-    Parameters
-    ----------
-    value : (3,) array
-        What was passed [m].
-    argument : str
-        Name of the argument, for the error.
-
-    Returns
-    -------
-    (3,) array
-        The vector [m].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shape, NaN or infinity, or farther than 1e6 m.
-    """
+    """Return one point or direction as an array, checked."""
     array = vectors(value, argument)
     if array.shape != (3,):
         raise InvalidInput(argument, f"shape {array.shape}", "an array of shape (3,)")
@@ -90,25 +43,7 @@ def vector(value: ArrayLike, argument: str) -> Array:
 
 
 def check_readings(pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return angles and ranges as arrays of one shape, checked.
-
-    Parameters
-    ----------
-    pan, tilt : scalar or (...,) arrays
-        Angles [rad].
-    range : scalar or (...,) array
-        Distances along the beam [m].
-
-    Returns
-    -------
-    pan, tilt, range : (...,) arrays
-        As given, of the shape that they broadcast to [rad, rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        NaN, infinity, a negative range, or shapes that do not broadcast.
-    """
+    """Return angles and ranges as arrays of one shape, checked."""
     given = []
     for value, name, unit in ((pan, "pan", "[rad]"), (tilt, "tilt", "[rad]"), (range, "range", "[m], not below 0")):
         array = real_array(value, name, f"finite numbers {unit}")
@@ -124,29 +59,7 @@ def check_readings(pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> tuple[A
 
 
 def check_limits(value: object, argument: str, least: float, most: float, inside: str) -> Limits:
-    """Return a lower and an upper limit, checked.
-
-    Parameters
-    ----------
-    value : (2,) floats
-        What was passed.
-    argument : str
-        Name of the argument, for the error.
-    least, most : float
-        What the limits must not be beyond.
-    inside : str
-        That interval in words, for the error.
-
-    Returns
-    -------
-    tuple of float
-        The lower and the upper limit.
-
-    Raises
-    ------
-    InvalidInput
-        Not two numbers, out of order, beyond the interval, or NaN.
-    """
+    """Return a lower and an upper limit, checked."""
     expected = f"a lower limit below an upper one, within {inside}"
     pair = real_array(value, argument, expected)
     if pair.shape != (2,) or not least <= pair[0] < pair[1] <= most:  # false for NaN
@@ -155,23 +68,7 @@ def check_limits(value: object, argument: str, least: float, most: float, inside
 
 
 def check_covariance(value: ArrayLike) -> Array:
-    """Return the covariance of a pose's twist, checked, exactly symmetric and read-only.
-
-    Parameters
-    ----------
-    value : (6, 6) array
-        What was passed [m², m·rad, rad²].
-
-    Returns
-    -------
-    (6, 6) array
-        The covariance [m², m·rad, rad²].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shape, NaN or infinity, not symmetric, or a negative variance in some direction.
-    """
+    """Return the covariance of a pose's twist, checked, exactly symmetric and read-only."""
     expected = "a symmetric positive semi-definite matrix of shape (6, 6)"
     matrix = real_array(value, "pose_covariance", expected)
     if matrix.shape != (6, 6) or not np.isfinite(matrix).all():

@@ -25,18 +25,6 @@ def with_masses(robot: Robot) -> tuple[Robot, str]:
     one (the tool, for the last), `ROD_THICKNESS` of the arm's length thick and at least as long, of `ROD_DENSITY`; motors
     whose inertia is that of all masses behind the joint at a distance of one diameter (those masses themselves, where the
     joint slides); no friction; and no torque limits, as those of a real motor do not belong to assumed masses.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    arm : Robot
-        The arm with masses.
-    assumed : str
-        What was assumed; empty where the arm has masses of its own.
     """
     if robot.inertia is not None:
         return robot, ""

@@ -60,24 +60,7 @@ class Readings(NamedTuple):
 
 
 def readings_of(spots: Array, points: Array, angle_noise: float, range_noise: float) -> Readings:
-    """Return readings with their weights.
-
-    Parameters
-    ----------
-    spots : (m, 3) array
-        Pan, tilt [rad] and range [m].
-    points : (m, 3) array
-        The known points [m].
-    angle_noise : float
-        Standard deviation of pan and tilt [rad].
-    range_noise : float
-        Standard deviation of the range [m].
-
-    Returns
-    -------
-    Readings
-        With weight 0 for a pan or tilt whose lever arm is shorter than `LEVER` times the noise of the point.
-    """
+    """Return readings with their weights."""
     distance = spots[:, 2]
     noise = LEVER * np.maximum(angle_noise * distance, range_noise)
     used = np.stack([distance * np.abs(np.cos(spots[:, 1])) >= noise, distance >= noise, distance > 0.0], axis=1)
@@ -89,18 +72,6 @@ def residuals(readings: Readings, T: Array) -> Array:
 
     Where the pan is not used, the tilt is that of the point in the vertical plane of the pan that was read: it goes on
     smoothly across the pan axis, where the tilt itself has a corner.
-
-    Parameters
-    ----------
-    readings : Readings
-        Of m pairs.
-    T : (4, 4) or (..., 4, 4) array
-        Poses of the unit in the arm's base frame [1, m].
-
-    Returns
-    -------
-    (m, 3) or (..., m, 3) array
-        Pan and tilt in [−π, π] [rad], range [m].
     """
     y = (readings.points - T[..., None, :3, 3]) @ T[..., :3, :3]
     flat = _along(readings, y)[0]
@@ -124,22 +95,7 @@ def _along(readings: Readings, y: Array) -> tuple[Array, Array]:
 
 
 def standardised(readings: Readings, T: Array) -> tuple[Array, Array]:
-    """Residuals at a pose in standard deviations, and the derivative of what is predicted, in the same unit.
-
-    Parameters
-    ----------
-    readings : Readings
-        Of m pairs.
-    T : (4, 4) array
-        Pose of the unit in the arm's base frame [1, m].
-
-    Returns
-    -------
-    e : (m, 3) array
-        Standardised residuals [1]; 0 where the weight is.
-    J : (m, 3, 6) array
-        By the small twist (v, ω) of the pose, along and about the axes of the base frame, at the unit's origin [1/m, 1/rad].
-    """
+    """Residuals at a pose in standard deviations, and the derivative of what is predicted, in the same unit."""
     R, arm = T[:3, :3], readings.points - T[:3, 3]
     y = arm @ R
     flat, direction = _along(readings, y)
@@ -156,24 +112,7 @@ def standardised(readings: Readings, T: Array) -> tuple[Array, Array]:
 
 
 def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
-    """Least squares of the standardised residuals of some pairs, by Gauss–Newton steps that are halved until they descend.
-
-    Parameters
-    ----------
-    readings : Readings
-        Of m pairs.
-    kept : (m,) array of bool
-        Which pairs count.
-    T : (4, 4) array
-        Pose to start at [1, m].
-
-    Returns
-    -------
-    T : (4, 4) array
-        The pose that fits best [1, m].
-    converged : bool
-        Whether the last step changed the residuals by no more than `FIT_SETTLED`.
-    """
+    """Least squares of the standardised residuals of some pairs, by Gauss–Newton steps that are halved until they descend."""
     chosen = Readings(*(field[kept] for field in readings))
     for _ in range(MOST_FIT_STEPS):
         e, J = standardised(chosen, T)
@@ -193,20 +132,7 @@ def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
 
 
 def closed_form(spots: Array, points: Array) -> Array:
-    """Poses that carry points measured by the unit onto known ones with the least sum of squared distances (Kabsch 1976).
-
-    Parameters
-    ----------
-    spots : (..., k, 3) array
-        Pan, tilt [rad] and range [m], k ≥ 3 of each pose.
-    points : (..., k, 3) array
-        The known points [m].
-
-    Returns
-    -------
-    (..., 4, 4) array
-        Poses of the unit in the arm's base frame [1, m].
-    """
+    """Poses that carry points measured by the unit onto known ones with the least sum of squared distances (Kabsch 1976)."""
     pan, tilt, distance = np.moveaxis(spots, -1, 0)
     flat = distance * np.cos(tilt)
     seen = np.stack([flat * np.cos(pan), flat * np.sin(pan), distance * np.sin(tilt)], axis=-1)
@@ -221,20 +147,7 @@ def closed_form(spots: Array, points: Array) -> Array:
 
 
 def robust_start(readings: Readings) -> tuple[Array, Flags]:
-    """Start that outliers below a half do not spoil: of the poses of many triples, that with the least median of squares.
-
-    Parameters
-    ----------
-    readings : Readings
-        Of m ≥ 3 pairs.
-
-    Returns
-    -------
-    T : (4, 4) array
-        The pose [1, m].
-    kept : (m,) array of bool
-        The triple, and the larger half of the pairs that it fits best (Rousseeuw 1984).
-    """
+    """Start that outliers below a half do not spoil: of the poses of many triples, that with the least median of squares."""
     triples = _triples(readings.m)
     candidates = closed_form(readings.spots[triples], readings.points[triples])
     squares = np.sum((residuals(readings, candidates) * readings.weights) ** 2, axis=-1)

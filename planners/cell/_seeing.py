@@ -14,27 +14,7 @@ from planners.cell.sighting import Plane, Sighting, Spot
 
 
 def seen_from(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Sighting:
-    """Where a unit says that a spot is: the mean of its readings.
-
-    Parameters
-    ----------
-    unit : PanTiltLaser
-        The unit.
-    spot : Spot
-        A reading, or several.
-    plane : Plane or None
-        On which the spot is.
-
-    Returns
-    -------
-    Sighting
-        The point, or why there is none.
-
-    Raises
-    ------
-    InvalidInput
-        No reading, NaN in it, or a negative range.
-    """
+    """Where a unit says that a spot is: the mean of its readings."""
     rows = _rows(spot, plane)
     found = []
     for row in rows.tolist():
@@ -73,49 +53,14 @@ def _sighted(unit: PanTiltLaser, row: list[float], plane: Plane | None) -> Sight
 
 
 def reading_variance(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> float:
-    """Variance of a measured point by the noise of its readings alone, summed over the three axes.
-
-    Parameters
-    ----------
-    unit : PanTiltLaser
-        The unit.
-    spot : Spot
-        A reading, or several.
-    plane : Plane or None
-        On which the spot is.
-
-    Returns
-    -------
-    float
-        Its variance [m²]; 0 where the unit sees no point.
-    """
+    """Variance of a measured point by the noise of its readings alone, summed over the three axes."""
     rows = _rows(spot, plane)
     covariance = _sighted(unit.with_pose(unit.pose), rows[0].tolist(), plane).covariance
     return 0.0 if covariance is None else float(np.trace(covariance)) / len(rows)
 
 
 def meant(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Array:
-    """Where the beam of a unit points with a reading, or the mean of several, whatever the unit's limits.
-
-    Parameters
-    ----------
-    unit : PanTiltLaser
-        The unit.
-    spot : Spot
-        A reading, or several.
-    plane : Plane or None
-        On which the spot is.
-
-    Returns
-    -------
-    (3,) array
-        The point [m].
-
-    Raises
-    ------
-    InvalidInput
-        NaN in the reading, or a beam that does not meet the plane.
-    """
+    """Where the beam of a unit points with a reading, or the mean of several, whatever the unit's limits."""
     if plane is None:
         points: Array = np.atleast_2d(unit.point(*spot)).mean(axis=0)
         return points

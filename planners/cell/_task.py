@@ -95,15 +95,7 @@ class Ended(Exception):
 
 
 class Task:
-    """A task that runs: its steps so far, and what they made.
-
-    Parameters
-    ----------
-    cell : Cell
-        Where it runs.
-    wishes : Wishes
-        What was asked.
-    """
+    """A task that runs: its steps so far, and what they made."""
 
     def __init__(self, cell: Cell, wishes: Wishes) -> None:
         self.cell, self.wishes = cell, wishes

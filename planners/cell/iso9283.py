@@ -293,18 +293,7 @@ def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | 
 
 
 def cube_words(edge: float) -> str:
-    """How the five poses were chosen, in words.
-
-    Parameters
-    ----------
-    edge : float
-        Of the cube [m].
-
-    Returns
-    -------
-    str
-        Two sentences.
-    """
+    """How the five poses were chosen, in words."""
     return (
         f"Five poses in a diagonal plane of a cube of {1e3 * edge:.0f} mm around the tool at the start: its centre, and a "
         "tenth of the diagonal from each end of the plane's diagonals; the orientation is that of the start. The cube is "

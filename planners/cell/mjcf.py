@@ -125,23 +125,7 @@ def mujoco_model(robot: Robot, *, step: float = PLANT_STEP, limits: bool = False
 
 
 def import_mujoco(needed_by: str) -> Any:
-    """Return the package mujoco.
-
-    Parameters
-    ----------
-    needed_by : str
-        What an error says that it is for.
-
-    Returns
-    -------
-    module
-        The package.
-
-    Raises
-    ------
-    MissingDependency
-        It is not installed.
-    """
+    """Return the package mujoco."""
     try:
         import mujoco
     except ImportError as error:

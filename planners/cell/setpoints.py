@@ -79,20 +79,7 @@ def whole_periods(plan: Plan, period: float = PERIOD) -> Plan:
 
 
 def slowed_to(plan: Plan, duration: float) -> Plan:
-    """Slow a plan that begins at rest uniformly to a duration, and certify it again.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion from rest to rest.
-    duration : float
-        At least its own, but for rounding [s].
-
-    Returns
-    -------
-    Plan
-        Its last knot is the duration exactly; the slowing is in `Plan.slowed`.
-    """
+    """Slow a plan that begins at rest uniformly to a duration, and certify it again."""
     motion, proof = plan.trajectory, plan.certificate
     stretched = motion.slowed(max(duration / motion.duration, 1.0))  # what is rounding is cut off the last piece
     knots = stretched.knots.copy()
@@ -138,25 +125,7 @@ def setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Set
 
 
 def periods_of(motion: Trajectory, period: float) -> int:
-    """Count the periods that a motion needs; a nanosecond more than a whole number is rounding.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        What is executed.
-    period : float
-        Of the servo [s].
-
-    Returns
-    -------
-    int
-        The least whole number of periods that the motion does not exceed.
-
-    Raises
-    ------
-    InvalidInput
-        A period that is not above 0, longer than the motion, or too short for it.
-    """
+    """Count the periods that a motion needs; a nanosecond more than a whole number is rounding."""
     period = check_number(period, "period", "seconds above 0", above=0.0)
     if motion.end < period - SAME_INSTANT:
         raise InvalidInput("period", f"{period:.6g} s", f"at most the duration of the motion, {motion.end:.6g} s")

@@ -86,12 +86,7 @@ def _place(
 def _joints(motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array) -> tuple[float, bool]:
     """The middle of an interval over pieces first to last: derivatives D (1, 6, n) there, and `joint` as `_end` reads it.
 
-    Returns
-    -------
-    half : float
-        Half its length [s].
-    smooth : bool
-        Whether the velocities are continuous in it.
+    Returns half  [s].
     """
     c, knots, extrema, continuous = motion
     t = 0.5 * (span[0] + span[1])
@@ -175,10 +170,7 @@ def _judge(
     interval: its middle, half length, and whether it is smooth. least (4,), the least distance found of this kind, when, the
     lowest bound and the pair, gets the distance at the middle.
 
-    Returns
-    -------
-    float
-        The bound [m].
+    Returns [m].
     """
     k, i, kind, base = pair
     near = nearest_of((k, i, kind), scene, moved[0])
@@ -214,10 +206,7 @@ def _level(
     nodes: spans (k, 2), and (k, 4): first and last piece, start and number of the open pairs. open_: pairs and their bounds so
     far. rest: filled with those that stay open.
 
-    Returns
-    -------
-    (k, 2) array of int
-        Start and number of the pairs of each interval that stay open.
+    Returns (k, 2).
     """
     (link, ends_a, ends_b, radius), scene, pairs = bodies
     count, n = link.shape[0], chain[1].shape[0]
@@ -270,24 +259,7 @@ def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted, le
     All intervals of one length are judged before their halves, so that the least distance found is soon near the least there
     is. The search ends with the first level at which a pair comes to the margin, or when no pair is open.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its capsules, the scene and the pairs.
-    motion : Polynomials
-        The motion.
-    wanted : Wanted
-        How close the bounds shall be.
-    least : (2, 4) array
-        For the scene and for the arm itself: the least distance found [m], when [s], the proved bound [m] and the pair;
-        overwritten. Infinite, 0, infinite and −1 where there is no pair.
-
-    Returns
-    -------
-    int
-        Number of intervals.
+    Shapes and units: least (2, 4) [m] (overwritten).
     """
     knots, pairs = motion[1], bodies[2]
     end = knots.shape[0] - 2

@@ -25,20 +25,8 @@ from planners.trajectory import Trajectory
 def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotation: Array, spin: Array) -> None:
     """Bounds on the tool's derivatives within intervals, from bounds on the joints'.
 
-    Parameters
-    ----------
-    links : (n + 1,) array
-        Lengths of the fixed vectors, the base's first, the tool's last [m].
-    prismatic : (n,) array of bool
-        Which joints slide.
-    D : (k, 6, n) array
-        Bounds on the derivatives of the joints of order 0 to 5 [rad/s^i, m/s^i].
-    position : (k, 6) array
-        Filled with bounds on |dⁱp/dtⁱ|, i = 1 to 5 [m/s^i].
-    rotation : (k, 6) array
-        Filled with bounds on ‖dⁱR/dtⁱ‖₂ [1/s^i].
-    spin : (k,) array
-        Filled with bounds on |d⁴ω/dt⁴| [rad/s⁵].
+    Shapes and units: links (n + 1,) [m], prismatic (n,), D (k, 6, n) [rad/s^i, m/s^i], position (k, 6) [m/s^i], rotation (k, 6)
+    [1/s^i], spin (k,) [rad/s⁵].
     """
     n = prismatic.shape[0]
     S, B = np.empty(6), np.empty(6)
@@ -68,14 +56,7 @@ def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotat
 def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
     """Bounds on the derivatives of quintics over [t, t + h] from those at t: their Taylor sums.
 
-    Parameters
-    ----------
-    derivatives : (k, 6, n) array
-        Derivatives of order 0 to 5 at t [rad/s^i, m/s^i].
-    h : (k,) array
-        Durations [s].
-    D : (k, 6, n) array
-        Filled with the bounds [rad/s^i, m/s^i].
+    Shapes and units: derivatives (k, 6, n) [rad/s^i, m/s^i], h (k,) [s], D (k, 6, n) [rad/s^i, m/s^i].
     """
     for k in range(h.shape[0]):
         for i in range(6):
@@ -91,16 +72,7 @@ def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
 def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
     """Derivatives of order 0 to 5 of quintic pieces at instants.
 
-    Parameters
-    ----------
-    c : (6, m, n) array
-        Coefficients, highest power first [rad/s^i, m/s^i].
-    piece : (k,) array of int
-        The piece of each instant.
-    u : (k,) array
-        Times since the pieces' starts [s].
-    out : (k, 6, n) array
-        Filled with the derivatives [rad/s^i, m/s^i].
+    Shapes and units: c (6, m, n) [rad/s^i, m/s^i], piece (k,), u (k,) [s], out (k, 6, n) [rad/s^i, m/s^i].
     """
     for k in range(u.shape[0]):
         for j in range(c.shape[2]):
@@ -128,15 +100,7 @@ class Instants(NamedTuple):
 
 
 class MotionBounds:
-    """A trajectory cut into intervals, each with bounds on the derivatives of the tool's motion.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-    """
+    """A trajectory cut into intervals, each with bounds on the derivatives of the tool's motion."""
 
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
         self.robot = robot
@@ -157,39 +121,13 @@ class MotionBounds:
         return self._moving(self.knots[:-1], first), self._moving(self.knots[1:], last)
 
     def joints_at(self, piece: Indices, t: Array) -> Array:
-        """Derivatives of the joints at instants of given pieces.
-
-        Parameters
-        ----------
-        piece : (k,) array of int
-            Pieces.
-        t : (k,) array
-            Instants [s].
-
-        Returns
-        -------
-        (k, 6, n) array
-            Orders 0 to 5 [rad/s^i, m/s^i].
-        """
+        """Derivatives of the joints at instants of given pieces."""
         joints = np.empty((t.size, 6, self.robot.n))
         instants(self._c, piece, t - self.knots[piece], joints)
         return joints
 
     def at(self, piece: Indices, t: Array) -> Instants:
-        """The motion at instants of given pieces.
-
-        Parameters
-        ----------
-        piece : (k,) array of int
-            Pieces.
-        t : (k,) array
-            Instants [s].
-
-        Returns
-        -------
-        Instants
-            Joints and tool.
-        """
+        """The motion at instants of given pieces."""
         return self._moving(t, self.joints_at(piece, t))
 
     def _moving(self, t: Array, joints: Array) -> Instants:
@@ -202,20 +140,7 @@ class MotionBounds:
         return Instants(t, joints, poses, motion)
 
     def between(self, left: Instants, h: Array) -> tuple[Array, Array, Array]:
-        """Bounds on the tool's derivatives over [t, t + h].
-
-        Parameters
-        ----------
-        left : Instants
-            The motion at t (k,).
-        h : (k,) array
-            Durations [s].
-
-        Returns
-        -------
-        tuple of arrays
-            On |dⁱp/dtⁱ| (k, 6) [m/s^i], on ‖dⁱR/dtⁱ‖₂ (k, 6) [1/s^i], and on |d⁴ω/dt⁴| (k,) [rad/s⁵].
-        """
+        """Bounds on the tool's derivatives over [t, t + h]."""
         D = np.empty_like(left.joints)
         joint_bounds(left.joints, h, D)
         position, rotation, spin = np.empty((h.size, 6)), np.empty((h.size, 6)), np.empty(h.size)
@@ -228,20 +153,6 @@ def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array
 
     A curve is within fourth · h⁴ / 384 of the cubic through its ends (de Boor, A Practical Guide to Splines, ch. IV; the
     bound holds for vectors, along every direction), and the cubic within the hull of its Bézier points.
-
-    Parameters
-    ----------
-    left, left_rate, right, right_rate : (k, d) arrays
-        Values and their rates in time at both ends [as the curves].
-    h : (k,) array
-        Durations [s].
-    fourth : (k,) array
-        Bounds on |f⁗| [as the curves over s⁴].
-
-    Returns
-    -------
-    (k,) array
-        [as the curves].
     """
     bound = np.empty(h.size)
     left, left_rate, right, right_rate = (np.ascontiguousarray(x) for x in (left, left_rate, right, right_rate))
@@ -253,19 +164,7 @@ def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array
 def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: float, fourth: float) -> float:
     """`hermite_bound` of one curve, with values and rates (d,).
 
-    Parameters
-    ----------
-    left, left_rate, right, right_rate : (d,) arrays
-        Values and their rates in time at both ends [as the curve].
-    h : float
-        Duration [s].
-    fourth : float
-        Bound on |f⁗|.
-
-    Returns
-    -------
-    float
-        The bound.
+    Shapes and units: left, left_rate, right, right_rate (d,) [as the curve], h [s].
     """
     third, p0, p1, p2, p3 = h / 3.0, 0.0, 0.0, 0.0, 0.0
     for i in range(left.shape[0]):

@@ -379,23 +379,7 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
 
 
 def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
-    """Return a checked tolerance.
-
-    Parameters
-    ----------
-    tolerance : (2,) tuple of float
-        Distance [m] and angle [rad].
-
-    Returns
-    -------
-    tuple of float
-        Distance [m] and angle [rad].
-
-    Raises
-    ------
-    InvalidInput
-        No two numbers above 0.
-    """
+    """Return a checked tolerance."""
     expected = "two numbers above 0: a distance [m] and an angle [rad]"
     if not isinstance(tolerance, tuple | list) or len(tolerance) != 2:
         raise InvalidInput("tolerance", repr(tolerance)[:60], expected)

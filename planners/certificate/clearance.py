@@ -159,29 +159,6 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float 
     is not close to the least distance found so far is halved, at a knot first. Distances are exact but for rounding, which is
     subtracted (`optik.distance`). The method follows the dichotomy by which HPP validates paths (Mirabel et al. 2016; before
     it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm with shapes.
-    trajectory : Trajectory
-        Its motion.
-    scene : Scene
-        What stands around it; an empty one for the arm's own links only.
-    margin : float
-        What all distances to the scene must exceed [m]; 0 or more.
-
-    Returns
-    -------
-    Clearance
-        `Clearance.proved` where at every instant no links touch and every distance to the scene exceeds the margin.
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes, no scene, a margin below 0.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
     """
     margin = check_scene(robot, scene, margin)
     assert robot.shapes is not None

@@ -29,18 +29,7 @@ class Jump(NamedTuple):
 
 
 def jumps(trajectory: Trajectory) -> Flags:
-    """Where a joint's derivative steps by more than rounding, each joint on its own scale.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-
-    Returns
-    -------
-    (4, m + 1, n) array of bool
-        For the derivatives of order 0 to 3 at the m + 1 knots.
-    """
+    """Where a joint's derivative steps by more than rounding, each joint on its own scale."""
     standing = rest(trajectory)
     size = np.abs(np.stack([steps(trajectory, order, standing) for order in range(4)]))
     worst = np.stack([trajectory.extrema(order).worst for order in range(4)])
@@ -59,16 +48,6 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
     """Whether a motion starts and ends at rest, each joint on its own scale.
 
     A start counts as rest only within rounding: a motion that is planned anew just after its start is slow but moves.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-
-    Returns
-    -------
-    tuple of bool
-        For the start and for the end.
     """
     first, last = trajectory.ends(1)
     begin, end = _rounding(trajectory)[1, [0, -1]]
@@ -81,22 +60,7 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
 
 
 def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
-    """How far a derivative steps at all knots; an end at rest counts as standstill before or after it.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    order : int
-        Of the derivative, 0 to 3.
-    standing : (2,) tuple of bool, optional
-        What `rest` returned, where it is known.
-
-    Returns
-    -------
-    (m + 1, n) array
-        [rad/s^order, m/s^order].
-    """
+    """How far a derivative steps at all knots; an end at rest counts as standstill before or after it."""
     first, last = trajectory.ends(order)
     # the position of a standstill is that of the end beside it: it cannot jump
     start, end = (standing or rest(trajectory)) if order else (False, False)
@@ -106,18 +70,7 @@ def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None
 
 
 def continuous_order(jumping: Flags) -> int:
-    """How many derivatives of a motion are continuous.
-
-    Parameters
-    ----------
-    jumping : (4, m + 1, n) array of bool
-        What `jumps` returned.
-
-    Returns
-    -------
-    int
-        0 to 3; −1 where the position itself jumps.
-    """
+    """How many derivatives of a motion are continuous."""
     return next((order - 1 for order in range(4) if jumping[order].any()), 3)
 
 

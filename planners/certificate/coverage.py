@@ -38,20 +38,7 @@ class Coverage(NamedTuple):
     missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
     def failures(self, tolerance: tuple[float, float] | None, duration: float) -> list[Failure]:
-        """In which ways the motion does not run through its path, forwards.
-
-        Parameters
-        ----------
-        tolerance : (2,) tuple of float, or None
-            Largest length [m] and angle [rad] that may be missing; `COVERED` where no tolerance is set.
-        duration : float
-            Of the motion [s].
-
-        Returns
-        -------
-        list of Failure
-            Empty where it does.
-        """
+        """In which ways the motion does not run through its path, forwards."""
         late, early, back = (not np.less_equal(x, tolerance or COVERED).all() for x in self.missing)
         found = []
         if late:
@@ -67,22 +54,7 @@ class Coverage(NamedTuple):
 
 
 def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverage:
-    """Find which part of its path a motion runs through, and how far it goes back on the way.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    passage : Passage
-        Where on it the motion is.
-    span : (2,) tuple of float
-        Places where the motion should begin and end [m, or rad].
-
-    Returns
-    -------
-    Coverage
-        The part, and what is missing of what was wanted.
-    """
+    """Find which part of its path a motion runs through, and how far it goes back on the way."""
     begin, end = float(passage.s[0]), float(passage.s[-1])
     back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
     for t, high, low in _stretches_back(passage):
@@ -112,20 +84,7 @@ def _stretches_back(passage: Passage) -> Array:
 
 
 def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
-    """How far the tool moves and turns along a path between two places, by Simpson's rule.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    a, b : float
-        The places [m, or rad], in any order.
-
-    Returns
-    -------
-    tuple of float
-        Length [m] and angle [rad].
-    """
+    """How far the tool moves and turns along a path between two places, by Simpson's rule."""
     s = np.linspace(min(a, b), max(a, b), SIMPSON_INTERVALS + 1)
     twist = path.twist(s)
     weights = np.array([1.0, *[4.0, 2.0] * (SIMPSON_INTERVALS // 2 - 1), 4.0, 1.0]) * (s[1] - s[0]) / 3.0
@@ -134,25 +93,7 @@ def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
 
 
 def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
-    """Return the part of a path that a motion should run through.
-
-    Parameters
-    ----------
-    span : (2,) tuple of float, or None
-        Two places [m, or rad]; None for the whole path.
-    path : Path
-        The path.
-
-    Returns
-    -------
-    tuple of float
-        Where it begins and ends.
-
-    Raises
-    ------
-    InvalidInput
-        No two places on the path, or the second before the first.
-    """
+    """Return the part of a path that a motion should run through."""
     if span is None:
         return 0.0, path.end
     expected = f"two places on the path, in [0, {path.end:.9g}], the second not before the first"

@@ -30,56 +30,19 @@ class Closeness(NamedTuple):
 
 
 def taken(side: Side, which: Flags) -> Side:
-    """Return some of the ends of intervals.
-
-    Parameters
-    ----------
-    side : NamedTuple of (k, ...) arrays
-        Ends of intervals.
-    which : (k,) array of bool
-        Which of them.
-
-    Returns
-    -------
-    NamedTuple of arrays
-        Those.
-    """
+    """Return some of the ends of intervals."""
     some: Side = type(side)(*(x[which] for x in side))
     return some
 
 
 def joined(first: Side, second: Side) -> Side:
-    """Return ends of intervals, and others behind them.
-
-    Parameters
-    ----------
-    first, second : NamedTuple of (k, ...) arrays
-        Ends of intervals.
-
-    Returns
-    -------
-    NamedTuple of arrays
-        All of them.
-    """
+    """Return ends of intervals, and others behind them."""
     both: Side = type(first)(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
     return both
 
 
 def tiled(x: Any, times: int) -> Any:
-    """Return an array several times behind one another.
-
-    Parameters
-    ----------
-    x : (k, ...) array
-        Of any kind and unit.
-    times : int
-        How often.
-
-    Returns
-    -------
-    (times · k, ...) array
-        The same object for once: `numpy.tile` takes longer than most of what is done with the result.
-    """
+    """Return an array several times behind one another."""
     return x if times == 1 else np.concatenate([x] * times)
 
 
@@ -107,79 +70,21 @@ class Divided(ABC, Generic[Side]):
 
     @abstractmethod
     def between(self, left: Side, right: Side) -> Array:
-        """Bounds on both values within intervals.
-
-        Parameters
-        ----------
-        left, right : NamedTuple of (k, ...) arrays
-            The motion at the ends of the intervals.
-
-        Returns
-        -------
-        (k, 2) array
-            [as the values].
-        """
+        """Bounds on both values within intervals."""
 
     @abstractmethod
     def within(self, piece: Indices, left: Side, right: Side, shares: Array) -> Side:
-        """The motion inside intervals.
-
-        Parameters
-        ----------
-        piece : (k,) array of int
-            Pieces of the motion that hold them.
-        left, right : NamedTuple of (k, ...) arrays
-            The motion at the ends of the intervals.
-        shares : (m · k,) array
-            Shares of the durations: all intervals' first instants, then their second ones [1].
-
-        Returns
-        -------
-        NamedTuple of (m · k, ...) arrays
-            The motion there.
-        """
+        """The motion inside intervals."""
 
     @abstractmethod
     def values(self, side: Side) -> Array:
-        """Both values at instants.
-
-        Parameters
-        ----------
-        side : NamedTuple of (k, ...) arrays
-            The motion at the instants.
-
-        Returns
-        -------
-        (k, 2) array
-            The values.
-        """
+        """Both values at instants."""
 
     def closed(self, which: Flags, left: Side) -> None:
-        """Take note of the intervals of the last `between` that are not divided any more.
-
-        Parameters
-        ----------
-        which : (k,) array of bool
-            Those intervals.
-        left : NamedTuple of (k, ...) arrays
-            The motion at the left ends of all.
-        """
+        """Take note of the intervals of the last `between` that are not divided any more."""
 
     def bound(self, piece: Indices, left: Side, right: Side) -> Array:
-        """Divide intervals until the bounds are close.
-
-        Parameters
-        ----------
-        piece : (k,) array of int
-            Pieces of the motion that hold the intervals.
-        left, right : NamedTuples of (k, ...) arrays
-            The motion at their ends.
-
-        Returns
-        -------
-        (2,) array
-            The bounds, at least as large as `found` [as the values].
-        """
+        """Divide intervals until the bounds are close."""
         for side in (left, right):
             _keep_largest(side.t, self.values(side), self.found, self.when)
         proved, count = np.zeros(2), 0

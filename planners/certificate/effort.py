@@ -42,18 +42,7 @@ class FrictionStep(NamedTuple):
 
 
 def energy(torques: TorqueBounds) -> Energy:
-    """Return the energy and the power of a motion.
-
-    Parameters
-    ----------
-    torques : TorqueBounds
-        The motion with its torques.
-
-    Returns
-    -------
-    Energy
-        Of the load that draws more.
-    """
+    """Return the energy and the power of a motion."""
     each = [_energy(model, ends) for model, ends in zip(torques.models, torques.ends, strict=True)]
     return max(each, key=lambda of: of.drawn)
 
@@ -88,24 +77,7 @@ def _positive(a: Array, b: Array) -> Array:
 def friction_steps(
     robot: Robot, trajectory: Trajectory, torques: TorqueBounds, rest: tuple[bool, bool]
 ) -> tuple[FrictionStep, ...]:
-    """Return the steps of Coulomb friction, by f where a joint starts or stops, by 2 f where it reverses.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-    torques : TorqueBounds
-        The motion with its torques.
-    rest : (2,) tuple of bool
-        Whether it starts and ends at rest.
-
-    Returns
-    -------
-    tuple of FrictionStep
-        In the order of time; empty without Coulomb friction.
-    """
+    """Return the steps of Coulomb friction, by f where a joint starts or stops, by 2 f where it reverses."""
     coulomb, still, found = torques.models[0][1].coulomb, resting(torques.ends[0]), []
     least, greatest = trajectory.piece_range(1)
     for i in np.flatnonzero(coulomb > 0.0):

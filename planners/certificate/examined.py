@@ -17,19 +17,7 @@ from planners.trajectory import Trajectory
 
 
 class Examined:
-    """A motion of an arm, and what is known of it.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-    path : Path, optional
-        What its tool should follow; only judgements that ask for places on it need it.
-    enough : (2,) tuple of float
-        Distance [m] and angle [rad] below which no bound on the path error need be finer.
-    """
+    """A motion of an arm, and what is known of it."""
 
     def __init__(
         self,
@@ -94,24 +82,7 @@ _LAST: list[Examined] = []
 def examined(
     robot: Robot, trajectory: Trajectory, path: Path | None = None, enough: tuple[float, float] = NO_FINER
 ) -> Examined:
-    """Return a motion under examination, with all that is known of it where it is the one that was examined last.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-    path : Path, optional
-        What its tool should follow.
-    enough : (2,) tuple of float
-        Distance [m] and angle [rad] below which no bound on the path error need be finer.
-
-    Returns
-    -------
-    Examined
-        The motion.
-    """
+    """Return a motion under examination, with all that is known of it where it is the one that was examined last."""
     motion = Examined(robot, trajectory, path, enough)
     for last in _LAST[:]:
         if last.trajectory is trajectory and last.robot == robot:

@@ -61,20 +61,7 @@ class Nearest:
         self._width = np.minimum(np.sqrt(8.0 * BEND / least), path.end)
 
     def places(self, instants: Instants, guess: Array) -> Places:
-        """Find the places that are nearest to a tool, near a guess.
-
-        Parameters
-        ----------
-        instants : Instants
-            The tool at k instants.
-        guess : (k,) array
-            Places [m, rad].
-
-        Returns
-        -------
-        Places
-            Places, path speeds, and the path's poses and twists there.
-        """
+        """Find the places that are nearest to a tool, near a guess."""
         guess = np.clip(guess, 0.0, self._path.end)
         found, cost = self._descend(instants.poses, instants.motion, guess)
         rate = np.hypot(

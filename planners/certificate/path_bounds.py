@@ -69,18 +69,7 @@ class PieceBounds(NamedTuple):
 
     @classmethod
     def of(cls, path: Path) -> PieceBounds:
-        """Return those of a path.
-
-        Parameters
-        ----------
-        path : Path
-            The path.
-
-        Returns
-        -------
-        PieceBounds
-            Its breaks and their bounds.
-        """
+        """Return those of a path."""
         return cls(np.ascontiguousarray(path.breaks), path.known_bounds)
 
 
@@ -105,16 +94,7 @@ def path_rates(
 
     s(t) is given by its ends; its Bézier points bound the places that it comes to, its derivatives the rates.
 
-    Parameters
-    ----------
-    limits : PieceBounds
-        Of the path.
-    places, speeds : (2,) tuple of float
-        s [m, or rad] and ṡ [1/s of that] at both ends.
-    h : float
-        Duration [s].
-    out : (2, 5) array
-        Filled with bounds on the derivatives of order 0 to 4 of position [m/s^i] and rotation [1/s^i].
+    Shapes and units: places, speeds (2,) [m, or rad], h [s], out (2, 5) [m/s^i].
     """
     (s0, s1), (v0, v1) = places, speeds
     slope = (s1 - s0) / h
@@ -153,22 +133,7 @@ def intervals(
 ) -> None:
     """Bounds on distance and angle within intervals of time; s(t) is the cubic through their ends.
 
-    Parameters
-    ----------
-    links : (n + 1,) array
-        Lengths of the arm's fixed vectors [m].
-    prismatic : (n,) array of bool
-        Which joints slide.
-    limits : PieceBounds
-        Of the path.
-    end : float
-        The path's length [m, or rad].
-    left, right : Compared
-        Tool and path at the ends of the k intervals.
-    out : (k, 2) array
-        Filled with the bounds [m, rad].
-    fall : (k, 2) array
-        Filled with the places [m, or rad] between which the cubic s(t) goes back.
+    Shapes and units: links (n + 1,) [m], prismatic (n,), end [m, or rad], out (k, 2) [m, rad], fall (k, 2) [m, or rad].
     """
     k = left.t.shape[0]
     h = right.t - left.t
@@ -193,15 +158,7 @@ def intervals(
 def product_bound(a: Array, b: Array) -> float:
     """Bound on the Frobenius norm of the fourth derivative of R_tool R_pathᵀ.
 
-    Parameters
-    ----------
-    a, b : (5,) array
-        Bounds on the spectral norms of the derivatives of order 0 to 4 of both rotations [1/s^i].
-
-    Returns
-    -------
-    float
-        The bound [1/s⁴].
+    Shapes and units: a, b (5,) [1/s^i]. Returns [1/s⁴].
     """
     fourth = a[0] * b[4] + 4.0 * a[1] * b[3] + 6.0 * a[2] * b[2] + 4.0 * a[3] * b[1] + a[4] * b[0]
     return float(np.sqrt(3.0) * fourth)  # of a 3×3 matrix

@@ -106,26 +106,6 @@ def path_error(
     (`planners.certificate.progress`), each the nearest around. Between instants the error is
     bounded by its cubic and the fourth derivatives of both motions (`planners.certificate.bounds`), which is true whatever
     s(t) is; intervals are divided until the bound is at most 1.05 times the largest value found, or 1 nm (1 nrad).
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        What its tool should follow.
-    trajectory : Trajectory
-        Its motion.
-    bounds : MotionBounds, optional
-        Of that motion, where they are known already.
-    enough : (2,) tuple of float
-        Distance [m] and angle [rad] below which no bound need be finer; at most 1 nm and 1 nrad count.
-
-    Returns
-    -------
-    PathError
-        Distances in metres, angles in radians.
-    Passage
-        Where on the path the motion is, at its knots and between.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     nearest = Nearest(path)
@@ -180,11 +160,6 @@ def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flag
     """Intervals in which the tool stays within about `BEND` of the straight way: their pieces, their ends, one-sided.
 
     Also which of the k + 1 instants between them are knots of the motion.
-
-    Returns
-    -------
-    tuple
-        Pieces (k,), ends (k,), and which of the k + 1 instants between are knots of the motion.
     """
     t = bounds.knots
     piece = np.arange(t.size - 1)

@@ -12,20 +12,7 @@ from planners.trajectory import Trajectory
 
 
 def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
-    """Least distance of every joint to its position limits over a motion.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-
-    Returns
-    -------
-    (n,) array
-        Exact margins [rad or m]; negative where a limit is violated.
-    """
+    """Least distance of every joint to its position limits over a motion."""
     reach = trajectory.extrema(0)
     return np.minimum(reach.least - robot.limits.lower, robot.limits.upper - reach.greatest)
 

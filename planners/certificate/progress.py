@@ -30,20 +30,6 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     the other while staying near them, the one with the least sum of squared distances (dynamic programming). Going on
     costs nothing and needs the tool to pass near every corner between; going back costs. So two legs of a path that lie
     close together, or cross, are told apart by the order in which the tool gets there.
-
-    Parameters
-    ----------
-    path : Path
-        With a length.
-    poses : (k, 4, 4) array
-        T_base_tool at successive instants [1, m].
-    bend : float
-        How far the tool may be from the straight way between two of them [m].
-
-    Returns
-    -------
-    (k,) array
-        Places in [0, end] [m, rad], exact but for the path's bend; where the tool is far from the path, the nearest ones.
     """
     edges, off, z = _chords(path)
     y = np.ascontiguousarray(embedded(poses, CHORD_TURN))
@@ -110,11 +96,6 @@ def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
 
     A state is a chord within `room` of the point. From one point to the next it stays or goes over vertices that the way
     between the points passes within `room`: going on costs nothing, going back costs `room` times the chord's length.
-
-    Returns
-    -------
-    int
-        FOUND, or why there is none.
     """
     m, k, limit = z.shape[0] - 1, y.shape[0], room * room
     cost, new, origin = np.full(m, np.inf), np.full(m, np.inf), np.empty(m, np.int64)
@@ -182,11 +163,6 @@ def _touched(z: Array, a: Array, b: Array, limit: float, active: Indices, near: 
     """Chords that the way from a to b may reach from the active ones, in order, into `touched`; how many.
 
     near[i] is set where vertex i lies within the limit of that way.
-
-    Returns
-    -------
-    int
-        How many.
     """
     m, number, next_free = z.shape[0] - 1, 0, 0
     for i in active:

@@ -16,25 +16,7 @@ PERIODS = 1_000_000
 
 
 def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
-    """Largest difference of accelerations over whole periods of a controller, over the period.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    rate : float
-        The controller's rate [1/s].
-
-    Returns
-    -------
-    (n,) array
-        [rad/s³, or m/s³].
-
-    Raises
-    ------
-    InvalidInput
-        A rate that is no number, or far from any controller's.
-    """
+    """Largest difference of accelerations over whole periods of a controller, over the period."""
     if not RATES[0] <= check_number(rate, "rate", "samples per second") <= RATES[1]:
         raise InvalidInput("rate", f"{rate:.9g}", f"samples per second, in [{RATES[0]:g}, {RATES[1]:g}]")
     periods = max(int(trajectory.end * rate + 1e-9), 1)

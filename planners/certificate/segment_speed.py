@@ -37,20 +37,6 @@ def segment_speed(motion: Examined, on_pieces: Array, part: int) -> tuple[float,
 
     Which piece it is on is told by the place s(t) that is nearest to the tool (`planners.certificate.path_error`). Where s(t)
     goes back within an interval, the least limit of all pieces that it comes to counts.
-
-    Parameters
-    ----------
-    motion : Examined
-        The motion, with its path.
-    on_pieces : (k - 1,) array
-        Limits on the pieces between the path's breaks [m/s] or [rad/s]; infinity where free.
-    part : int
-        0 for the speed of the tool's point, 1 for that of its rotation.
-
-    Returns
-    -------
-    tuple of float
-        Ratio [1], and when it is nearly reached [s].
     """
     bounds = motion.bounds
     piece, begin, end, limit = _stretches(motion, on_pieces)

@@ -18,20 +18,7 @@ GRID_WIDTH = 1e-4
 
 
 def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
-    """Least of a grid of instants, then of finer ones around the least of them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-
-    Returns
-    -------
-    tuple of float
-        The smallest singular value of the Jacobian [1, with metres and radians counted alike], and when [s].
-    """
+    """Least of a grid of instants, then of finer ones around the least of them."""
     end = trajectory.end
     low, high, count = 0.0, end, GRID_INSTANTS
     while True:

@@ -26,25 +26,6 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> Pr
     """Bound the static torque on a joint path: against gravity, and against Coulomb friction in the path's direction.
 
     Where a joint rests or reverses, as all of them do at both ends, friction counts on both sides.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    bound : (2, n) array
-        Lower and upper limits of the torque [N·m, N]; infinite where free.
-    since : float
-        Place from which on the path is run, moving unless it is 0; from the start of its piece [m, or rad].
-
-    Returns
-    -------
-    Proved
-        Of every joint, on the whole path; its times are places s [m, or rad].
-
-    Raises
-    ------
-    InvalidInput
-        The masses of the arm are unknown.
     """
     along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
     bounds = MotionBounds(joint_path.robot, along)
@@ -73,26 +54,7 @@ def _with_rest(found: Proved, bound: Array, s: float, value: Array, friction: Ar
 
 
 def check_statics(joint_path: JointPath, limits: MotionLimits, keeps: tuple[str, ...], since: float = 0.0) -> None:
-    """Raise an error for a path on which gravity and friction alone pass the limits of the torque, where those are promised.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    keeps : tuple of str
-        Names of those that are promised.
-    since : float
-        Place from which on the path is run, moving unless it is 0; from the start of its piece [m, or rad].
-
-    Raises
-    ------
-    InvalidInput
-        The masses of the arm are unknown.
-    NoSolution
-        With the joint, the place, and the torque that it would need.
-    """
+    """Raise an error for a path on which gravity and friction alone pass the limits of the torque, where those are promised."""
     if limits.torque is None or "torque" not in keeps:
         return
     given = limits.bounds(joint_path.robot.n)["torque"]

@@ -37,20 +37,6 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
 
     Between instants v and ω are bounded by their cubics and their fourth derivatives (`planners.certificate.bounds`);
     intervals are divided until they exceed the largest value found by 1e-6 of it at most.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    trajectory : Trajectory
-        Its motion.
-    bounds : MotionBounds, optional
-        Of that motion, where they are known already.
-
-    Returns
-    -------
-    ToolSpeed
-        Bounds, and the instants of the largest values found.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     speeds = _Speeds(bounds, trajectory.end)
@@ -84,16 +70,7 @@ class _Speeds(Divided[Instants]):
 def speeds_within(links: Array, prismatic: Flags, left: Instants, right: Instants, out: Array) -> None:
     """Bounds on |v| and |ω| of the tool within intervals of time.
 
-    Parameters
-    ----------
-    links : (n + 1,) array
-        Lengths of the arm's fixed vectors [m].
-    prismatic : (n,) array of bool
-        Which joints slide.
-    left, right : Instants
-        The motion at the ends of the intervals (k,).
-    out : (k, 2) array
-        Filled with the bounds [m/s, rad/s].
+    Shapes and units: links (n + 1,) [m], prismatic (n,), out (k, 2) [m/s, rad/s].
     """
     k = left.t.shape[0]
     h = right.t - left.t

@@ -91,24 +91,7 @@ Model = tuple[Chain, Load, Sizes, int]
 
 
 class TorqueBounds:
-    """A motion with its torques: those at the ends of its pieces are computed once.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, whose masses are known.
-    knots : (m + 1,) array
-        Times of the ends of its pieces [s].
-    first, last : (m, 6, n) arrays
-        Derivatives of the joints of order 0 to 5 at the ends of the pieces [rad/s^i, m/s^i].
-    still : bool
-        Whether only the torque against gravity counts, with Coulomb friction. The parameter of the motion need not be time.
-
-    Raises
-    ------
-    InvalidInput
-        The masses of the arm are unknown.
-    """
+    """A motion with its torques: those at the ends of its pieces are computed once."""
 
     def __init__(self, robot: Robot, knots: Array, first: Array, last: Array, *, still: bool = False) -> None:
         self.models: tuple[Model, ...] = tuple(
@@ -127,24 +110,7 @@ class TorqueBounds:
     def proved(
         self, bound: Array, *, rate: bool, excess: float = TORQUE_EXCESS, most: int = TORQUE_INTERVALS
     ) -> Proved:
-        """Bound the torques, or their rates, over their limits at every instant; found once, then kept.
-
-        Parameters
-        ----------
-        bound : (2, n) array
-            Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
-        rate : bool
-            Whether the rates are bounded, and not the torques.
-        excess : float
-            Largest excess of the bound over the largest value found, as a share of it [1].
-        most : int
-            How often an interval is halved at most.
-
-        Returns
-        -------
-        Proved
-            The worst of all loads.
-        """
+        """Bound the torques, or their rates, over their limits at every instant; found once, then kept."""
         key = (rate, np.array([*np.ravel(bound), excess, most]).tobytes())
         if key not in self._kept:
             each = [
@@ -155,20 +121,7 @@ class TorqueBounds:
         return self._kept[key]
 
     def piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Larger of the ratios at both ends of every piece.
-
-        Parameters
-        ----------
-        bound : (2, n) array
-            Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
-        rate : bool
-            Whether of the rates, and not of the torques.
-
-        Returns
-        -------
-        (m, n) array
-            Ratios [1]; 0 where free.
-        """
+        """Larger of the ratios at both ends of every piece."""
         lower, upper = bound
         worst = np.zeros((len(self.ends[0].t0), upper.size))
         for model, ends in zip(self.models, self.ends, strict=True):
@@ -203,33 +156,12 @@ def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int
 
 
 def resting(ends: Ends) -> float:
-    """Velocity below which a joint is at rest at an instant.
-
-    Parameters
-    ----------
-    ends : Ends
-        A motion.
-
-    Returns
-    -------
-    float
-        [rad/s, m/s].
-    """
+    """Velocity below which a joint is at rest at an instant."""
     return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
 
 def torques_at(model: Model, joints: Array, out: Array) -> None:
-    """Torques and their rates, without Coulomb friction.
-
-    Parameters
-    ----------
-    model : Model
-        The arm, its load, and what counts.
-    joints : (k, 6, n) array
-        Derivatives of the joints at instants [rad/s^i, m/s^i].
-    out : (k, 2, n) array
-        Filled [N·m, N, N·m/s, N/s].
-    """
+    """Torques and their rates, without Coulomb friction."""
     chain, load, _, part = model
     states = np.ascontiguousarray(joints[:, :4])
     torques_batch(chain, load.bodies, load.viscous if part == ALL else _nothing(load.viscous), states, out)
@@ -248,20 +180,7 @@ def _nothing(like: Array) -> Array:
 
 
 def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
-    """Return a motion in the middle of every piece.
-
-    Parameters
-    ----------
-    model : Model
-        The arm and its load.
-    ends : Ends
-        The motion at the ends of the pieces.
-
-    Returns
-    -------
-    tuple of (m, 6, n) and (m, 2, n) arrays
-        The joints' derivatives [rad/s^i, m/s^i], and torques and their rates without Coulomb friction [N·m, N, N·m/s, N/s].
-    """
+    """Return a motion in the middle of every piece."""
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
     _later(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
     torques_at(model, joints, values)
@@ -340,10 +259,7 @@ def _note(t: Array, joints: Array, values: Array, what: What, found: Array, when
 def _loose(bound: Array, h: Array, found: Array, close: tuple[float, float, float], room: int, proved: Array) -> Flags:
     """Intervals (k,) that are divided: their bounds (k, 2, n) are not close to the largest values; those of others count.
 
-    Returns
-    -------
-    (k,) array of bool
-        None where there were more than there is room for.
+    Returns (k,).
     """
     factor, floor, narrowest = close
     loose = np.zeros(h.shape[0], np.bool_)

@@ -48,20 +48,7 @@ viscous friction (n,) [N·m·s/rad, N·s/m], and the size of gravity [m/s²]."""
 
 
 def sizes(robot: Robot, load: Load) -> Sizes:
-    """Return the sizes of an arm and its load.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    load : Load
-        What its joints move.
-
-    Returns
-    -------
-    Sizes
-        For `fourth_bounds`.
-    """
+    """Return the sizes of an arm and its load."""
     mass, com, tensor, _motor, gravity = load.bodies
     lengths = np.linalg.norm(robot.fixed[:, :3, 3], axis=1)
     half = 0.5 * np.trace(tensor, axis1=1, axis2=2)
@@ -75,18 +62,7 @@ def sizes(robot: Robot, load: Load) -> Sizes:
 def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) -> None:
     """Bounds on |τ⁗| of every joint within an interval.
 
-    Parameters
-    ----------
-    arm : Sizes
-        The arm and its load.
-    D : (6, n) array
-        Bounds on the derivatives of the joints of order 0 to 5 there [rad/s^i, m/s^i].
-    still : bool
-        Whether of the torque against gravity alone.
-    work : (2, n + 1, 7) array
-        Overwritten [1].
-    out : (n,) array
-        Filled with the bounds [N·m/s⁴, N/s⁴].
+    Shapes and units: D (6, n) [rad/s^i, m/s^i], work (2, n + 1, 7) [1], out (n,) [N·m/s⁴, N/s⁴].
     """
     lengths, prismatic, mass, com, half, viscous, gravity = arm
     n = mass.shape[0]
@@ -129,19 +105,7 @@ def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) ->
 def cubic_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float, float]:
     """Least and greatest value on [0, h] of the cubic with given values and rates at both ends.
 
-    Parameters
-    ----------
-    a, b : float
-        Values at 0 and at h [as the cubic].
-    c, d : float
-        Rates there [as the cubic, over s].
-    h : float
-        Duration [s].
-
-    Returns
-    -------
-    tuple of float
-        Least and greatest [as the cubic].
+    Shapes and units: a, b [as the cubic], c, d [as the cubic, over s], h [s]. Returns [as the cubic].
     """
     low, high = min(a, b), max(a, b)
     one, two = a + h * c / 3.0, b - h * d / 3.0  # inner Bézier points: the cubic is within the hull of all four
@@ -164,19 +128,7 @@ def cubic_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float
 def slope_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float, float]:
     """Least and greatest rate on [0, h] of the cubic of `cubic_range`.
 
-    Parameters
-    ----------
-    a, b : float
-        Values at 0 and at h [as the cubic].
-    c, d : float
-        Rates there [as the cubic, over s].
-    h : float
-        Duration [s].
-
-    Returns
-    -------
-    tuple of float
-        Least and greatest [as the cubic, over s].
+    Shapes and units: a, b [as the cubic], c, d [as the cubic, over s], h [s]. Returns [as the cubic, over s].
     """
     low, high = min(c, d), max(c, d)
     q, r = 3.0 * (b - a) / h - 2.0 * c - d, 2.0 * (a - b) / h + c + d  # of x in [0, 1]: c + 2 q x + 3 r x²
@@ -192,18 +144,7 @@ def slope_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float
 def direction(rates: Array, h: float) -> int:
     """Sense in which a joint moves within an interval of time, proved: the Bernstein coefficients of its velocity.
 
-    Parameters
-    ----------
-    rates : (5,) array
-        Derivatives of q of order 1 to 5 at the interval's start [rad/s^i, m/s^i].
-    h : float
-        Duration [s].
-
-    Returns
-    -------
-    int
-        1 or −1 where the velocity has that sign everywhere inside, 0 where that is not known, or the joint rests. At the ends
-        it may be 0 in any case.
+    Shapes and units: rates (5,) [rad/s^i, m/s^i], h [s].
     """
     factor, b = 1.0, np.zeros(5)
     for k in range(5):

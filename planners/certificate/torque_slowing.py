@@ -32,20 +32,6 @@ def slowing(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
 
     What the proved bound of each joint has over its largest value there is added to the values, as a part that goes with the
     highest power of the speed: so the motion that results nearly has the proof that it needs.
-
-    Parameters
-    ----------
-    torques : TorqueBounds
-        The motion with its torques.
-    bound : (2, n) array
-        Lower and upper limits [N·m, N, N·m/s, N/s]; infinite where free.
-    rate : bool
-        Whether of the rates, and not of the torques.
-
-    Returns
-    -------
-    float
-        Below 1 where the motion may be faster; 0 where nothing limits it; infinity where no factor suffices.
     """
     proved = torques.proved(bound, rate=rate).ratio
     parts = [_parts(model, ends, rate) for model, ends in zip(torques.models, torques.ends, strict=True)]
@@ -88,10 +74,7 @@ have over the largest ratios (n,), and the power of the speed that it goes with.
 def _worst(kept: _Kept, x: float, out: Array) -> float:
     """Largest ratio of each joint (n,), into out, at x times the speed; and of all.
 
-    Returns
-    -------
-    float
-        The largest of all joints [1].
+    Returns [1].
     """
     powers, friction, weights, excess, power = kept
     most = 0.0

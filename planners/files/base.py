@@ -114,41 +114,14 @@ class Parts(NamedTuple):
 
 
 def to_plain(motion: Motion) -> dict[str, Any]:
-    """Return a motion as plain data that JSON can hold.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion to write.
-
-    Returns
-    -------
-    dict
-        The header's keys, ``knots`` and ``coefficients`` as nested lists, and ``sha256``, the digest of all of them.
-    """
+    """Return a motion as plain data that JSON can hold."""
     parts = to_parts(motion)
     arrays = {"knots": parts.knots.tolist(), "coefficients": parts.coefficients.tolist()}
     return parts.header | arrays | {"sha256": parts.digest}
 
 
 def from_plain(data: Any) -> Motion:
-    """Return the motion that `to_plain` wrote, after checking every entry.
-
-    Parameters
-    ----------
-    data : dict
-        What was read from a file.
-
-    Returns
-    -------
-    Motion
-        Equal to the last bit.
-
-    Raises
-    ------
-    InvalidInput
-        Another type, missing or unknown keys, wrong values, or a digest of other content.
-    """
+    """Return the motion that `to_plain` wrote, after checking every entry."""
     if not isinstance(data, dict):
         raise InvalidInput("content", repr(data)[:60], f"a mapping with {', '.join(HEADER)}")
     header = {k: v for k, v in data.items() if k not in ("knots", "coefficients", "sha256")}
@@ -165,18 +138,7 @@ def from_plain(data: Any) -> Motion:
 
 
 def to_parts(motion: Motion) -> Parts:
-    """Return the header and the arrays of a motion, for a format that stores arrays as they are.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion to write.
-
-    Returns
-    -------
-    Parts
-        Header, knots and coefficients.
-    """
+    """Return the header and the arrays of a motion, for a format that stores arrays as they are."""
     header: dict[str, Any] = {
         "format": CONTENT,
         "robot": motion.robot.to_dict(),
@@ -198,25 +160,7 @@ def to_parts(motion: Motion) -> Parts:
 
 
 def from_parts(parts: Parts, digest: Any) -> Motion:
-    """Return the motion of a header and arrays that were read from a file, after checking them.
-
-    Parameters
-    ----------
-    parts : Parts
-        What was read.
-    digest : str or None
-        The ``sha256`` that the file states; None where it states none.
-
-    Returns
-    -------
-    Motion
-        Equal to the last bit.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong or missing entries, or content that does not have the digest.
-    """
+    """Return the motion of a header and arrays that were read from a file, after checking them."""
     check_header(parts.header)
     if digest is not None and digest != parts.digest:
         raise InvalidInput("sha256", "content that is not what was written", "a file that nobody changed")
@@ -248,18 +192,7 @@ def _before(data: Any, n: int) -> tuple[MotionLimits, float] | None:
 
 
 def check_header(header: Mapping[str, Any]) -> None:
-    """Check the keys of a header, before anything is made of its values.
-
-    Parameters
-    ----------
-    header : dict
-        Without knots, coefficients and digest.
-
-    Raises
-    ------
-    InvalidInput
-        Another format, or missing or unknown keys.
-    """
+    """Check the keys of a header, before anything is made of its values."""
     found = header.get("format")
     if found != CONTENT:
         raise InvalidInput("format", repr(found)[:60], repr(CONTENT))

@@ -32,18 +32,7 @@ class Csv(Format):
         self._rate = rate if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
 
     def to_bytes(self, motion: Motion) -> bytes:
-        """As `Format.to_bytes`.
-
-        Parameters
-        ----------
-        motion : Motion
-            The motion to write.
-
-        Returns
-        -------
-        bytes
-            Text in UTF-8.
-        """
+        """As `Format.to_bytes`."""
         columns, rows = _table(motion, self._rate)
         out = io.StringIO()
         rate = {} if self._rate is None else {"rate": self._rate}
@@ -55,23 +44,7 @@ class Csv(Format):
         return out.getvalue().encode(errors="surrogatepass")
 
     def from_bytes(self, content: bytes) -> Motion:
-        """As `Format.from_bytes`; the table must show the motion of the comment lines.
-
-        Parameters
-        ----------
-        content : bytes
-            Text in UTF-8.
-
-        Returns
-        -------
-        Motion
-            Equal to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            Comment lines of another form, or a table that disagrees with them.
-        """
+        """As `Format.from_bytes`; the table must show the motion of the comment lines."""
         lines = text_of(content).split("\n")
         count = next((i for i, line in enumerate(lines) if not line.startswith("# ")), len(lines))
         data = {}

@@ -13,39 +13,12 @@ class Json(Format):
     """Strict JSON (no NaN, no Infinity), for people and other programs."""
 
     def to_bytes(self, motion: Motion) -> bytes:
-        """As `Format.to_bytes`.
-
-        Parameters
-        ----------
-        motion : Motion
-            The motion to write.
-
-        Returns
-        -------
-        bytes
-            Text in UTF-8.
-        """
+        """As `Format.to_bytes`."""
         lines = (f'"{key}": {json.dumps(value, allow_nan=False)}' for key, value in to_plain(motion).items())
         return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
     def from_bytes(self, content: bytes) -> Motion:
-        """As `Format.from_bytes`.
-
-        Parameters
-        ----------
-        content : bytes
-            Text in UTF-8.
-
-        Returns
-        -------
-        Motion
-            Equal to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            No JSON, or JSON of something else.
-        """
+        """As `Format.from_bytes`."""
         return from_plain(parsed(text_of(content), "content"))
 
 

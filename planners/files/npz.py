@@ -24,41 +24,14 @@ class Npz(Format):
     """Arrays in binary: the smallest and fastest of the formats."""
 
     def to_bytes(self, motion: Motion) -> bytes:
-        """As `Format.to_bytes`.
-
-        Parameters
-        ----------
-        motion : Motion
-            The motion to write.
-
-        Returns
-        -------
-        bytes
-            A zip archive.
-        """
+        """As `Format.to_bytes`."""
         out, parts = io.BytesIO(), to_parts(motion)
         header = json.dumps(parts.header | {"sha256": parts.digest}, allow_nan=False)
         np.savez(out, header=np.array(header), knots=parts.knots, coefficients=parts.coefficients)
         return out.getvalue()
 
     def from_bytes(self, content: bytes) -> Motion:
-        """As `Format.from_bytes`.
-
-        Parameters
-        ----------
-        content : bytes
-            A zip archive.
-
-        Returns
-        -------
-        Motion
-            Equal to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            A damaged archive, arrays of another type, or too large ones.
-        """
+        """As `Format.from_bytes`."""
         try:
             header, knots, coefficients = _arrays(content, ("header", "knots", "coefficients"))
         except InvalidInput:

@@ -30,50 +30,17 @@ class Around:
     margin: float
 
     def free(self, q: Array) -> Flags:
-        """At which configurations no links touch, and the scene is farther away than the margin.
-
-        Parameters
-        ----------
-        q : (k, n) array
-            Configurations [rad, m].
-
-        Returns
-        -------
-        (k,) array of bool
-            True where one is free.
-        """
+        """At which configurations no links touch, and the scene is farther away than the margin."""
         return np.asarray(nearest_pairs(self.robot, self.scene, q, self.margin)[0] > 0.0)
 
     def keeps(self, way: Track) -> bool:
-        """Whether the quintics through a tracked branch are proved to be free.
-
-        Parameters
-        ----------
-        way : Track
-            The branch.
-
-        Returns
-        -------
-        bool
-            Also False where it is not proved.
-        """
+        """Whether the quintics through a tracked branch are proved to be free."""
         if len(way.s) < 2 or not self.free(way.q).all():
             return False
         return self._along(through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
 
     def start(self, q: Array) -> Stop | None:
-        """Why a motion cannot start at a configuration.
-
-        Parameters
-        ----------
-        q : (n,) array
-            The configuration [rad, m].
-
-        Returns
-        -------
-        Stop or None
-            None where it is free.
-        """
+        """Why a motion cannot start at a configuration."""
         near = contact(self.robot, self.scene, q, self.margin)
         if near.room > 0.0:
             return None
@@ -82,18 +49,7 @@ class Around:
         return Stop(FollowStatus.CONTACT, 0.0, None, reason, advice)
 
     def stop(self, joints: JointPath) -> Stop | None:
-        """Where and why a joint path touches.
-
-        Parameters
-        ----------
-        joints : JointPath
-            The whole joint path.
-
-        Returns
-        -------
-        Stop or None
-            The first contact of a search along the path; None where the path is free, or no contact was found.
-        """
+        """Where and why a joint path touches."""
         found = self._along(joints.polynomial)
         if not found.touches:
             return None
@@ -117,28 +73,6 @@ class Around:
 
 
 def around(robot: Robot, scene: Scene | None, margin: float) -> Around | None:
-    """Return what stands around an arm; None without a scene.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    scene : Scene, optional
-        What stands around it.
-    margin : float
-        What all distances to it must exceed [m].
-
-    Returns
-    -------
-    Around or None
-        Checked.
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes, no scene, a margin below 0.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
-    """
+    """Return what stands around an arm; None without a scene."""
     margin = check_scene(robot, scene, margin)
     return None if scene is None else Around(robot, scene, margin)

@@ -60,21 +60,6 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
     For an arm of up to six joints a configuration that is not singular has exactly one continuation, so the branches at the
     start are all there are. A winding of a joint fits if the joint, shifted by these whole turns, stays inside its limits all
     along the path; windings are chosen joint by joint, since neither motion nor cost couples them.
-
-    Parameters
-    ----------
-    robot : Robot
-        Of up to six joints.
-    path : Path
-        What to follow.
-    near : (n,) array, optional
-        Configuration near which to start [rad, m].
-
-    Returns
-    -------
-    list of Branch
-        Those that reach the end by cost, then the others by where they end. Empty where no motion starts at any
-        configuration of the path's start.
     """
     tolerance, course = Tolerance(1e-5, 1e-5), Course(path, unguided(robot.n))
     nodes = course.nodes(course.spread(np.linspace(0.0, path.end, BRANCH_STATIONS), tolerance))

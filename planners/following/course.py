@@ -42,18 +42,7 @@ class Course:
         self.pieces = path.piece_bounds()
 
     def nodes(self, s: Array) -> Nodes:
-        """Evaluate the path and its free motion.
-
-        Parameters
-        ----------
-        s : (k,) array
-            Places [m, or rad].
-
-        Returns
-        -------
-        Nodes
-            Poses, twists, rows, values and bounds there.
-        """
+        """Evaluate the path and its free motion."""
         twists = np.empty((s.size, 3, 6))
         for order in (1, 2, 3):
             twists[:, order - 1] = self.path.twist(s, order)
@@ -64,18 +53,6 @@ class Course:
 
         The path's part of the deviation in a step is h⁴/384 · |d⁴/ds⁴|. Breaks and samples nearer than `LEAST_SPACING`, in
         whose third derivatives rounding would show, are left out unless this part needs a shorter step.
-
-        Parameters
-        ----------
-        s : (k,) array
-            Samples from 0 to the end [m, or rad].
-        tolerance : Tolerance
-            Largest deviation of the tool from the path [m, rad].
-
-        Returns
-        -------
-        (m,) array
-            Increasing places [m, or rad].
         """
         breaks, fourth = self.path.breaks, self.pieces[:, :, 3]
         with np.errstate(divide="ignore"):
@@ -108,16 +85,7 @@ def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
 
     Of two near places the preferred one stays; both ends always do.
 
-    Parameters
-    ----------
-    s : (k,) array
-        Increasing places [m, or rad].
-    step : (k - 1,) array
-        Longest step from each place to the next [m, or rad].
-    preferred : (k,) array of bool
-        Places to keep rather than their neighbours.
-    kept : (k,) array of bool
-        Result, in place.
+    Shapes and units: s (k,) [m, or rad], step (k - 1,) [m, or rad], preferred (k,), kept (k,).
     """
     last, longest = 0, step[0]
     for i in range(1, s.shape[0] - 1):
@@ -133,36 +101,10 @@ def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
 
 
 def part(nodes: Nodes, first: int, last: int | None = None) -> Nodes:
-    """Return a range of nodes, without copying them.
-
-    Parameters
-    ----------
-    nodes : Nodes
-        All nodes.
-    first : int
-        Index of the first one.
-    last : int, optional
-        Index behind the last one; by default all that follow.
-
-    Returns
-    -------
-    Nodes
-        Views.
-    """
+    """Return a range of nodes, without copying them."""
     return Nodes(*(x[first:last] for x in nodes))
 
 
 def unguided(n: int) -> Guide:
-    """Return the guide of an arm without free motion.
-
-    Parameters
-    ----------
-    n : int
-        Number of joints.
-
-    Returns
-    -------
-    Guide
-        A function of s (k,) whose rows (k, 4, 0, n) and values (k, 4, 0) are empty [1].
-    """
+    """Return the guide of an arm without free motion."""
     return lambda s: (np.empty((s.size, 4, 0, n)), np.empty((s.size, 4, 0)))

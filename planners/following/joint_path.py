@@ -106,40 +106,14 @@ class JointPath(PiecewiseCurve):
 
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
-    """Return the smallest singular values of the Jacobian, compiled: `Robot.singular_values` takes twice as long.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (k,) array
-        Smallest singular values, where 1 m counts as 1 rad [1].
-    """
+    """Return the smallest singular values of the Jacobian, compiled: `Robot.singular_values` takes twice as long."""
     values = np.empty(len(q))
     kinematics.singular_values_batch(robot.chain, np.ascontiguousarray(q), values)
     return values
 
 
 def apart(knots: Array, keep: ArrayLike = ()) -> Indices:
-    """Choose knots that are at least `LEAST_SPACING` from each other.
-
-    Parameters
-    ----------
-    knots : (k,) array
-        Increasing places [m, or rad].
-    keep : (m,) array
-        Values of knots to keep in any case, as both ends are [m, or rad].
-
-    Returns
-    -------
-    (j,) array of int
-        Indices of the chosen knots.
-    """
+    """Choose knots that are at least `LEAST_SPACING` from each other."""
     if len(knots) < 2 or np.diff(knots).min() >= LEAST_SPACING:
         return np.arange(len(knots))
     kept = np.isin(knots, keep)
@@ -158,26 +132,6 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
     """Prove bounds on distance and angle to the path of the quintics between nodes, everywhere.
 
     A piece whose bound is larger than `SMALL_DEVIATION` is proved again in parts, whose remainder is smaller.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        The path.
-    s : (k,) array
-        Nodes [m, or rad].
-    q : (k, n) array
-        Configurations there [rad, m].
-    dq : (k, 3, n) array
-        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
-    pieces : (p, 2, 4) array, optional
-        The path's `piece_bounds`, where they are known already [1, 1/m, 1/m², 1/m³].
-
-    Returns
-    -------
-    (k - 1, 2) array
-        Distances [m] and angles [rad].
     """
 
     def bounds(s: Array, q: Array, dq: Array) -> Array:
@@ -213,20 +167,6 @@ def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
 
     By the largest bound of all pieces of the path that the interval touches: derivatives up to the third are continuous, so a
     remainder of fourth order holds across breaks.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    s : (k,) array
-        Nodes [m, or rad].
-    pieces : (p, 2, 4) array, optional
-        The path's `piece_bounds`, where they are known already [1, 1/m, 1/m², 1/m³].
-
-    Returns
-    -------
-    (k, 2) array
-        Bounds on position and rotation [1/m³, 1/m⁴].
     """
     breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])
     first = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(fourth) - 1)

@@ -43,16 +43,7 @@ prediction; a joint moves too far; the proved deviation is too large; a joint pa
 def control_points(h: float, q: Array, dq: Array, q1: Array, dq1: Array, b: Array) -> None:
     """Compute the Bézier points of the quintic through two nodes.
 
-    Parameters
-    ----------
-    h : float
-        Distance of the nodes in s [m, or rad].
-    q, q1 : (n,) array
-        Configurations at its ends [rad, m].
-    dq, dq1 : (3, n) array
-        Their derivatives per unit of s; the third is not used [rad/m, rad/m², rad/m³].
-    b : (n, 6) array
-        Result, in place [rad, m].
+    Shapes and units: h [m, or rad], q, q1 (n,) [rad, m], dq, dq1 (3, n) [rad/m, rad/m², rad/m³], b (n, 6) [rad, m].
     """
     for i in range(q.shape[0]):
         b[i, 0] = q[i]
@@ -72,21 +63,7 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
     rotation is a power series in s whose coefficients are bounded by those of exp(Σ mₖ tᵏ/k!), where mₖ bounds the joint's
     k-th derivative; that of a chain by the product; so the tool's fourth derivative is bounded by Bell polynomials.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    h : float
-        Length of the piece in s [m, or rad].
-    b : (n, 6) array
-        Bézier points of the joints [rad, m].
-    fourth : (2,) array
-        Bounds on the fourth derivatives of the path's position and rotation [1/m³, 1/m⁴].
-
-    Returns
-    -------
-    distance, angle : float
-        Proved bounds [m], [rad].
+    Shapes and units: h [m, or rad], b (n, 6) [rad, m], fourth (2,) [1/m³, 1/m⁴]. Returns distance, angle  [m].
     """
     fixed, prismatic, tool = chain
     n = b.shape[0]
@@ -127,20 +104,8 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
 def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Array) -> None:
     """Compute the deviation of a node from its path: distance, angle as a chord, and the same of the twist.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    dq : (3, n) array
-        Its derivatives per unit of s [rad/m, rad/m², rad/m³].
-    pose : (4, 4) array
-        The path's T_base_tool [m].
-    twist : (6,) array
-        The path's twist per unit of s [1, rad/m].
-    out : (4,) array
-        Result, in place [m, 1, 1, 1/m].
+    Shapes and units: q (n,) [rad, m], dq (3, n) [rad/m, rad/m², rad/m³], pose (4, 4) [m], twist (6,) [1, rad/m], out (4,)
+    [m, 1, 1, 1/m].
     """
     n = q.shape[0]
     frame, T, made = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((3, 6))
@@ -169,19 +134,7 @@ def widened(bound: tuple[float, float], h: float, left: Array, right: Array) -> 
 
     The cubic Hermite interpolant of e is not zero then; it is at most max |e| + 4/27 h (|e'| + |e'|) at the ends.
 
-    Parameters
-    ----------
-    bound : two floats
-        Distance [m] and angle [rad] from `piece_bound`.
-    h : float
-        Length of the piece in s [m, or rad].
-    left, right : (4,) array
-        Deviations of its ends, from `misfit` [m, 1, 1, 1/m].
-
-    Returns
-    -------
-    distance, angle : float
-        Proved bounds [m], [rad].
+    Shapes and units: bound [m], h [m, or rad], left, right (4,) [m, 1, 1, 1/m]. Returns distance, angle  [m].
     """
     far = max(left[0], right[0]) + 4.0 / 27.0 * h * (left[2] + right[2])
     turn = max(left[1], right[1]) + 4.0 / 27.0 * h * (left[3] + right[3])
@@ -195,24 +148,8 @@ def pieces_bound(
 ) -> None:  # fmt: skip
     """Bound distance and angle between tool and path on all pieces between nodes, which may deviate from the path.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    s : (k,) array
-        Nodes [m, or rad].
-    q : (k, n) array
-        Configurations [rad, m].
-    dq : (k, 3, n) array
-        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
-    poses : (k, 4, 4) array
-        The path's T_base_tool at the nodes [m].
-    twists : (k, 6) array
-        The path's twists per unit of s [1, rad/m].
-    fourth : (k, 2) array
-        Bounds on the path's fourth derivatives from each node to the next [1/m³, 1/m⁴].
-    out : (k - 1, 2) array
-        Result, in place [m, rad].
+    Shapes and units: s (k,) [m, or rad], q (k, n) [rad, m], dq (k, 3, n) [rad/m, rad/m², rad/m³], poses (k, 4, 4) [m], twists
+    (k, 6) [1, rad/m], fourth (k, 2) [1/m³, 1/m⁴], out (k - 1, 2) [m, rad].
     """
     b, left, right = np.empty((q.shape[1], 6)), np.empty(4), np.empty(4)
     misfit(chain, q[0], dq[0], poses[0], twists[0], right)
@@ -230,17 +167,7 @@ def first_exit(points: Array, low: float, high: float) -> float:
 
     By bisection: a part whose Bézier points are all inside is inside; other parts shorter than 1e-9 count as outside.
 
-    Parameters
-    ----------
-    points : (6,) array
-        Bézier points [rad, or m].
-    low, high : float
-        The interval [rad, or m].
-
-    Returns
-    -------
-    float
-        u in [0, 1], or 2 where the quintic is inside everywhere [1].
+    Shapes and units: points (6,) [rad, or m], low, high [rad, or m]. Returns [1].
     """
     lowest, highest = np.inf, -np.inf
     for k in range(6):
@@ -327,29 +254,7 @@ def march(
     motion, its smallest singular value is at least the least, and the quintic between is proved to stay on the path within
     the tolerance and inside the limits.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Limits with slack.
-    nodes : PathNodes
-        Nodes, the path and the free motion there.
-    tolerance : (2,) array
-        Largest bound on distance [m] and angle [rad].
-    least : float
-        Least smallest singular value of a node.
-    q, dq, singular : (k, n), (k, 3, n), (k,) array
-        Results, in place, the first of each given [rad, m]. Singular values are lower bounds where above the least.
-
-    Returns
-    -------
-    good, code : int
-        Number of good nodes, and how the step after them ended (DONE where all are good).
-    figure : float
-        LOOSE: bound over tolerance; LIMIT: share of the step up to the limit; NOT_MET: error that Newton's method left [1].
-    joint : int
-        The joint that passes its limit.
+    Shapes and units: tolerance (2,) [m], q, dq, singular (k, n) [rad, m]. Returns figure  [1].
     """
     s, poses, twists, rows, values, fourth = nodes
     b = np.empty((q.shape[1], 6))
@@ -380,15 +285,7 @@ def march(
 def farthest(q: Array, other: Array) -> float:
     """Return the largest joint motion between two configurations; three NumPy calls take five times as long.
 
-    Parameters
-    ----------
-    q, other : (n,) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    float
-        Largest absolute difference [rad or m].
+    Shapes and units: q, other (n,) [rad, m]. Returns [rad or m].
     """
     largest = 0.0
     for i in range(len(q)):
@@ -400,23 +297,8 @@ def farthest(q: Array, other: Array) -> float:
 def leaves(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int) -> float:
     """Find the first place where a joint of the quintics through nodes leaves its limits.
 
-    Parameters
-    ----------
-    s : (k,) array
-        Nodes [m, or rad].
-    q : (k, n) array
-        Configurations [rad, m].
-    dq : (k, 3, n) array
-        Their derivatives per unit of s [rad/m, rad/m², rad/m³].
-    lower, upper : (n,) array
-        Limits [rad, m].
-    joint : int
-        Index of the joint.
-
-    Returns
-    -------
-    float
-        The place [m, or rad]; infinity where it stays inside.
+    Shapes and units: s (k,) [m, or rad], q (k, n) [rad, m], dq (k, 3, n) [rad/m, rad/m², rad/m³], lower, upper (n,) [rad, m].
+    Returns [m, or rad].
     """
     b = np.empty((q.shape[1], 6))
     for k in range(s.shape[0] - 1):

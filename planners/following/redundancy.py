@@ -50,24 +50,6 @@ def free_motions(
     manifolds until the whole motion is smooth and keeps away from the limits. A spline g through them, and one W through
     the null spaces there, are the guide: q(s) is the configuration on the path with W(s) (q − g(s)) = 0. So q', q'', q''' are
     unique and exact for any splines.
-
-    Parameters
-    ----------
-    robot : Robot
-        Of more than six joints.
-    path : Path
-        What to follow.
-    q : (n,) array, optional
-        The start for ``"start"``, one to start near for ``"best"`` [rad, m].
-    branch : {"start", "best"}
-        Whether to start at q, or near it.
-    free : callable, optional
-        Which of configurations (k, n) [rad, m] are free of contact: ``"best"`` chooses among these.
-
-    Yields
-    ------
-    FreeMotion
-        With its start and guide.
     """
     s = np.linspace(0.0, path.end, GUIDE_STATIONS)
     if branch == "start":
@@ -133,20 +115,7 @@ class FreeMotion:
         )
 
     def refined(self, s: float, limit: bool) -> bool:
-        """Insert stations around a place where the motion could not be followed, and smooth it again.
-
-        Parameters
-        ----------
-        s : float
-            The place [m, or rad].
-        limit : bool
-            Whether it came to a joint limit there; the motion is then kept further away from the limits.
-
-        Returns
-        -------
-        bool
-            False where there is nothing to change: the motion has to be chosen differently.
-        """
+        """Insert stations around a place where the motion could not be followed, and smooth it again."""
         if s >= self.s[-1] and self.s[-1] < self.path.end:
             return False
         k = int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2))

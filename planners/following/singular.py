@@ -38,44 +38,12 @@ class At(NamedTuple):
 
 
 def smallest(robot: Robot, q: Array) -> float:
-    """Return the smallest singular value of the Jacobian.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-
-    Returns
-    -------
-    float
-        In metres and radians of the tool per radian or metre of the joints.
-    """
+    """Return the smallest singular value of the Jacobian."""
     return float(smallest_singular_values(robot, q[None])[0])
 
 
 def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At | None:
-    """Continue a motion from a regular place to a place near it, ahead or behind.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    course : Course
-        The path.
-    near : At
-        The regular place.
-    s : float
-        The place to go to [m, or rad].
-    away : float
-        Least smallest singular value there; at a singular end of the path, `newton.settle` finds the configuration.
-
-    Returns
-    -------
-    At or None
-        None where the configuration is singular inside the path, off the path, or not near where the motion leads.
-    """
+    """Continue a motion from a regular place to a place near it, ahead or behind."""
     chain, h = robot.chain, s - near.s
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
     nodes, predicted, dq = course.nodes(np.array([s])), q.copy(), np.empty((3, robot.n))
@@ -98,20 +66,6 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
     """Find smooth motions that begin at a singular start of the path.
 
     They are continued backwards to the start from the regular configurations a little ahead.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    course : Course
-        The path.
-    near : (n,) array, optional
-        Only motions near this configuration, with its winding [rad, m].
-
-    Yields
-    ------
-    start, ahead : At
-        The singular start, and a regular place ahead of it.
     """
     chain, none = robot.chain, np.empty((4, 0, robot.n))
     for s in AHEAD * course.path.end:
@@ -137,26 +91,7 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
 
 
 def roots(robot: Robot, pose: Array, least: float, near: Array | None = None) -> tuple[Array, bool]:
-    """Return the regular configurations that meet a pose inside the limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm of up to six joints.
-    pose : (4, 4) array
-        T_base_tool [m].
-    least : float
-        Least smallest singular value of a regular configuration.
-    near : (n,) array, optional
-        Choose windings near this configuration [rad, m].
-
-    Returns
-    -------
-    q : (k, n) array
-        The regular ones [rad, m].
-    singular : bool
-        Whether there are singular ones too.
-    """
+    """Return the regular configurations that meet a pose inside the limits."""
     found = _closed_form(robot).branches(pose, near)
     singular = found.free.copy()
     for k in range(len(singular)):

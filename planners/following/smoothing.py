@@ -45,21 +45,7 @@ STATION_REACHED = 1e-9
 def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
     """Project a configuration, in place, onto a pose by minimum-norm Newton steps.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    target : (4, 4) array
-        T_base_tool [m].
-    q : (n,) array
-        Configuration, changed in place [rad, m].
-    J : (6, n) array
-        Becomes the Jacobian there [m/rad, 1].
-
-    Returns
-    -------
-    float
-        Error that is left [m, rad].
+    Shapes and units: target (4, 4) [m], q (n,) [rad, m], J (6, n) [m/rad, 1]. Returns [m, rad].
     """
     n = q.shape[0]
     frame, T, e, dq = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty(6), np.empty(n)
@@ -90,19 +76,7 @@ def free_directions(J: Array, before: Array, N: Array) -> float:
 
     The given vectors are projected onto the null space, then orthonormalised one by one.
 
-    Parameters
-    ----------
-    J : (6, n) array
-        Jacobian [m/rad, 1].
-    before : (n, d) array
-        The given basis [1].
-    N : (n, d) array
-        Result, in place [1].
-
-    Returns
-    -------
-    float
-        Least length of a vector before it is normalised: 1 for a basis that stays, 0 where none is found [1].
+    Shapes and units: J (6, n) [m/rad, 1], before (n, d) [1], N (n, d) [1]. Returns [1].
     """
     n, d = before.shape
     e, A, y, x = np.empty(6), np.empty((6, 6)), np.empty(6), np.empty(n)
@@ -140,17 +114,7 @@ def free_directions(J: Array, before: Array, N: Array) -> float:
 def room(middle: float, half: float, q: float) -> tuple[float, float]:
     """Return the first and second derivative of the barrier −ln(1 − x²), x = (q − middle) / half.
 
-    Parameters
-    ----------
-    middle, half : float
-        Middle and half of the joint's range [rad, or m]; half is infinite for a joint without limits.
-    q : float
-        Position [rad, or m].
-
-    Returns
-    -------
-    slope, curvature : float
-        Derivatives [1/rad, 1/rad²; or 1/m, 1/m²].
+    Shapes and units: middle, half [rad, or m], q [rad, or m].
     """
     if half == np.inf:
         return 0.0, 0.0
@@ -173,25 +137,7 @@ def carry(
 ) -> int:
     """Continue a configuration from station to station by minimum-norm steps, kept away from the limits.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    middle, half : (n,) array
-        Middle and half of the joints' ranges [rad, m].
-    poses : (k, 4, 4) array
-        T_base_tool at the stations [m].
-    shares : (k,) array
-        The stations as shares of the path [1].
-    N : (n, d) array
-        Basis of the null space at the first station, changed in place [1].
-    way : (k, n) array
-        Result, in place, the first one given [rad, m].
-
-    Returns
-    -------
-    int
-        Number of stations that were reached.
+    Shapes and units: middle, half (n,) [rad, m], poses (k, 4, 4) [m], shares (k,) [1], N (n, d) [1], way (k, n) [rad, m].
     """
     n, d = N.shape
     J, on, other = np.empty((6, n)), np.empty((n, d)), np.empty(n)
@@ -227,21 +173,7 @@ def carry(
 def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
     """Compute bases of the null spaces at configurations, each near the one before.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    way : (k, n) array
-        Configurations [rad, m].
-    first : (n, d) array
-        Basis near which the first one is [1].
-    N : (k, n, d) array
-        Result, in place [1].
-
-    Returns
-    -------
-    float
-        Least result of `free_directions` between neighbours [1].
+    Shapes and units: way (k, n) [rad, m], first (n, d) [1], N (k, n, d) [1]. Returns [1].
     """
     n = way.shape[1]
     frame, T, J, least = np.empty((n, 4, 4)), np.empty((4, 4)), np.empty((6, n)), 1.0
@@ -259,14 +191,7 @@ def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
 def solve_blocks(D: Array, C: Array, b: Array) -> None:
     """Solve a symmetric positive definite block tridiagonal system, in place.
 
-    Parameters
-    ----------
-    D : (k, d, d) array
-        Diagonal blocks, overwritten [1].
-    C : (k, d, d) array
-        C[i] is the block left of D[i] [1].
-    b : (k, d) array
-        Right-hand side, which becomes the solution [1].
+    Shapes and units: D (k, d, d) [1] (overwritten), C (k, d, d) [1], b (k, d) [1].
     """
     k, d = b.shape
     column, work = np.empty(d), np.empty((d, d))
@@ -332,29 +257,7 @@ def smooth(
 
     By Newton steps in null-space coordinates: the system is block tridiagonal, so the time grows linearly with the stations.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    ranges : Ranges
-        Middle and half of the joints' ranges.
-    stations : Stations
-        Poses and shares of the path.
-    first : (n, d) array
-        Basis of the null space at the first station [1].
-    keep_off : float
-        Weight of the barrier [1].
-    held : bool
-        Whether the first configuration stays.
-    way : (k, n) array
-        Configurations, changed in place [rad, m].
-    N : (k, n, d) array
-        Becomes the bases of the null spaces [1].
-
-    Returns
-    -------
-    float
-        Least result of `free_directions` between neighbours [1].
+    Shapes and units: first (n, d) [1], keep_off [1], way (k, n) [rad, m], N (k, n, d) [1]. Returns [1].
     """
     (k, n, d), (poses, shares) = N.shape, stations
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))

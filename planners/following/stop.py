@@ -74,55 +74,20 @@ class Stop:
 
 
 def unit(robot: Robot, joint: int) -> str:
-    """Return the unit of a joint.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    joint : int
-        Index of the joint.
-
-    Returns
-    -------
-    str
-        ``"m"`` for a prismatic joint, ``"rad"`` for a revolute one.
-    """
+    """Return the unit of a joint."""
     return "m" if robot.prismatic[joint] else "rad"
 
 
 @lru_cache(maxsize=16)
 def rank_of(robot: Robot) -> int:
-    """Return the greatest rank of the Jacobian at random configurations, which is that of almost all.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    int
-        At most 6.
-    """
+    """Return the greatest rank of the Jacobian at random configurations, which is that of almost all."""
     q = robot.limits.draw(np.random.default_rng(0), RANK_DRAWS)
     sigma = robot.singular_values(q)
     return int((sigma > ZERO_SHARE * sigma[:, :1]).sum(axis=1).max())
 
 
 def lower_rank(robot: Robot) -> Stop | None:
-    """Explain why an arm follows no Cartesian path at all: the rank of its Jacobian is deficient everywhere.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    Stop or None
-        None for an arm of full rank.
-    """
+    """Explain why an arm follows no Cartesian path at all: the rank of its Jacobian is deficient everywhere."""
     rank, full = rank_of(robot), min(robot.n, 6)
     if rank == full:
         return None
@@ -134,26 +99,7 @@ def lower_rank(robot: Robot) -> Stop | None:
 
 
 def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> Stop:
-    """Explain why a branch ended, by its last good configuration and by the path just behind the end.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        The path.
-    reach : (8,) array
-        Bounds of the arm's reach, from `reach_bound` [m].
-    ended : Ended
-        How tracking ended.
-    q : (n,) array
-        The last good configuration [rad, m].
-
-    Returns
-    -------
-    Stop
-        Without advice.
-    """
+    """Explain why a branch ended, by its last good configuration and by the path just behind the end."""
     sigma, s = smallest(robot, q), ended.s
     if ended.code == march.LIMIT:
         i, name = ended.joint, robot.joint_names[ended.joint]
@@ -201,24 +147,7 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
 
 
 def no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
-    """Explain that the IK method failed where the branch continues.
-
-    Parameters
-    ----------
-    solver : IKSolver
-        The method.
-    s : float
-        The sample [m, or rad].
-    result : IKResult
-        What it returned.
-    before : (n,) array
-        Its initial guess [rad, m].
-
-    Returns
-    -------
-    Stop
-        NO_IK.
-    """
+    """Explain that the IK method failed where the branch continues."""
     sigma = smallest(solver.robot, before)
     reason = (
         f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
@@ -228,24 +157,7 @@ def no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
 
 
 def jumped(solver: IKSolver, s: float, step: Array, before: Array) -> Stop:
-    """Explain that the IK method converged to another branch.
-
-    Parameters
-    ----------
-    solver : IKSolver
-        The method.
-    s : float
-        The sample [m, or rad].
-    step : (n,) array
-        Its configuration minus the tracked one [rad, m].
-    before : (n,) array
-        The tracked configuration before [rad, m].
-
-    Returns
-    -------
-    Stop
-        BRANCH_JUMP.
-    """
+    """Explain that the IK method converged to another branch."""
     robot, i = solver.robot, int(np.argmax(np.abs(step)))
     name = robot.joint_names[i]
     reason = (

@@ -69,28 +69,7 @@ def track(
     tolerance: Tolerance,
     limits: tuple[Array, Array] | None = None,
 ) -> Track:
-    """Track the branch of a configuration along a path.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    course : Course
-        The path.
-    nodes : Nodes
-        Places to pass; more are inserted where they are needed.
-    q_start : (n,) array
-        Configuration near the first node [rad, m].
-    tolerance : Tolerance
-        Largest deviation of the tool from the path [m, rad].
-    limits : two (n,) arrays, optional
-        Lower and upper limits [rad, m]; by default the robot's own.
-
-    Returns
-    -------
-    Track
-        Nodes up to the path's end or to where the branch ends.
-    """
+    """Track the branch of a configuration along a path."""
     if limits is None:
         limits = robot.limits.lower, robot.limits.upper
     return _Tracker(robot, course, tolerance, limits).run(nodes, q_start)

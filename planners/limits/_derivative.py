@@ -19,20 +19,7 @@ class DerivativeLimit(Limit):
     """A limit on a derivative of every joint in time: the exact extrema of the polynomials judge it."""
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """The chain rule's coefficients over the bound; see `Limit.rows`.
-
-        Parameters
-        ----------
-        at : PathPoints
-            Points of the joint path.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        (k, m, order) array
-            [as 1 over the monomials]; (k, m, 4) for an acceleration with two sides.
-        """
+        """The chain rule's coefficients over the bound; see `Limit.rows`."""
         rows = chain_rows([at.q(order) for order in range(1, self.order + 1)])
         if bound.ndim == 1:
             return rows / bound[:, None]
@@ -42,20 +29,7 @@ class DerivativeLimit(Limit):
         return centred(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
 
     def judge(self, motion: Examined, bound: Array) -> Extreme:
-        """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        Extreme
-            Value, ratio and time.
-        """
+        """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`."""
         extrema = motion.trajectory.extrema(self.order)
         if bound.ndim == 1:
             ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
@@ -68,39 +42,13 @@ class DerivativeLimit(Limit):
         return extreme
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
-        """Exact worst values of each piece over the bound; see `Limit.piece_ratios`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        (pieces, m) array
-            Ratios [1].
-        """
+        """Exact worst values of each piece over the bound; see `Limit.piece_ratios`."""
         if bound.ndim == 1:
             return motion.trajectory.piece_worst(self.order) / bound
         return np.maximum(*(over(value, bound) for value in motion.trajectory.piece_range(self.order)))
 
     def slowing(self, motion: Examined, bound: Array) -> float:
-        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        float
-            Factor of the duration [1].
-        """
+        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`."""
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
 

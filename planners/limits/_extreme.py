@@ -17,18 +17,7 @@ class Extreme(NamedTuple):
     time: Array
 
     def worst(self, names: tuple[str, ...]) -> tuple[float, str, float]:
-        """Return the worst ratio, its joint and its time; NaN and an empty name where no joint is limited.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Names of the joints.
-
-        Returns
-        -------
-        tuple of float, str and float
-            Ratio [1], joint and time [s].
-        """
+        """Return the worst ratio, its joint and its time; NaN and an empty name where no joint is limited."""
         if np.isnan(self.ratio).all():
             return float("nan"), "", float("nan")
         i = int(np.nanargmax(self.ratio))
@@ -47,18 +36,7 @@ class ToolExtreme(NamedTuple):
     time: float
 
     def worst(self, names: tuple[str, ...]) -> tuple[float, str, float]:
-        """Return the ratio, what is limited, and the time.
-
-        Parameters
-        ----------
-        names : tuple of str
-            The name of what is limited, such as ``"tool"``.
-
-        Returns
-        -------
-        tuple of float, str and float
-            Ratio [1], name and time [s].
-        """
+        """Return the ratio, what is limited, and the time."""
         return self.ratio, names[0], self.time
 
     def to_dict(self) -> dict[str, Any]:
@@ -67,16 +45,5 @@ class ToolExtreme(NamedTuple):
 
 
 def plain(values: Array) -> list[float | None]:
-    """List of numbers that JSON can hold.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Numbers [as they are].
-
-    Returns
-    -------
-    list of float or None
-        None for infinity (a jump) and NaN (no limit).
-    """
+    """List of numbers that JSON can hold."""
     return [float(v) if np.isfinite(v) else None for v in values]

@@ -39,18 +39,7 @@ _ADDED: dict[str, Limit] = {}
 
 
 def register(kind: Limit) -> None:
-    """Make a kind of limit known by its name, in ``MotionLimits(extra=...)`` and in motion files, in this process.
-
-    Parameters
-    ----------
-    kind : Limit
-        The kind; of the same class as before where its name was registered already.
-
-    Raises
-    ------
-    InvalidInput
-        Another kind of thing, or a name that another limit has.
-    """
+    """Make a kind of limit known by its name, in ``MotionLimits(extra=...)`` and in motion files, in this process."""
     if not isinstance(kind, Limit):
         raise InvalidInput("kind", repr(kind)[:60], "a Limit")
     taken = kind.name in names(FOLDER) or type(_ADDED.get(kind.name, kind)) is not type(kind)
@@ -60,41 +49,12 @@ def register(kind: Limit) -> None:
 
 
 def is_known(name: object) -> bool:
-    """Say whether there is a limit of a name.
-
-    Parameters
-    ----------
-    name : object
-        What may be a name.
-
-    Returns
-    -------
-    bool
-        True for a registered limit, and for a file in this folder.
-    """
+    """Say whether there is a limit of a name."""
     return name in _ADDED or name in names(FOLDER)
 
 
 def check_names(names: object, argument: str) -> tuple[str, ...]:
-    """Check that a tuple consists of names of limits, and return it.
-
-    Parameters
-    ----------
-    names : object
-        What should be such a tuple.
-    argument : str
-        Its name in the error.
-
-    Returns
-    -------
-    tuple of str
-        The names.
-
-    Raises
-    ------
-    InvalidInput
-        No tuple, or a name that no limit has.
-    """
+    """Check that a tuple consists of names of limits, and return it."""
     expected = f"a tuple of names of limits, out of {', '.join((*ALL_LIMITS, *_ADDED))}"
     if not isinstance(names, tuple):
         raise InvalidInput(argument, repr(names)[:60], expected)
@@ -105,23 +65,7 @@ def check_names(names: object, argument: str) -> tuple[str, ...]:
 
 
 def kind_of(name: str) -> Limit:
-    """Return the kind of limit of a name.
-
-    Parameters
-    ----------
-    name : str
-        Of a registered limit, or of a file in this folder.
-
-    Returns
-    -------
-    Limit
-        The kind.
-
-    Raises
-    ------
-    UnknownName
-        No such limit; the nearest names are offered.
-    """
+    """Return the kind of limit of a name."""
     found = _BY_NAME.get(name) or _ADDED.get(name)
     if found is not None:
         return found

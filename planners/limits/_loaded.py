@@ -31,25 +31,7 @@ class LoadedLimit(Limit):
     """Columns of the rows: the full set of monomials of the limit's order."""
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """Coefficients of the value over its bound, those of the second load behind those of the first; see `Limit.rows`.
-
-        Parameters
-        ----------
-        at : PathPoints
-            Points of the joint path.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        (k, m, columns) or (k, 2m, columns) array
-            [as 1 over the monomials].
-
-        Raises
-        ------
-        InvalidInput
-            The masses of the arm are unknown.
-        """
+        """Coefficients of the value over its bound, those of the second load behind those of the first; see `Limit.rows`."""
         if not np.isfinite(bound).any():
             return np.zeros((at.s.size, 1, self.columns))
         found = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
@@ -60,25 +42,7 @@ class LoadedLimit(Limit):
         """The rows (k, n, columns) of one load."""
 
     def judge(self, motion: Examined, bound: Array) -> Extreme:
-        """The proved bound; NaN where the limit is free. See `Limit.judge`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        Extreme
-            Value, ratio and time.
-
-        Raises
-        ------
-        InvalidInput
-            The masses of the arm are unknown.
-        """
+        """The proved bound; NaN where the limit is free. See `Limit.judge`."""
         if not np.isfinite(bound).any():
             return Extreme(*np.full((3, motion.robot.n), np.nan))
         lower, upper = sides(bound)
@@ -94,49 +58,13 @@ class LoadedLimit(Limit):
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
-        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        (pieces, m) array
-            Ratios [1].
-
-        Raises
-        ------
-        InvalidInput
-            The masses of the arm are unknown.
-        """
+        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
         if not np.isfinite(bound).any():
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
         return motion.torques.piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
     def slowing(self, motion: Examined, bound: Array) -> float:
-        """From the parts of the torques that go with powers of the speed; see `Limit.slowing`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) or (2, m) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        float
-            Factor of the duration [1]; infinite where gravity and friction alone pass the limit.
-
-        Raises
-        ------
-        InvalidInput
-            The masses of the arm are unknown.
-        """
+        """From the parts of the torques that go with powers of the speed; see `Limit.slowing`."""
         if not np.isfinite(bound).any():
             return 0.0
         return slowing(motion.torques, np.stack(sides(bound)), rate=self.rate)

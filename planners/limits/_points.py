@@ -12,17 +12,7 @@ if TYPE_CHECKING:
 
 
 class PathPoints:
-    """A joint path at places.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    s : (k,) array
-        Places [m, or rad].
-    derivatives : sequence of (k, n) arrays
-        q, q', q'' … there [as q over powers of s], where they are known; the others are evaluated.
-    """
+    """A joint path at places."""
 
     def __init__(self, joint_path: JointPath, s: Array, derivatives: Array | tuple[Array, ...] = ()) -> None:
         self.joint_path, self.s = joint_path, s
@@ -30,18 +20,7 @@ class PathPoints:
         self.torques: dict[int, Array] = {}  # what `_torque_rows` found here, by load
 
     def q(self, order: int = 0) -> Array:
-        """Configurations or their derivatives in s.
-
-        Parameters
-        ----------
-        order : int
-            0 to 3.
-
-        Returns
-        -------
-        (k, n) array
-            [as q over powers of s].
-        """
+        """Configurations or their derivatives in s."""
         while len(self._derivatives) <= order:
             self._derivatives.append(self.joint_path(self.s, len(self._derivatives)))
         return self._derivatives[order]

@@ -13,27 +13,7 @@ AT_BREAK = 1e-9
 
 
 def on_pieces(path: Path, bound: Array, name: str) -> Array:
-    """Bounds on the pieces between a path's breaks; of a piece that is part of two segments the lesser one.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    bound : (k,) array
-        One bound for each segment [as they are].
-    name : str
-        Of the limit.
-
-    Returns
-    -------
-    (pieces,) array
-        [as bound].
-
-    Raises
-    ------
-    InvalidInput
-        Another number of bounds than of segments.
-    """
+    """Bounds on the pieces between a path's breaks; of a piece that is part of two segments the lesser one."""
     if bound.size != path.segments:
         several = f"{path.segments} numbers, one for each segment of the {path.name}, or one number"
         one = f"one number: a {path.name} has one segment"
@@ -42,56 +22,12 @@ def on_pieces(path: Path, bound: Array, name: str) -> Array:
 
 
 def bound_at(path: Path, bound: Array, s: Array, name: str) -> Array:
-    """Bounds at places of a path; at a break the lesser of both sides.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    bound : (k,) array
-        One bound for each segment [as they are].
-    s : (m,) array
-        Places [m, or rad].
-    name : str
-        Of the limit.
-
-    Returns
-    -------
-    (m,) array
-        [as bound].
-
-    Raises
-    ------
-    InvalidInput
-        Another number of bounds than of segments.
-    """
+    """Bounds at places of a path; at a break the lesser of both sides."""
     pieces, inner, near = on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
     return np.minimum(pieces[np.searchsorted(inner, s - near)], pieces[np.searchsorted(inner, s + near)])
 
 
 def inside_ends(path: Path, bound: Array, s: Array, name: str) -> tuple[Array, Array]:
-    """Bounds that hold just after the begins of intervals of a path, and just before their ends.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    bound : (k,) array
-        One bound for each segment [as they are].
-    s : (m + 1,) array
-        Places between the intervals [m, or rad].
-    name : str
-        Of the limit.
-
-    Returns
-    -------
-    tuple of (m,) arrays
-        [as bound].
-
-    Raises
-    ------
-    InvalidInput
-        Another number of bounds than of segments.
-    """
+    """Bounds that hold just after the begins of intervals of a path, and just before their ends."""
     pieces, inner, near = on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
     return pieces[np.searchsorted(inner, s[:-1] + near)], pieces[np.searchsorted(inner, s[1:] - near)]

@@ -17,18 +17,7 @@ PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one fo
 
 
 def is_pair(value: Any) -> bool:
-    """Whether a bound is meant as a pair (lower, upper), and not as one number for each of two joints.
-
-    Parameters
-    ----------
-    value : object
-        A bound as it was given.
-
-    Returns
-    -------
-    bool
-        True for two of anything whose first one is negative, and for two where one at least is a sequence.
-    """
+    """Whether a bound is meant as a pair (lower, upper), and not as one number for each of two joints."""
     several = (list, tuple, np.ndarray)
     if not isinstance(value, several) or (isinstance(value, np.ndarray) and value.ndim == 0) or len(value) != 2:
         return False
@@ -39,25 +28,7 @@ def is_pair(value: Any) -> bool:
 
 
 def checked_pair(value: Any, argument: str) -> Array | float:
-    """Return a pair as `MotionLimits` keeps it.
-
-    Parameters
-    ----------
-    value : pair of scalars or (n,) arrays
-        Lower and upper bound [as the limit's units].
-    argument : str
-        What an error calls it.
-
-    Returns
-    -------
-    (2,) or (2, n) array, or scalar or (n,) array
-        Lower first, read-only [as the limit's units]. A pair of equal sizes is the one bound on the absolute value.
-
-    Raises
-    ------
-    InvalidInput
-        No numbers, bounds that do not have zero between them, or one side alone infinite.
-    """
+    """Return a pair as `MotionLimits` keeps it."""
     lower, upper = (real_array(x, argument, PAIR) for x in value)
     if max(lower.ndim, upper.ndim) > 1 or (lower.ndim == upper.ndim == 1 and lower.shape != upper.shape):
         raise InvalidInput(argument, f"a pair of shapes {lower.shape} and {upper.shape}", PAIR)
@@ -73,72 +44,24 @@ def checked_pair(value: Any, argument: str) -> Array | float:
 
 
 def sides(bound: Array) -> tuple[Array, Array]:
-    """Lower and upper side of a bound.
-
-    Parameters
-    ----------
-    bound : (n,) or (2, n) array
-        What `Limit.array` returned [as its units].
-
-    Returns
-    -------
-    tuple of (n,) arrays
-        Negative and positive [as its units]; infinite where free.
-    """
+    """Lower and upper side of a bound."""
     return (-bound, bound) if bound.ndim == 1 else (bound[0], bound[1])
 
 
 def inner(bound: Array) -> Array:
-    """Greatest bound on the absolute value that lies inside both sides.
-
-    Parameters
-    ----------
-    bound : (n,) or (2, n) array
-        What `Limit.array` returned [as its units].
-
-    Returns
-    -------
-    (n,) array
-        [as its units]; infinite where free.
-    """
+    """Greatest bound on the absolute value that lies inside both sides."""
     return bound if bound.ndim == 1 else np.minimum(-bound[0], bound[1])
 
 
 def over(values: Array, bound: Array) -> Array:
-    """Ratio of values to the side of the bound that they go to.
-
-    Parameters
-    ----------
-    values : (..., n) array
-        Values, with their signs [as the bound].
-    bound : (n,) or (2, n) array
-        What `Limit.array` returned [as its units].
-
-    Returns
-    -------
-    (..., n) array
-        At least 0 [1]; 0 where free.
-    """
+    """Ratio of values to the side of the bound that they go to."""
     if bound.ndim == 1:
         return np.asarray(np.abs(values) / bound)
     return np.asarray(values / np.where(values < 0.0, bound[0], bound[1]))
 
 
 def centred(rows: Array, bound: Array) -> Array:
-    """Rows of values over a bound with two sides, so that the limit is kept where |rows · monomials| ≤ 1.
-
-    Parameters
-    ----------
-    rows : (k, n, 4) array
-        Of the values, over s̈, ṡ², ṡ and 1 [as the bound over the monomials].
-    bound : (2, n) array
-        Lower and upper side [as its units].
-
-    Returns
-    -------
-    (k, n, 4) array
-        The distance from the middle between both sides, over half of theirs [as 1 over the monomials].
-    """
+    """Rows of values over a bound with two sides, so that the limit is kept where |rows · monomials| ≤ 1."""
     lower, upper = sides(bound)
     free = np.isinf(upper)
     low, high = np.where(free, 0.0, lower), np.where(free, 0.0, upper)

@@ -36,23 +36,7 @@ class ToolSpeedLimit(Limit):
     subject: ClassVar[str | None] = "tool"
 
     def checked(self, value: Any) -> Any:
-        """Return a bound as `MotionLimits` keeps it: one, or one for each segment of the path. See `Limit.checked`.
-
-        Parameters
-        ----------
-        value : scalar or (k,) array
-            The bound [as `units`].
-
-        Returns
-        -------
-        float or (k,) array
-            The bound [as `units`].
-
-        Raises
-        ------
-        InvalidInput
-            No number, or none above 0.
-        """
+        """Return a bound as `MotionLimits` keeps it: one, or one for each segment of the path. See `Limit.checked`."""
         if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
             return super().checked(value)
         each = positive(value, len(value), self.name) if len(value) else np.zeros(0)
@@ -61,81 +45,24 @@ class ToolSpeedLimit(Limit):
         return float(each[0]) if each.size == 1 else each
 
     def array(self, value: ArrayLike | None, n: int) -> Array:
-        """Return a bound as an array; see `Limit.array`.
-
-        Parameters
-        ----------
-        value : scalar or (k,) array, or None
-            What `checked` returned [as `units`]; None where nothing is limited.
-        n : int
-            Number of joints.
-
-        Returns
-        -------
-        (1,) or (k,) array
-            One bound, or one for each segment of the path [as `units`]; infinity where free.
-        """
+        """Return a bound as an array; see `Limit.array`."""
         bound = np.inf if value is None else value
         return positive(bound, np.size(bound), self.name)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
-        """Return the bound that `to_plain` wrote; see `Limit.from_plain`.
-
-        Parameters
-        ----------
-        data : float, list or None
-            Plain data.
-        n : int
-            Number of joints.
-
-        Returns
-        -------
-        float, (k,) array or None
-            The bound [as `units`].
-
-        Raises
-        ------
-        InvalidInput
-            Data that describe no bound.
-        """
+        """Return the bound that `to_plain` wrote; see `Limit.from_plain`."""
         if isinstance(data, list):
             return numbers(data, (len(data),), f"limits.{self.name}")
         return super().from_plain(data, n)
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """Norm of the path's twist per unit of s, over the bound; see `Limit.rows`.
-
-        Parameters
-        ----------
-        at : PathPoints
-            Points of the joint path.
-        bound : (m,) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        (k, m, order) array
-            [as 1 over the monomials].
-        """
+        """Norm of the path's twist per unit of s, over the bound; see `Limit.rows`."""
         norm = np.linalg.norm(at.twist[:, self.part], axis=1) if np.isfinite(bound).any() else np.zeros(at.s.size)
         here = bound[0] if bound.size == 1 else bound_at(at.joint_path.path, bound, at.s, self.name)
         return np.asarray((norm / here)[:, None, None])
 
     def judge(self, motion: Examined, bound: Array) -> ToolExtreme:
-        """The proved bound on the speed; see `Limit.judge`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        ToolExtreme
-            Value, ratio and time.
-        """
+        """The proved bound on the speed; see `Limit.judge`."""
         value, time = self._proved(motion)
         if not np.isfinite(bound).any():
             return ToolExtreme(value, float("nan"), time)
@@ -149,20 +76,7 @@ class ToolSpeedLimit(Limit):
         """Proved bound on the speed over the motion, and when it is nearly reached [s]."""
 
     def piece_ratios(self, motion: Examined, bound: Array) -> Array:
-        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`.
-
-        Parameters
-        ----------
-        motion : Examined
-            The motion.
-        bound : (m,) array
-            What `Limit.array` returned [as its units].
-
-        Returns
-        -------
-        (pieces, m) array
-            Ratios [1].
-        """
+        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
         speeds = [np.linalg.norm(side.motion[:, 0, self.part], axis=1) for side in motion.bounds.ends]
         if bound.size == 1:
             return np.asarray(np.maximum(*speeds)[:, None] / bound)

@@ -18,18 +18,6 @@ def torque_rows(at: PathPoints, load: Load) -> Array:
     """Torque of every joint, without Coulomb friction: τ = p s̈ + c ṡ² + f ṡ + g.
 
     p = M q', c = M q'' + C(q, q') q', f is the viscous friction times q', and g the torque of gravity.
-
-    Parameters
-    ----------
-    at : PathPoints
-        Points of the joint path.
-    load : Load
-        What the joints move.
-
-    Returns
-    -------
-    (k, n, 4) array
-        Coefficients of s̈, ṡ², ṡ and 1 [as torque over powers of s].
     """
     found = _coefficients(at, load)
     return np.stack([found[:, 0], found[:, 1], load.viscous * at.q(1), found[:, 2]], axis=-1)
@@ -39,18 +27,6 @@ def torque_rate_rows(at: PathPoints, load: Load) -> Array:
     """Rate of the torque of every joint, without Coulomb friction: τ̇ = p s⃛ + d ṡ s̈ + c' ṡ³ + g' ṡ + f (q' s̈ + q'' ṡ²).
 
     d = p' + 2 c; f is the viscous friction, and the other letters as in `torque_rows`.
-
-    Parameters
-    ----------
-    at : PathPoints
-        Points of the joint path.
-    load : Load
-        What the joints move.
-
-    Returns
-    -------
-    (k, n, 6) array
-        Coefficients of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² [as torque rate over powers of s].
     """
     found = _coefficients(at, load)
     friction = (load.viscous * at.q(1), load.viscous * at.q(2))

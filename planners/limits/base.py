@@ -248,18 +248,5 @@ class Limit(ABC):
 
 
 def scale_of(ratio: float, order: int) -> float:
-    """Time scale at which a value that goes with 1 / scale**order is at its bound.
-
-    Parameters
-    ----------
-    ratio : float
-        Value over bound [1].
-    order : int
-        Power of the time scale.
-
-    Returns
-    -------
-    float
-        Above 1 wherever the ratio is, however the root rounds.
-    """
+    """Time scale at which a value that goes with 1 / scale**order is at its bound."""
     return float(max(ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0))

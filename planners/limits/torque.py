@@ -47,11 +47,6 @@ def _senses(at: PathPoints) -> tuple[Array, Array]:
 
     All joints rest at both ends of the path. A joint reverses between two neighbouring places where its sign changes, so at
     both of them.
-
-    Returns
-    -------
-    tuple of (k, n) arrays
-        Signs, and where the whole set of friction counts.
     """
     q1 = at.q(1)
     sign = np.where(np.abs(q1) > STANDING_SHARE * np.abs(q1).max(initial=0.0), np.sign(q1), 0.0)

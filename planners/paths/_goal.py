@@ -14,27 +14,7 @@ from planners.paths.line import Line
 
 
 def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None) -> Path:
-    """Return the path from a configuration to a goal: a straight line to a pose, or one in joint space to joints.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    goal : (4, 4) or (n,) array
-        A pose of the tool, or joints [rad, m].
-    q_start : (n,) array
-        Configuration at the start [rad, m].
-
-    Returns
-    -------
-    Path
-        A `Line` or a `JointLine`.
-
-    Raises
-    ------
-    InvalidInput
-        Another shape, or no start.
-    """
+    """Return the path from a configuration to a goal: a straight line to a pose, or one in joint space to joints."""
     expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
     try:
         array = np.asarray(goal, dtype=np.float64)

@@ -36,34 +36,10 @@ class PosesAlong(Protocol):
         """Bounds (k − 1, 2, 4) on derivatives between breaks."""
 
     def pose(self, s: ArrayLike) -> Array:
-        """Poses (k, 4, 4) at s.
-
-        Parameters
-        ----------
-        s : (k,) array
-            Places [m, or rad].
-
-        Returns
-        -------
-        (k, 4, 4) array
-            T_base_tool [m].
-        """
+        """Poses (k, 4, 4) at s."""
 
     def twist(self, s: ArrayLike, order: int = 1) -> Array:
-        """Twists (k, 6) at s, or their derivatives.
-
-        Parameters
-        ----------
-        s : (k,) array
-            Places [m, or rad].
-        order : int
-            1 for twists, 2 for their first derivatives.
-
-        Returns
-        -------
-        (k, 6) array
-            Linear before angular part, per unit of s [1, rad/m].
-        """
+        """Twists (k, 6) at s, or their derivatives."""
 
 
 def nearest_places(path: PosesAlong, poses: Array) -> Array:
@@ -71,18 +47,6 @@ def nearest_places(path: PosesAlong, poses: Array) -> Array:
 
     The distance of the path from the chords of a grid has a known bound. So the chords that may be nearest are known, and
     each of them is searched. Two places whose distances differ by less than twice that bound may count as one.
-
-    Parameters
-    ----------
-    path : Path
-        The path, with a length above 0.
-    poses : (k, 4, 4) array
-        T_base_tool [m].
-
-    Returns
-    -------
-    (k,) array
-        Places s [m, or rad].
     """
     edges, bend = chords(path, TURN_WEIGHT, MOST_BEND)
     rows = max(DISTANCES_AT_ONCE // bend.size, 1)
@@ -90,26 +54,7 @@ def nearest_places(path: PosesAlong, poses: Array) -> Array:
 
 
 def chords(path: PosesAlong, turn: float, most: float, least: int = 1) -> tuple[Array, Array]:
-    """Divide a path into cells, each within a known distance of its chord, by |z''| h²/8.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-    turn : float
-        Distance that a rotation by 1 rad counts for, as for `embedded` [m/rad].
-    most : float
-        Largest distance of a cell from its chord [m]. It is exceeded where `MOST_CELLS` between two breaks do not suffice.
-    least : int
-        Least number of cells between two breaks where the path bends.
-
-    Returns
-    -------
-    edges : (m + 1,) array
-        Ends of the cells in s [m, or rad].
-    bend : (m,) array
-        Bound on the distance of each cell from its chord [m].
-    """
+    """Divide a path into cells, each within a known distance of its chord, by |z''| h²/8."""
     breaks, bounds = path.breaks, path.piece_bounds()[:, :, 1]
     second = np.hypot(bounds[:, 0], turn * np.sqrt(1.5) * bounds[:, 1])  # a 3×3 matrix: Frobenius ≤ √3 spectral
     length = np.diff(breaks)
@@ -130,20 +75,7 @@ def _search(path: PosesAlong, edges: Array, bend: Array, poses: Array) -> Array:
 
 
 def embedded(poses: Array, turn: float) -> Array:
-    """Return poses as points whose squared distance is |p − x|² + turn² |R − X|²/2.
-
-    Parameters
-    ----------
-    poses : (k, 4, 4) array
-        T_base_tool [m].
-    turn : float
-        Distance that a rotation by 1 rad counts for [m/rad].
-
-    Returns
-    -------
-    (k, 12) array
-        Positions [m] and the scaled entries of the rotations [m].
-    """
+    """Return poses as points whose squared distance is |p − x|² + turn² |R − X|²/2."""
     return np.concatenate([poses[:, :3, 3], (turn / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
 
 

@@ -18,25 +18,7 @@ HALF_TURN = 1e-6
 
 
 def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
-    """Return the shortest rotation from one pose to another.
-
-    Parameters
-    ----------
-    start, goal : (4, 4) array
-        T_base_tool at both ends [m].
-    argument : str
-        Name of the goal in messages.
-
-    Returns
-    -------
-    (3,) array
-        Rotation vector in the base frame [rad].
-
-    Raises
-    ------
-    InvalidInput
-        A half turn, which is as short in both directions.
-    """
+    """Return the shortest rotation from one pose to another."""
     turn = se3.log_so3(goal[:3, :3] @ start[:3, :3].T)
     angle = float(np.linalg.norm(turn))
     if angle > pi - HALF_TURN:
@@ -50,60 +32,21 @@ def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
 
 
 def turned(R: Array, w: Array, s: Array) -> Array:
-    """Return the rotations exp(s w) R along a path that turns at a constant rate.
-
-    Parameters
-    ----------
-    R : (3, 3) array
-        Rotation at s = 0 [1].
-    w : (3,) array
-        Rotation vector per unit of s, in the base frame [rad/m, or 1].
-    s : (k,) array
-        Places [m, or rad].
-
-    Returns
-    -------
-    (k, 3, 3) array
-        Rotations [1].
-    """
+    """Return the rotations exp(s w) R along a path that turns at a constant rate."""
     if not w.any():
         return np.broadcast_to(R, (s.size, 3, 3))
     return (se3.exp_so3(s[:, None] * w).reshape(-1, 3) @ R).reshape(-1, 3, 3)
 
 
 def poses(R: Array, p: Array) -> Array:
-    """Return the poses of rotations and positions.
-
-    Parameters
-    ----------
-    R : (k, 3, 3) array
-        Rotations [1].
-    p : (k, 3) array
-        Positions [m].
-
-    Returns
-    -------
-    (k, 4, 4) array
-        Homogeneous matrices [m].
-    """
+    """Return the poses of rotations and positions."""
     out = np.zeros((len(p), 4, 4))
     out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p, 1.0
     return out
 
 
 def vector_of(M: Array) -> Array:
-    """Return twice the vectors of the skew parts of matrices: 2 sin φ · axis for a rotation by φ.
-
-    Parameters
-    ----------
-    M : (k, 3, 3) array
-        Matrices [1].
-
-    Returns
-    -------
-    (k, 3) array
-        Vectors [1].
-    """
+    """Return twice the vectors of the skew parts of matrices: 2 sin φ · axis for a rotation by φ."""
     return np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], axis=1)
 
 
@@ -111,36 +54,13 @@ def angle_about(axis: Array, R: Array) -> Array:
     """Return the angles about an axis whose rotations are nearest to the given ones.
 
     tr(exp(−θ n) R) = nᵀRn + cos θ (tr R − nᵀRn) + sin θ n·vec R is greatest there.
-
-    Parameters
-    ----------
-    axis : (3,) array
-        Unit vector [1].
-    R : (k, 3, 3) array
-        Rotations [1].
-
-    Returns
-    -------
-    (k,) array
-        Angles in [−π, π] [rad].
     """
     cosine = np.einsum("kii->k", R) - np.einsum("i,kij,j->k", axis, R, axis)
     return np.asarray(np.arctan2(vector_of(R) @ axis, cosine))
 
 
 def turning(w: Array, w1: Array, w2: Array) -> Array:
-    """Return the norms of R', R'', R''' by R' = ω×R and the product rule; R itself has norm 1.
-
-    Parameters
-    ----------
-    w, w1, w2 : (k, 3) array
-        Angular velocity per unit of s, and its first two derivatives [rad/m, rad/m², rad/m³].
-
-    Returns
-    -------
-    (k, 3) array
-        Spectral norms [1/m, 1/m², 1/m³].
-    """
+    """Return the norms of R', R'', R''' by R' = ω×R and the product rule; R itself has norm 1."""
     A, A1, A2 = (_crossing(v) for v in (w, w1, w2))
     second = A1 + A @ A
     third = A2 + 2.0 * A1 @ A + A @ A1 + A @ A @ A

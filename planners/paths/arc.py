@@ -188,25 +188,7 @@ class Arc(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """Return the arc that `to_dict` wrote.
-
-        Parameters
-        ----------
-        data : mapping
-            Plain data.
-        robot : Robot, optional
-            Not needed.
-
-        Returns
-        -------
-        Arc
-            With the same poses to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            Data that describe no arc.
-        """
+        """Return the arc that `to_dict` wrote."""
         if isinstance(data, Mapping) and "via" in data:
             return cls.through(*fields(data, cls.name, "start", "via", "goal"))
         *given, orientation = fields(data, cls.name, "start", "centre", "axis", "angle", "orientation")

@@ -282,27 +282,7 @@ class Path(Curve):
 
 
 def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:
-    """Return the named fields of a path's plain data.
-
-    Parameters
-    ----------
-    data : mapping
-        What `Path.to_dict` wrote.
-    path : str
-        Name of the path.
-    *names : str
-        Keys that are needed.
-
-    Returns
-    -------
-    tuple
-        Their values, in that order.
-
-    Raises
-    ------
-    InvalidInput
-        No mapping, the data of another path, or a missing field.
-    """
+    """Return the named fields of a path's plain data."""
     if not isinstance(data, Mapping) or data.get("path", path) != path:
         raise InvalidInput("data", repr(data)[:60], f"what to_dict of a {path} wrote")
     missing = [name for name in names if name not in data]

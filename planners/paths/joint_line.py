@@ -130,27 +130,7 @@ class JointLine(Path):
         return self._joints.end
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
-        """Return configurations at s, or their derivatives: q' is constant.
-
-        Parameters
-        ----------
-        robot : Robot
-            The arm that this path was made for.
-        s : float or (k,) array
-            Places [rad, or m].
-        order : int
-            0 for configurations, 1 to 3 for their derivatives.
-
-        Returns
-        -------
-        (n,) or (k, n) array
-            Configurations [rad, m], or derivatives per unit of s.
-
-        Raises
-        ------
-        InvalidInput
-            Another arm than the one this path was made for, s outside the path, another order.
-        """
+        """Return configurations at s, or their derivatives: q' is constant."""
         if robot != self.robot:
             other = f"{robot!r}, which differs in {robot_difference(robot, self.robot)}"
             raise InvalidInput("robot", other, f"the arm this path was made for, {self.robot!r}")
@@ -220,25 +200,7 @@ class JointLine(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """Return the path that `to_dict` wrote, for the arm that it was made for.
-
-        Parameters
-        ----------
-        data : mapping
-            Plain data.
-        robot : Robot
-            That arm.
-
-        Returns
-        -------
-        JointLine
-            With the same poses to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            Data that describe no such path, no arm, another arm.
-        """
+        """Return the path that `to_dict` wrote, for the arm that it was made for."""
         name, fingerprint, start, goal = fields(data, cls.name, "robot", "fingerprint", "q_start", "q_goal")
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}: the path is given in its joints")

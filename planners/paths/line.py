@@ -84,25 +84,7 @@ class Line(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """Return the line that `to_dict` wrote.
-
-        Parameters
-        ----------
-        data : mapping
-            Plain data.
-        robot : Robot, optional
-            Not needed.
-
-        Returns
-        -------
-        Line
-            With the same poses to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            Data that describe no line.
-        """
+        """Return the line that `to_dict` wrote."""
         return cls(*fields(data, cls.name, "start", "goal"))
 
 

@@ -249,19 +249,7 @@ class Polyline(Path):
         return np.stack([position, rotation[:, 1:]], axis=1)
 
     def least_on_pieces(self, values: Array) -> Array:
-        """Values of the pieces: a rounded corner is part of both its segments, whose lesser value it has.
-
-        Parameters
-        ----------
-        values : (segments,) array
-            One value for each segment between the given waypoints [as they are].
-
-        Returns
-        -------
-        (k - 1,) array
-            One value for each piece [as values]. Where waypoints were left out, a segment has the least value of those that it
-            stands for.
-        """
+        """Values of the pieces: a rounded corner is part of both its segments, whose lesser value it has."""
         kept = np.minimum.reduceat(values, self._kept[:-1])
         after = np.cumsum(self._pieces.corner)
         return np.minimum(kept[after], kept[np.where(self._pieces.corner, after - 1, after)])
@@ -279,25 +267,7 @@ class Polyline(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """Return the polyline that `to_dict` wrote.
-
-        Parameters
-        ----------
-        data : mapping
-            Plain data.
-        robot : Robot, optional
-            Not needed.
-
-        Returns
-        -------
-        Polyline
-            With the same poses to the last bit.
-
-        Raises
-        ------
-        InvalidInput
-            Data that describe no polyline.
-        """
+        """Return the polyline that `to_dict` wrote."""
         waypoints, blend, rotation = fields(data, cls.name, "waypoints", "blend", "blend_rotation")
         return cls(waypoints, blend=blend, blend_rotation=rotation)
 

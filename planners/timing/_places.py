@@ -17,22 +17,6 @@ def graded(breaks: Array, end: float, count: int, per_piece: int) -> Array:
     """Places from 0 to the end, with a least number of cells in the path and in each piece between two breaks.
 
     The first and the last cell are a hundredth of that, and neighbours differ little.
-
-    Parameters
-    ----------
-    breaks : (b,) array
-        Where pieces end [m, rad].
-    end : float
-        The path's length [m, rad].
-    count : int
-        Least number of cells of the path.
-    per_piece : int
-        Least number of cells of a piece.
-
-    Returns
-    -------
-    (m,) array
-        Places, all breaks among them [m, rad].
     """
     inner = breaks[(breaks > 0.0) & (breaks < end)]
     return np.asarray(_graded(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST_CELL))
@@ -67,10 +51,7 @@ def _graded(breaks: Array, count: int, per_piece: int, first: float) -> Array:
 
     They begin and end with a share `first` of that, and neighbours differ little.
 
-    Returns
-    -------
-    (m,) array
-        The places.
+    Returns (m,).
     """
     k, most = breaks.shape[0] - 1, breaks[-1] / count
     pieces = np.empty(k)

@@ -15,23 +15,6 @@ def velocity_control(
     Ruckig's velocity interface: it has no target position that could be overshot, and its polynomial roots stay well apart. The
     position interface ends the whole process where a distance is just the least one (0.19.4: an exception that cannot
     be caught).
-
-    Parameters
-    ----------
-    start, goal : (2,) tuple of float
-        Speed and acceleration.
-    acceleration, jerk : float
-        Their limits.
-
-    Returns
-    -------
-    list of tuple of float
-        Duration and jerk of each phase.
-
-    Raises
-    ------
-    NoSolution
-        Ruckig finds none.
     """
     problem, answer = ruckig.InputParameter(1), ruckig.Trajectory(1)
     problem.control_interface = ruckig.ControlInterface.Velocity

@@ -38,20 +38,7 @@ class Along(NamedTuple):
 
 
 def tops(along: Along, bends: float, twists: float) -> Array:
-    """Greatest speeds at which the bends of the path use a share of the limits on q̈ and on q⃛.
-
-    Parameters
-    ----------
-    along : Along
-        The path at places (m,).
-    bends, twists : float
-        The shares [1].
-
-    Returns
-    -------
-    (m,) array
-        ṡ [m/s, rad/s].
-    """
+    """Greatest speeds at which the bends of the path use a share of the limits on q̈ and on q⃛."""
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.sqrt(np.fmin.reduce(bends * along.acceleration / np.abs(along.q2), axis=1))
         twist = np.cbrt(np.fmin.reduce(twists * along.jerk / np.abs(along.q3), axis=1))
@@ -117,14 +104,7 @@ def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
 def passed(s: Array, v: Array, t: Array) -> None:
     """Times at which places are passed: speeds linear in time between, but at both ends, where s̈ starts from 0.
 
-    Parameters
-    ----------
-    s : (m,) array
-        Places [m, rad].
-    v : (m,) array
-        ṡ there [m/s, rad/s].
-    t : (m,) array
-        Filled with the times [s].
+    Shapes and units: s (m,) [m, rad], v (m,) [m/s, rad/s], t (m,) [s].
     """
     m = s.shape[0]
     t[0] = 0.0
@@ -240,23 +220,7 @@ def _slower(t: Array, half: Array, ratio: Array, slow: Array) -> None:
 def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
     """A motion that nearly keeps the limits, from rest to rest.
 
-    Parameters
-    ----------
-    along : Along
-        The path at places (m,).
-    top : (m,) array
-        Greatest ṡ [m/s, rad/s].
-    rounds : int
-        Most sweeps.
-    close : float
-        Excess of a limit, as a speed ratio, that is accepted [1].
-    out : (4, m) array
-        Filled with t [s], ṡ [m/s, rad/s], s̈ [m/s², rad/s²], and half the width of the mean [s].
-
-    Returns
-    -------
-    float
-        By what factor it is too fast at its worst place [1].
+    Shapes and units: top (m,) [m/s, rad/s], close [1], out (4, m) [s]. Returns [1].
     """
     m = along.s.shape[0]
     slow, v, ratio = np.ones(m), np.empty(m), np.empty(m)
@@ -319,25 +283,7 @@ def spread(
     The number for each change is the first of `per_change` for motions of few changes, and falls to the second for motions
     of far more than the third. None is briefer than the least; neighbours differ little.
 
-    Parameters
-    ----------
-    along : Along
-        The path at places (m,).
-    motion : (4, m) array
-        What `swept` made [s, m/s, m/s², s]; its last row is changed.
-    even : float
-        Intervals of any motion.
-    per_change : (3,) tuple of float
-        Intervals for each change: of few changes, of many, and how many are few.
-    least : float
-        Shortest interval [s].
-    share : (m,) array
-        Filled with the number of intervals before each place [1].
-
-    Returns
-    -------
-    float
-        All intervals.
+    Shapes and units: motion (4, m) [s, m/s, m/s², s], per_change (3,), least [s], share (m,) [1].
     """
     t, half = motion[0], motion[3]
     m = t.shape[0]
@@ -368,16 +314,7 @@ def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
 
     For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s does not decrease.
 
-    Parameters
-    ----------
-    s : (m,) array
-        Places [m, rad].
-    motion : (4, m) array
-        What `swept` made [s, m/s, m/s², s].
-    when : (k,) array
-        Times [s].
-    out : (3, k) array
-        Filled with s, ṡ, s̈ [m, m/s, m/s², or rad].
+    Shapes and units: s (m,) [m, rad], motion (4, m) [s, m/s, m/s², s], when (k,) [s], out (3, k) [m, m/s, m/s², or rad].
     """
     t, v, a = motion[0], motion[1], motion[2]
     for k in range(when.shape[0]):

@@ -186,23 +186,7 @@ class TimeLaw(ABC):
 
 
 def check_law(law: object) -> TimeLaw:
-    """Check that an object is a time law that promises limits which exist, and return it.
-
-    Parameters
-    ----------
-    law : object
-        What should be a law.
-
-    Returns
-    -------
-    TimeLaw
-        The law.
-
-    Raises
-    ------
-    InvalidInput
-        No law, or one whose ``keeps`` is no tuple of names of limits.
-    """
+    """Check that an object is a time law that promises limits which exist, and return it."""
     if not isinstance(law, TimeLaw):
         raise InvalidInput("timing", repr(law)[:60], "a TimeLaw")
     check_names(getattr(law, "keeps", None), f"keeps of the time law {law.name!r}")
@@ -210,27 +194,7 @@ def check_law(law: object) -> TimeLaw:
 
 
 def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:
-    """Check that what a law returned is a trajectory of the arm, and return it.
-
-    Parameters
-    ----------
-    law : TimeLaw
-        The law.
-    motion : object
-        What its ``run`` or ``run_from`` returned.
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    Trajectory
-        The motion.
-
-    Raises
-    ------
-    InvalidInput
-        Something else, or a trajectory of another number of joints.
-    """
+    """Check that what a law returned is a trajectory of the arm, and return it."""
     if not isinstance(motion, Trajectory) or motion.n != robot.n:
         came = f"a trajectory of {motion.n} joints" if isinstance(motion, Trajectory) else repr(motion)[:60]
         raise InvalidInput(f"result of the time law {law.name!r}", came, f"a Trajectory of {robot.n} joints")
@@ -238,22 +202,7 @@ def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:
 
 
 def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
-    """Greatest ṡ by all limits of first order: joint velocity, tool speed, rotation speed and extra ones.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    s : (k,) array
-        Places [m, or rad].
-
-    Returns
-    -------
-    (k,) array
-        [m/s, rad/s]; infinity where none binds.
-    """
+    """Greatest ṡ by all limits of first order: joint velocity, tool speed, rotation speed and extra ones."""
     at, bounds = PathPoints(joint_path, s), limits.bounds(joint_path.robot.n)
     first = [kind for kind in limits.kinds if kind.order == 1 and np.isfinite(bounds[kind.name]).any()]
     slowness = np.zeros(s.size)
@@ -269,20 +218,6 @@ def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: Array
     q(s(t)) is of a higher degree than 5, so it is refitted with a knot at every switch of the law (one-sided
     accelerations there), at every knot of the path, and more between until position and jerk agree with the chain rule
     q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. The refit is what is certified and exported.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    law : scipy.interpolate.PPoly
-        s(t) from 0, or a place on the path, to the path's end, increasing; coefficients (·, m).
-    jerk_scale : scalar or (n,) array
-        Size of a jerk that matters [rad/s³]; agreement is asked to 0.2 % of it.
-
-    Returns
-    -------
-    Trajectory
-        Ends exactly where the joint path ends.
     """
     t = _first_knots(joint_path, law)
     scale = np.asarray(jerk_scale, dtype=np.float64)

@@ -83,29 +83,7 @@ class ConstantSpeed(TimeLaw):
             raise InvalidInput("ramp", ramp, "a share above 0, at most 0.5")
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            q(s).
-        limits : MotionLimits
-            Limits of the motion.
-
-        Returns
-        -------
-        Trajectory
-            From rest to rest.
-
-        Raises
-        ------
-        InvalidInput
-            Velocity, acceleration or jerk limits are missing.
-        NoSolution
-            The given speed exceeds a limit (the error has s, the joint and the greatest possible speed); without a given speed,
-            a corner would slow the whole motion a thousandfold; the tool's point stands still somewhere on the path; or no
-            limit bounds a joint that moves.
-        """
+        """Time the joint path."""
         self.need(limits, joint_path.robot)
         shortest = min(SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
         distance = _distance(joint_path, limits)
@@ -188,16 +166,6 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     """Count the path in the tool's own distance; s itself is that, but for a factor, on straight lines.
 
     With c = dx/ds the tool's speed at ṡ = 1: s' = 1 / c, s'' = −c' / c³, s''' = (3 c'² − c c'') / c⁵.
-
-    Returns
-    -------
-    _Distance
-        The path over that distance.
-
-    Raises
-    ------
-    NoSolution
-        The tool's point stands still somewhere.
     """
     path, end = joint_path.path, joint_path.end
     s, knots = _places(path.breaks, end)

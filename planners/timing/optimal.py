@@ -93,27 +93,7 @@ class Optimal(TimeLaw):
         self.intervals = intervals
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path from rest to rest.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            q(s).
-        limits : MotionLimits
-            Limits of the motion.
-
-        Returns
-        -------
-        Trajectory
-            From rest to rest.
-
-        Raises
-        ------
-        InvalidInput
-            Velocity, acceleration or jerk limits are missing.
-        NoSolution
-            The iteration found no motion.
-        """
+        """Time the joint path from rest to rest."""
         self.need(limits, joint_path.robot)
         robot, promised = joint_path.robot, self.promises(limits)
         inside = limits if _unloaded(limits) else limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))

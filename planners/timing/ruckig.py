@@ -36,27 +36,7 @@ class RuckigLaw(TimeLaw):
     keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            q(s).
-        limits : MotionLimits
-            Limits of the motion.
-
-        Returns
-        -------
-        Trajectory
-            From rest to rest.
-
-        Raises
-        ------
-        InvalidInput
-            Velocity, acceleration or jerk limits are missing.
-        NoSolution
-            No limit bounds a joint that moves.
-        """
+        """Time the joint path."""
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
         ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
@@ -71,16 +51,6 @@ def _solved(ramp: Ramp) -> Array:
 
     Speeds are counted from v0 in units of v1 − v0, and times in units of the ramp's duration: so Ruckig's numbers are
     of size 1, on any path. Between v0 and v1 the speed only rises or only falls, so the sections are never left.
-
-    Returns
-    -------
-    (3, 2) array
-        The phases.
-
-    Raises
-    ------
-    NoSolution
-        Ruckig left the section.
     """
     wanted = phases_of(ramp)
     if len(wanted) == 1:

@@ -34,27 +34,7 @@ class Smooth(TimeLaw):
     keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            q(s).
-        limits : MotionLimits
-            Limits of the motion.
-
-        Returns
-        -------
-        Trajectory
-            From rest to rest.
-
-        Raises
-        ------
-        InvalidInput
-            Velocity, acceleration or jerk limits are missing.
-        NoSolution
-            No limit bounds a joint that moves.
-        """
+        """Time the joint path."""
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
@@ -65,29 +45,7 @@ class Smooth(TimeLaw):
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:
-    """Shortest T of one quintic in s that keeps the limits at sampled instants and around every node of the path.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    instants : int
-        How many, equally spaced.
-
-    Returns
-    -------
-    float
-        T [s].
-
-    Raises
-    ------
-    InvalidInput
-        A path without length.
-    NoSolution
-        No limit bounds a joint that moves.
-    """
+    """Shortest T of one quintic in s that keeps the limits at sampled instants and around every node of the path."""
     if not joint_path.end > 0.0:
         raise InvalidInput("joint_path", "a length of 0", "a path whose ends differ")
     moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION

@@ -69,27 +69,7 @@ class Toppra(TimeLaw):
         self.retries = 0
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            q(s).
-        limits : MotionLimits
-            Limits of the motion.
-
-        Returns
-        -------
-        Trajectory
-            From rest to rest.
-
-        Raises
-        ------
-        InvalidInput
-            Limits on velocity are missing, or on acceleration where torque is free, or the arm's masses where it is not.
-        NoSolution
-            No limit bounds a joint that moves, or TOPP-RA finds no motion on any of its grids.
-        """
+        """Time the joint path."""
         self.need(limits, joint_path.robot)
         bounded = limits.only(tuple(kind.name for kind in limits.kinds if kind.order <= 2))
         most = least_duration(joint_path, bounded) / BRIEFEST_PIECE
@@ -184,20 +164,7 @@ def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array)
 
 
 def constant_acceleration(s: Array, speed: Array) -> Any:
-    """s(t) through grid points, its s̈ constant between them.
-
-    Parameters
-    ----------
-    s : (k,) array
-        Grid points [m, rad].
-    speed : (k,) array
-        ṡ there [m/s, rad/s].
-
-    Returns
-    -------
-    scipy.interpolate.PPoly
-        Piecewise quadratic.
-    """
+    """s(t) through grid points, its s̈ constant between them."""
     h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
     t = np.concatenate([[0.0], np.cumsum(h)])
     return PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)

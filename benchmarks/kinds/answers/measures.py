@@ -25,18 +25,7 @@ EXACT = 1e-16
 
 
 def summary(rows: pl.LazyFrame) -> pl.DataFrame:
-    """Counts, quantiles and sums of each method.
-
-    Parameters
-    ----------
-    rows : LazyFrame
-        All answers of a block.
-
-    Returns
-    -------
-    DataFrame
-        One row a method.
-    """
+    """Counts, quantiles and sums of each method."""
     worst = pl.max_horizontal("position_error", "rotation_error")
     columns = [
         pl.len().alias("count"),
@@ -60,19 +49,7 @@ def summary(rows: pl.LazyFrame) -> pl.DataFrame:
 
 
 def distribution(rows: pl.LazyFrame) -> pl.DataFrame:
-    """How many answers of each method have a position error in each step of a logarithmic scale.
-
-    Parameters
-    ----------
-    rows : LazyFrame
-        All answers of a block.
-
-    Returns
-    -------
-    DataFrame
-        ``method``, ``upper`` (upper end of the step [m]) and ``count``, in order; answers outside the limits, and those
-        that are infinitely far, are not in it.
-    """
+    """How many answers of each method have a position error in each step of a logarithmic scale."""
     usable = rows.filter(pl.col("inside") & pl.col("position_error").is_finite())
     step = (pl.col("position_error").clip(lower_bound=EXACT).log10() * BINS_A_DECADE).ceil().cast(pl.Int32)
     found = usable.group_by("method", step=step).agg(pl.len().alias("count")).sort("method", "step")
@@ -85,21 +62,7 @@ GOOD = pl.col("inside") & (pl.max_horizontal("position_error", "rotation_error")
 
 
 def compared_answers(rows: pl.LazyFrame, part: int) -> pl.DataFrame:
-    """Answers as two runs are compared on them.
-
-    Parameters
-    ----------
-    rows : LazyFrame
-        All answers of a block.
-    part : int
-        Problems of one part, which are timed together.
-
-    Returns
-    -------
-    DataFrame
-        ``label``, ``problem`` and ``good`` of every answer; then for every part, whose ``problem`` is below 0, ``seconds`` of
-        one of its problems.
-    """
+    """Answers as two runs are compared on them."""
     number, label = pl.col("problem").cast(pl.Int64), pl.col("method").cast(pl.String).alias("label")
     each = rows.select(label, number, good=GOOD, seconds=pl.lit(None, dtype=pl.Float64))
     times = rows.group_by(label, problem=-1 - number // part).agg(seconds=pl.col("seconds").cast(pl.Float64).mean())
@@ -108,20 +71,7 @@ def compared_answers(rows: pl.LazyFrame, part: int) -> pl.DataFrame:
 
 
 def solved_by_all(rows: pl.LazyFrame, labels: Sequence[str]) -> dict[str, Flags]:
-    """Which problems each method solved within 1e-6, of those that all of them were given.
-
-    Parameters
-    ----------
-    rows : LazyFrame
-        All answers of a block.
-    labels : sequence of str
-        Of the methods.
-
-    Returns
-    -------
-    dict
-        A (k,) array of truth values for each method, in the order of the problems; one byte a problem.
-    """
+    """Which problems each method solved within 1e-6, of those that all of them were given."""
     found = {}
     for label in labels:
         own = rows.filter(pl.col("method") == label).select("problem", good=GOOD).collect(engine="streaming")

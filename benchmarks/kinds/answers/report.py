@@ -18,18 +18,7 @@ from optik.registry import short_name
 
 
 def answers(run: Run) -> dict[str, Any] | None:
-    """A table for each block, and one plot.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no recorded answers.
-    """
+    """A table for each block, and one plot."""
     found = run.of("answers")
     if not found:
         return None

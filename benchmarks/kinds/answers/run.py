@@ -77,18 +77,7 @@ class AnswersWork:
         return self.rows({key: [value] * self.count for key, value in (none | far).items()})
 
     def rows(self, columns: Mapping[str, Any]) -> pl.DataFrame:
-        """Rows of this part, in types that take little room.
-
-        Parameters
-        ----------
-        columns : mapping
-            A sequence for each column of `ANSWER_TYPES`.
-
-        Returns
-        -------
-        DataFrame
-            One row a problem.
-        """
+        """Rows of this part, in types that take little room."""
         numbers = pl.Series("problem", range(self.first, self.first + self.count), dtype=pl.UInt32)
         given = pl.DataFrame({"problem": numbers} | {key: columns[key] for key in ANSWER_TYPES})
         return given.with_columns(pl.col(key).cast(kind) for key, kind in ANSWER_TYPES.items()).with_columns(
@@ -97,25 +86,7 @@ class AnswersWork:
 
 
 def check(block: AnswersBlock, seed: int) -> str:
-    """Check the options of every method and of the set, by drawing problems.
-
-    Parameters
-    ----------
-    block : AnswersBlock
-        The block.
-    seed : int
-        Of the suite.
-
-    Returns
-    -------
-    str
-        SHA-256 of the first problems.
-
-    Raises
-    ------
-    InvalidInput
-        An option that a method or the set does not have; a set that cannot be drawn in any number.
-    """
+    """Check the options of every method and of the set, by drawing problems."""
     robot = load(block.robot)
     for method in block.methods:
         make_solver(robot, method.name, **method.options)
@@ -130,20 +101,6 @@ def store_hash(folder: RunFolder, block: AnswersBlock, sha256: str) -> None:
     """Record the hash of the first problems, or check that those of a continued run are the same.
 
     The workers draw all others when they solve them, each thousand from a seed of its own.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : AnswersBlock
-        The block.
-    sha256 : str
-        Of the first problems, as drawn now.
-
-    Raises
-    ------
-    InvalidInput
-        The run was begun with other problems.
     """
     before = folder.read_json(about_file(block))
     check_same(block, None if before is None else str(before.get("sha256")), sha256)
@@ -153,22 +110,7 @@ def store_hash(folder: RunFolder, block: AnswersBlock, sha256: str) -> None:
 
 
 def parts(block: AnswersBlock, seed: int, top: str) -> Iterator[Part]:
-    """Divide the work.
-
-    Parameters
-    ----------
-    block : AnswersBlock
-        The block.
-    seed : int
-        Of the suite.
-    top : str
-        Folder of the parts in the run folder.
-
-    Yields
-    ------
-    Part
-        Some problems by one method.
-    """
+    """Divide the work."""
     for index, method in enumerate(block.methods):
         all_of_them = min(block.count, method.most or block.count)
         for part, first in enumerate(range(0, all_of_them, block.part)):
@@ -181,18 +123,7 @@ def parts(block: AnswersBlock, seed: int, top: str) -> Iterator[Part]:
 
 
 def solve(work: AnswersWork) -> pl.DataFrame:
-    """Draw, solve and judge the problems of one part.
-
-    Parameters
-    ----------
-    work : AnswersWork
-        The part.
-
-    Returns
-    -------
-    DataFrame
-        One row a problem.
-    """
+    """Draw, solve and judge the problems of one part."""
     robot, method = load(work.robot), work.method
     targets, starts = _problems(robot, work)
     solver = make_solver(robot, method.name, **method.options)

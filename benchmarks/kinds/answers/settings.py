@@ -46,25 +46,7 @@ class AnswersBlock(ProblemBlock):
 
 
 def read_block(data: Any) -> AnswersBlock:
-    """Check the settings of a block of recorded answers and return it.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    AnswersBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        A robot, set or method that does not exist.
-    """
+    """Check the settings of a block of recorded answers and return it."""
     where = named(data, "answers")
     shared = read_problems(data, where, {"count", "part", "methods", "targets"}, {"count", "methods"})
     if "count" in shared["options"]:

@@ -29,18 +29,7 @@ ANSWER_COLUMNS = (
 
 
 def tables(run: Run) -> list[Table]:
-    """A table for each block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        In the order of the suite.
-    """
+    """A table for each block."""
     note = "Every answer judged by our own forward kinematics, inside the joint limits; intervals: Wilson, 95 %."
     found = []
     for b in run.of("answers"):
@@ -50,18 +39,7 @@ def tables(run: Run) -> list[Table]:
 
 
 def winners(run: Run) -> list[Winner]:
-    """Who solves the most problems of each block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Winner
-        One for each block.
-    """
+    """Who solves the most problems of each block."""
     return [_winner(b) for b in run.of("answers")]
 
 

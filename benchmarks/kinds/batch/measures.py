@@ -10,34 +10,12 @@ from benchmarks.targets import Measure, measure_named
 
 
 def solved_rate(rows: pl.DataFrame) -> float:
-    """Problems solved a second, the median of the repeats.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of one number of threads.
-
-    Returns
-    -------
-    float
-        Million a second.
-    """
+    """Problems solved a second, the median of the repeats."""
     return 1e-6 * float(np.median(rows["solved"].to_numpy() / rows["seconds"].to_numpy()))
 
 
 def extra_memory(rows: pl.DataFrame) -> float:
-    """Memory beyond inputs and outputs, the largest of the repeats.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of one number of threads.
-
-    Returns
-    -------
-    float
-        Megabytes; NaN where the system does not say.
-    """
+    """Memory beyond inputs and outputs, the largest of the repeats."""
     extra = rows["extra_memory_mb"].cast(pl.Float64).drop_nulls().to_numpy()
     return float(extra.max()) if len(extra) else float("nan")
 
@@ -54,22 +32,7 @@ MEASURES = (
 
 
 def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-    """Value of a target at the largest number of threads: the median of the repeats, of memory the largest.
-
-    Parameters
-    ----------
-    rows : DataFrame or None
-        Of the batch.
-    target : Target
-        What was asked.
-
-    Returns
-    -------
-    value : float
-        NaN where it was not run, or the system does not say.
-    note : str
-        How many problems and threads it is computed from.
-    """
+    """Value of a target at the largest number of threads: the median of the repeats, of memory the largest."""
     if rows is None or rows.is_empty():
         return float("nan"), "it was not run"
     most = rows.filter(pl.col("threads") == pl.col("threads").max())

@@ -27,18 +27,7 @@ JUDGED_AT_ONCE = 50_000
 
 
 def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Time every batch, and what memory it takes beyond its inputs and outputs.
-
-    Parameters
-    ----------
-    settings : dict
-        ``robot``, ``set``, ``options``, ``solver``, ``solver_options``, ``seed``, ``threads`` and ``repeats``.
-
-    Returns
-    -------
-    list of dict
-        One row for each number of threads and repeat.
-    """
+    """Time every batch, and what memory it takes beyond its inputs and outputs."""
     robot = load(settings["robot"])
     problems = build_method(SETS, settings["set"], "problem set", robot, settings["seed"], **settings["options"])
     targets, starts = np.ascontiguousarray(problems.targets), np.ascontiguousarray(problems.starts)
@@ -101,18 +90,7 @@ def reset_peak() -> float | None:
 
 
 def memory(field: str) -> float | None:
-    """A figure of this process in ``/proc/self/status``.
-
-    Parameters
-    ----------
-    field : str
-        Such as ``VmHWM``.
-
-    Returns
-    -------
-    float or None
-        Megabytes; None where there is no such figure.
-    """
+    """A figure of this process in ``/proc/self/status``."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     except OSError:

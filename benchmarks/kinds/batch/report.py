@@ -36,35 +36,13 @@ BATCH_COLUMNS = (
 
 
 def batches(run: Run) -> dict[str, Any] | None:
-    """The table of all batches.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no batch has rows.
-    """
+    """The table of all batches."""
     found = tables(run)
     return {"tables": found} if found else None
 
 
 def tables(run: Run) -> Sequence[Table]:
-    """One row for each batch and number of threads.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Table
-        One table; none where no batch has rows.
-    """
+    """One row for each batch and number of threads."""
     rows = [row for b in run.of("batch") for row in _rows(b)]
     note = (
         "One call for all targets, in a process of its own; medians and ranges are of the repeats. Solved is the least of the "
@@ -98,18 +76,7 @@ def _rows(b: BlockRows) -> list[Mapping[str, Cell]]:
 
 
 def winners(run: Run) -> Sequence[Winner]:
-    """Which method solves most a second, where batches of the same problems by several methods are in the suite.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Winner
-        One for each problem set that several methods were given.
-    """
+    """Which method solves most a second, where batches of the same problems by several methods are in the suite."""
     groups: dict[str, list[BlockRows]] = {}
     for b in run.of("batch"):
         groups.setdefault(repr((b.block.robot, b.block.set, sorted(b.block.options.items()))), []).append(b)

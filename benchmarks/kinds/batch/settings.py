@@ -35,25 +35,7 @@ class BatchBlock(ProblemBlock):
 
 
 def read_block(data: Any) -> BatchBlock:
-    """Check the settings of a batch and return it.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    BatchBlock
-        The batch.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        A robot, set or method that does not exist.
-    """
+    """Check the settings of a batch and return it."""
     where = named(data, "batch")
     shared = read_problems(data, where, {"solver", "solver_options", "threads", "repeats", "targets"}, {"solver"})
     solver = check_known(data["solver"], "optik.ik", "IK method")

@@ -18,71 +18,25 @@ PER_RADIAN = float(np.rad2deg(1.0))
 
 
 def succeeded(tolerance: float) -> pl.Expr:
-    """Whether BOTH errors of a row are within a tolerance, with every joint inside its limits.
-
-    Parameters
-    ----------
-    tolerance : float
-        Of the position [m] and of the rotation [rad].
-
-    Returns
-    -------
-    Expr
-        True for a success.
-    """
+    """Whether BOTH errors of a row are within a tolerance, with every joint inside its limits."""
     near = (pl.col("position_error") <= tolerance) & (pl.col("rotation_error") <= tolerance)
     return near & ~pl.col("status").is_in(["outside_limits", "rejected"])
 
 
 def success(rows: pl.DataFrame, tolerance: float) -> tuple[float, float, float]:
-    """Share of successes and its Wilson 95 % interval.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of one method at one budget.
-    tolerance : float
-        As `succeeded` has it [m and rad].
-
-    Returns
-    -------
-    tuple of float
-        Share, lower and upper end [%]; NaN without rows.
-    """
+    """Share of successes and its Wilson 95 % interval."""
     count = int(rows.select(succeeded(tolerance).sum()).item()) if len(rows) else 0
     low, high = wilson(count, len(rows))
     return (100.0 * count / len(rows) if len(rows) else float("nan")), 100.0 * low, 100.0 * high
 
 
 def level_words(tolerance: float) -> str:
-    """A tolerance as reports write it: 1e−6.
-
-    Parameters
-    ----------
-    tolerance : float
-        The tolerance, a power of ten.
-
-    Returns
-    -------
-    str
-        In words.
-    """
+    """A tolerance as reports write it: 1e−6."""
     return f"{tolerance:.0e}".replace("e-0", "e−")
 
 
 def success_at(tolerance: float) -> Measure:
-    """Success at a tolerance as a measure.
-
-    Parameters
-    ----------
-    tolerance : float
-        The tolerance [m and rad].
-
-    Returns
-    -------
-    Measure
-        With its interval.
-    """
+    """Success at a tolerance as a measure."""
     return Measure(
         f"success at {level_words(tolerance)}",
         "%",
@@ -93,18 +47,7 @@ def success_at(tolerance: float) -> Measure:
 
 
 def paired(rows: pl.DataFrame) -> pl.DataFrame:
-    """Rows of the problems that every method was run on, so that methods are compared on the same ones.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-
-    Returns
-    -------
-    DataFrame
-        A part of them.
-    """
+    """Rows of the problems that every method was run on, so that methods are compared on the same ones."""
     methods = rows["method"].n_unique()
     return rows.filter(pl.col("method").n_unique().over("problem") == methods)
 

@@ -58,18 +58,7 @@ class BudgetRows(BlockRows):
         return self.rows.filter("known")
 
     def given(self, labels: Sequence[str]) -> pl.DataFrame:
-        """Rows at the largest budget of some methods, on the problems with a known solution that all of them were given.
-
-        Parameters
-        ----------
-        labels : sequence of str
-            Of the methods.
-
-        Returns
-        -------
-        DataFrame
-            Sorted by problem within each method, so that rows of different methods are pairs.
-        """
+        """Rows at the largest budget of some methods, on the problems with a known solution that all of them were given."""
         return paired(self.last.filter(pl.col("method").is_in(labels) & pl.col("known"))).sort("problem")
 
     def problems(self) -> tuple[int, int]:

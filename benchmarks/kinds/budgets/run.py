@@ -94,18 +94,7 @@ class Work:
         return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
 
     def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
-        """Rows with the columns that say whose they are, in one order of columns.
-
-        Parameters
-        ----------
-        rows : DataFrame
-            The rows.
-
-        Returns
-        -------
-        DataFrame
-            With the method's label, solver and place.
-        """
+        """Rows with the columns that say whose they are, in one order of columns."""
         method = self.method
         return rows.select(*COLUMN_ORDER).with_columns(
             method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
@@ -113,29 +102,7 @@ class Work:
 
 
 def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
-    """Check the options of every method, and draw the problems.
-
-    Parameters
-    ----------
-    block : BudgetBlock
-        The block.
-    seed : int
-        Of the suite.
-
-    Returns
-    -------
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        The problems.
-    seed : int
-        Of the suite.
-
-    Raises
-    ------
-    InvalidInput
-        An option that a method or the set does not have.
-    """
+    """Check the options of every method, and draw the problems."""
     robot = load(block.robot)
     for method in block.methods:
         make_solver(robot, method.name, **_options(method, block.budgets))
@@ -144,26 +111,7 @@ def prepare(block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
 
 
 def parts(folder: RunFolder, block: BudgetBlock, robot: Robot, problems: ProblemSet, seed: int) -> Iterator[Part]:
-    """Write the problems, and divide the work.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : BudgetBlock
-        The block.
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        The problems.
-    seed : int
-        Of the suite.
-
-    Yields
-    ------
-    Part
-        Some problems by one method.
-    """
+    """Write the problems, and divide the work."""
     store_problems(folder, block, robot, problems)
     for index, method in enumerate(block.methods):
         chosen = problems.chosen(method.most)
@@ -183,16 +131,6 @@ def solve_problems(work: Work) -> pl.DataFrame:
     """Solve the problems of one part: at all budgets, or, by a method that is called as it comes, once.
 
     Nothing is timed: times come from blocks of single calls, which have the processor to themselves.
-
-    Parameters
-    ----------
-    work : Work
-        The part.
-
-    Returns
-    -------
-    DataFrame
-        One row for each problem and budget; of a method as it comes one for each problem, at the largest budget.
     """
     robot, method = load(work.robot), work.method
     solver = make_solver(robot, method.name, **_options(method, work.budgets))
@@ -221,19 +159,6 @@ def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[
 
     The errors are those of the iterate that each has reached; the status is that of the stopped run. Where the longest
     run ends outside the limits, its iterates within the coarsest tolerance of the target are outside too, and say so.
-
-    Parameters
-    ----------
-    result : IKResult
-        Of the longest run, with its trace.
-    budgets : tuple of k ints
-        Iterations after which each run stops.
-
-    Returns
-    -------
-    dict of (k,) arrays
-        Columns of the rows: errors [m, rad], iterations, status, how often the error rose, and its peak over its first
-        value.
     """
     assert result.trace is not None
     trace = result.trace
@@ -254,22 +179,7 @@ def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[
 
 
 def as_it_comes(robot: Robot, target: Array, result: IKResult) -> dict[str, NDArray[Any]]:
-    """What one call of a method as it comes has reached.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        The pose that was asked for [1, m].
-    result : IKResult
-        What came back.
-
-    Returns
-    -------
-    dict of (1,) arrays
-        Columns as `at_budgets` has them; restarts are no one run, so there are no rises (0) and no peak (NaN).
-    """
+    """What one call of a method as it comes has reached."""
     return _errors(robot.errors(result.q[None], target[None])) | {
         "iterations": np.array([result.iterations], dtype=np.int64),
         "status": np.array([str(result.status)]),

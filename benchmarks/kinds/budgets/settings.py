@@ -40,25 +40,7 @@ class BudgetBlock(ProblemBlock):
 
 
 def read_block(data: Any) -> BudgetBlock:
-    """Check the settings of a block with iteration budgets and return it.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    BudgetBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        A robot, set or method that does not exist.
-    """
+    """Check the settings of a block with iteration budgets and return it."""
     where = f"block {data.get('id', '?')!r}" if isinstance(data, dict) else "block"
     shared = read_problems(data, where, {"budgets", "methods", "sweep"}, {"methods"})
     budgets = tuple(check_list(data.get("budgets", [100]), f"{where}: budgets"))

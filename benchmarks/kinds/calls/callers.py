@@ -72,24 +72,7 @@ class Caller:
 def callers_of(
     block: CallBlock, robot: Robot, journal: Journal = UNKEPT
 ) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
-    """Build every method and peer.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-    robot : Robot
-        The arm.
-    journal : Journal
-        Of the block.
-
-    Returns
-    -------
-    ready : list of Caller
-        All that could be built, and those that have ended the process.
-    absent : dict
-        Facts on those that could not, by label.
-    """
+    """Build every method and peer."""
     ready: list[Caller] = []
     absent: dict[str, dict[str, Any]] = {}
     for entry, build in [*((e, _ours) for e in block.methods), *((e, _peer) for e in block.peers)]:
@@ -116,25 +99,7 @@ def _crashed(entry: Entry, why: str) -> Caller:
 
 
 def build_ours(entry: Entry, robot: Robot) -> IKSolver | Absent:
-    """Build a method of ours.
-
-    Parameters
-    ----------
-    entry : Entry
-        The method and its options.
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    IKSolver or Absent
-        The method, or the reason why it is not run: it does not support the arm, or needs a package that is missing.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong options.
-    """
+    """Build a method of ours."""
     try:
         return make_solver(robot, entry.name, **entry.options)
     except Unsupported as error:

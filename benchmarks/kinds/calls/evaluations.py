@@ -16,37 +16,12 @@ from benchmarks.records import Journal, RunFolder, slug
 
 
 def evaluations_file(block: CallBlock) -> str:
-    """Name of the file of answers at equal numbers of iterations.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-
-    Returns
-    -------
-    str
-        In the run folder.
-    """
+    """Name of the file of answers at equal numbers of iterations."""
     return f"speed/{slug(block.id)}.iterations.parquet"
 
 
 def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Answer every problem at every number of iterations, unless that is done already or not asked for.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-    seed : int
-        Of the suite.
-    folder : RunFolder
-        The run.
-    tell : callable
-        Called with what is next.
-    journal : Journal
-        Of the block.
-    """
+    """Answer every problem at every number of iterations, unless that is done already or not asked for."""
     if not block.evaluation_budgets or folder.has(evaluations_file(block)):
         return
     robot, problems = problem_set(block, seed)
@@ -63,20 +38,7 @@ def run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, 
 
 
 def ending_after(block: CallBlock, budget: int) -> CallBlock:
-    """A block whose methods end after a number of iterations, without restarts.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-    budget : int
-        The number.
-
-    Returns
-    -------
-    CallBlock
-        The same problems; a peer that cannot be told the number refuses when it is built.
-    """
+    """A block whose methods end after a number of iterations, without restarts."""
 
     def ours(entry: Entry) -> Entry:
         return replace(entry, options=entry.options | {"max_iterations": budget, "max_restarts": 0})
@@ -88,18 +50,5 @@ def ending_after(block: CallBlock, budget: int) -> CallBlock:
 
 
 def read_evaluations(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-    """Answers at equal numbers of iterations.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : CallBlock
-        The block.
-
-    Returns
-    -------
-    DataFrame or None
-        None where none were asked for, or they were not run yet.
-    """
+    """Answers at equal numbers of iterations."""
     return folder.read(evaluations_file(block)) if block.evaluation_budgets else None

@@ -21,34 +21,12 @@ orders below the finest of them.
 
 
 def level_name(tolerance: float) -> str:
-    """A tolerance in words.
-
-    Parameters
-    ----------
-    tolerance : float
-        A power of ten.
-
-    Returns
-    -------
-    str
-        Such as 1e-3.
-    """
+    """A tolerance in words."""
     return f"{tolerance:.0e}".replace("e-0", "e-")
 
 
 def solved_at(tolerance: float) -> pl.Expr:
-    """Whether the answer of a row meets its target within a tolerance, with every joint inside its limits.
-
-    Parameters
-    ----------
-    tolerance : float
-        Of the position [m] and of the rotation [rad].
-
-    Returns
-    -------
-    Expr
-        False for no answer.
-    """
+    """Whether the answer of a row meets its target within a tolerance, with every joint inside its limits."""
     return pl.col("inside") & (pl.col("position_error") <= tolerance) & (pl.col("rotation_error") <= tolerance)
 
 
@@ -57,22 +35,6 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
 
     A target is solved if any answer meets it within `Tolerance()` inside the limits. Of several answers, one inside the
     limits counts before one outside, then the smaller error.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    targets : (k, 4, 4) array
-        Poses that were asked for [m, 1].
-    answers : list of k arrays (m, n)
-        Configurations [rad, m] that answer each, m = 0 for none.
-    wraps : bool
-        Whether full turns may be added to bring an answer inside the limits.
-
-    Returns
-    -------
-    DataFrame
-        ``solved``, ``inside``, ``position_error`` [m] and ``rotation_error`` [rad], NaN without a finite answer.
     """
     owner = np.repeat(np.arange(len(answers)), [len(a) for a in answers])
     q = np.concatenate([np.empty((0, robot.n)), *answers])
@@ -102,20 +64,7 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
 
 
 def wrapped(robot: Robot, q: Array) -> Array:
-    """Add full turns to turning joints outside their limits, to bring them inside where that is possible.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (k, n) array
-        Configurations with the same tool poses [rad, m].
-    """
+    """Add full turns to turning joints outside their limits, to bring them inside where that is possible."""
     lower, upper = robot.limits.lower, robot.limits.upper
     turn = 2.0 * np.pi
     up = q + turn * np.ceil(np.maximum(lower - 1e-9 - q, 0.0) / turn)

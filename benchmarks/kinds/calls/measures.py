@@ -18,20 +18,7 @@ SHIFT_US = 10.0
 
 
 def shared(rows: pl.DataFrame, labels: tuple[str, ...]) -> pl.DataFrame:
-    """Rows of some methods on the problems that all of them were given.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-    labels : tuple of str
-        Of the methods.
-
-    Returns
-    -------
-    DataFrame
-        A part of the rows.
-    """
+    """Rows of some methods on the problems that all of them were given."""
     chosen = rows.filter(pl.col("method").is_in(labels))
     return chosen.filter(pl.col("method").n_unique().over("problem") == chosen["method"].n_unique())
 
@@ -40,18 +27,6 @@ def median_ratio(rows: pl.DataFrame, method: str, to: str) -> float:
     """Median time of all calls of one method over that of another, on the problems that both were given.
 
     A target asks for it; tables show the ratio on the problems that both solved (`ratio_where_solved`).
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-    method, to : str
-        Their labels.
-
-    Returns
-    -------
-    float
-        The ratio [1]; NaN where they share no problem.
     """
     both = shared(rows, (method, to))
     mine, other = (both.filter(pl.col("method") == label)["ns"].to_numpy() for label in (method, to))
@@ -59,20 +34,7 @@ def median_ratio(rows: pl.DataFrame, method: str, to: str) -> float:
 
 
 def ratio_where_solved(rows: pl.DataFrame, method: str, to: str) -> float:
-    """Median time of one method over that of another, on the problems that both were given and both solved.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-    method, to : str
-        Their labels.
-
-    Returns
-    -------
-    float
-        The ratio [1]; NaN where they have solved no problem in common.
-    """
+    """Median time of one method over that of another, on the problems that both were given and both solved."""
     return median_ratio(rows.filter("solved"), method, to)
 
 
@@ -112,22 +74,7 @@ MEASURES = (
 
 
 def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-    """Value of a target on the rows of a block.
-
-    Parameters
-    ----------
-    rows : DataFrame or None
-        Of the block.
-    target : Target
-        What was asked.
-
-    Returns
-    -------
-    value : float
-        NaN where a method was not run.
-    note : str
-        How many problems it is computed from.
-    """
+    """Value of a target on the rows of a block."""
     measure = measure_named(MEASURES, target.measure, "measure")
     wanted = (target.method, target.to) if target.to else (target.method,)
     for label in wanted:

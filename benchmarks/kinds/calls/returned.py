@@ -52,18 +52,7 @@ class Round(NamedTuple):
 
 
 def failed(error: Exception) -> Failed:
-    """An exception of a call: a refusal where the method says that it does not support the problem.
-
-    Parameters
-    ----------
-    error : Exception
-        What the call raised.
-
-    Returns
-    -------
-    Failed
-        Its outcome and its words.
-    """
+    """An exception of a call: a refusal where the method says that it does not support the problem."""
     outcome = "refused" if isinstance(error, Unsupported) else "raised"
     return Failed(outcome, f"{type(error).__name__}: {error}"[:LONGEST_ERROR])
 
@@ -81,22 +70,7 @@ class Reading(NamedTuple):
 
 
 def reading(caller: Caller, raw: Any, n: int) -> Reading:
-    """Read what one call returned; a caller that cannot read it has raised.
-
-    Parameters
-    ----------
-    caller : Caller
-        Whose call it was.
-    raw : object
-        What it returned, or `Failed`.
-    n : int
-        Number of joints.
-
-    Returns
-    -------
-    Reading
-        Its configurations, outcome, claim and counts.
-    """
+    """Read what one call returned; a caller that cannot read it has raised."""
     empty = np.empty((0, n))
     if isinstance(raw, Failed):
         return Reading(empty, raw.outcome, raw.error, None, None, None, 0)
@@ -116,26 +90,7 @@ def reading(caller: Caller, raw: Any, n: int) -> Reading:
 def first_round_rows(
     robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, found: Round
 ) -> pl.DataFrame:
-    """The first round of one caller: judged answers, and times.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        All problems of the block.
-    mine : (k,) array of int
-        Numbers of those that it was given.
-    caller : Caller
-        The caller.
-    found : Round
-        What came of the round.
-
-    Returns
-    -------
-    DataFrame
-        One row a problem.
-    """
+    """The first round of one caller: judged answers, and times."""
     read = [reading(caller, raw, robot.n) for raw in found.raws]
     judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.wraps)
     return judgement.with_columns(
@@ -151,34 +106,12 @@ def first_round_rows(
 
 
 def times_of(found: Round) -> pl.DataFrame:
-    """Times of one round, and which calls changed their arguments.
-
-    Parameters
-    ----------
-    found : Round
-        What came of the round.
-
-    Returns
-    -------
-    DataFrame
-        One row a problem.
-    """
+    """Times of one round, and which calls changed their arguments."""
     return pl.DataFrame({"round_ns": found.ns, "round_cpu_ns": found.cpu_ns, "changed": found.changed})
 
 
 def all_rounds_rows(rounds: list[pl.DataFrame]) -> pl.DataFrame:
-    """Rows of one caller: judged answers of the first round, times of all.
-
-    Parameters
-    ----------
-    rounds : list of DataFrame
-        The first from `first_round_rows`, the others from `times_of`.
-
-    Returns
-    -------
-    DataFrame
-        One row a problem.
-    """
+    """Rows of one caller: judged answers of the first round, times of all."""
     ns, cpu_ns, changed = (
         np.stack([one[name].to_numpy() for one in rounds]) for name in ("round_ns", "round_cpu_ns", "changed")
     )
@@ -195,20 +128,7 @@ def all_rounds_rows(rounds: list[pl.DataFrame]) -> pl.DataFrame:
 
 
 def crashed_rows(mine: NDArray[np.int64], why: str) -> pl.DataFrame:
-    """Rows of a caller that has ended the process: it answered nothing, and never returned.
-
-    Parameters
-    ----------
-    mine : (k,) array of int
-        Numbers of its problems.
-    why : str
-        How the process ended.
-
-    Returns
-    -------
-    DataFrame
-        Columns as of any other caller; the times are infinite, and missing where they are whole numbers.
-    """
+    """Rows of a caller that has ended the process: it answered nothing, and never returned."""
     return pl.DataFrame({"problem": pl.Series(mine)}).select(
         solved=pl.lit(False),
         inside=pl.lit(False),

@@ -12,16 +12,6 @@ def without_memory(rows: pl.DataFrame) -> pl.DataFrame:
     """Rows in which a method whose later rounds are far faster than its first is timed by its first round.
 
     Every round has the same problems, so a method that remembers its answers has to compute in the first only.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-
-    Returns
-    -------
-    DataFrame
-        The rows, ``ns`` replaced for these methods; those of a run without ``first_ns`` as they are.
     """
     if "first_ns" not in rows.columns:
         return rows

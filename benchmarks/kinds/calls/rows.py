@@ -39,18 +39,7 @@ class CallRows(BlockRows):
         return block_tables(self)
 
     def why_not(self, label: str) -> tuple[str, str]:
-        """Why an entry has no rows.
-
-        Parameters
-        ----------
-        label : str
-            Of the entry.
-
-        Returns
-        -------
-        tuple of str
-            One word (refused: the arm; absent: no package; differs: another model) and the reason; both empty where it was run.
-        """
+        """Why an entry has no rows."""
         if label in self.by_method:
             return "", ""
         about = self.entries[label]

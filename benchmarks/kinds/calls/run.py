@@ -31,55 +31,17 @@ FIRST_CALLS = 20
 
 
 def facts_file(block: CallBlock) -> str:
-    """Name of the file of facts on a block.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-
-    Returns
-    -------
-    str
-        In the run folder.
-    """
+    """Name of the file of facts on a block."""
     return f"speed/{slug(block.id)}.json"
 
 
 def part_files(block: CallBlock, count: int) -> list[str]:
-    """Names of all parts of a block.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-    count : int
-        Of its problems.
-
-    Returns
-    -------
-    list of str
-        In the run folder.
-    """
+    """Names of all parts of a block."""
     return [f"speed/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // CALL_PART))]
 
 
 def run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run what a block still lacks.
-
-    Parameters
-    ----------
-    block : CallBlock
-        The block.
-    seed : int
-        Of the suite.
-    folder : RunFolder
-        The run.
-    tell : callable
-        Called with what is next.
-    journal : Journal
-        Of the block.
-    """
+    """Run what a block still lacks."""
     facts = facts_file(block)
     before = folder.read_json(facts) or {"count": None, "entries": {}}
     count = before["count"]
@@ -120,24 +82,7 @@ class Rounds:
     part: str = ""
 
     def done(self, caller: Caller, index: int, turn: int, work: Callable[[], pl.DataFrame]) -> pl.DataFrame:
-        """Do a round, unless it is kept.
-
-        Parameters
-        ----------
-        caller : Caller
-            Whose round.
-        index : int
-            Its place.
-        turn : int
-            Number of the round.
-        work : callable
-            Does it.
-
-        Returns
-        -------
-        DataFrame
-            What the work returned.
-        """
+        """Do a round, unless it is kept."""
         name = f"{self.part}-{index:02d}-{turn:02d}"
         rows = self.journal.kept(name)
         if rows is None:
@@ -158,31 +103,7 @@ def timed_part(
     seed: int = 0,
     kept: Rounds | None = None,
 ) -> pl.DataFrame:
-    """Time some problems: in every round each caller takes all of them, one after another.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        All problems of the block.
-    here : (k,) array of int
-        Numbers of those in this part.
-    callers : list of Caller
-        Methods and peers.
-    rounds : int
-        How often each problem is solved.
-    seed : int
-        Of the suite, for methods that draw random numbers.
-    kept : Rounds, optional
-        Rounds of this part that an earlier process has finished.
-
-    Returns
-    -------
-    DataFrame
-        One row for each problem and caller: the time of a call is the median of its rounds, the answer is that of the
-        first round. All calls of a caller that has ended the process count as crashed.
-    """
+    """Time some problems: in every round each caller takes all of them, one after another."""
     kept = kept or Rounds()
     mine = [np.intersect1d(here, problems.chosen(c.most)) for c in callers]
     given = [i for i in range(len(callers)) if len(mine[i])]
@@ -209,24 +130,7 @@ def timed_part(
 
 
 def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
-    """Call one caller once for each problem, with copies of its own of the target and the initial guess.
-
-    Parameters
-    ----------
-    caller : Caller
-        The caller.
-    problems : ProblemSet
-        All problems of the block.
-    mine : (k,) array of int
-        Numbers of the problems that it is given.
-    trial : tuple of int
-        Seed of the suite and number of the round, which key random numbers.
-
-    Returns
-    -------
-    Round
-        What came of it.
-    """
+    """Call one caller once for each problem, with copies of its own of the target and the initial guess."""
     arguments = _arguments(caller, problems, mine)
     if caller.many is not None:
         answers = caller.many(arguments)
@@ -257,20 +161,7 @@ def _arguments(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) ->
 
 
 def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-    """All rows of a block with what is known of each problem: group, singular value, whether a solution is known.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : CallBlock
-        The block.
-
-    Returns
-    -------
-    DataFrame or None
-        None where nothing was run.
-    """
+    """All rows of a block with what is known of each problem: group, singular value, whether a solution is known."""
     problems = folder.read(f"problems/{slug(block.id)}.parquet")
     rows = folder.parts("speed", block.id)
     if problems is None or rows is None:

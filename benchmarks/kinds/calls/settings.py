@@ -48,25 +48,7 @@ class CallBlock(ProblemBlock):
 
 
 def read_block(data: Any) -> CallBlock:
-    """Check the settings of a block of single calls and return it.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    CallBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        A robot, set, method or peer that does not exist.
-    """
+    """Check the settings of a block of single calls and return it."""
     where = named(data, "speed block")
     shared = read_problems(data, where, {"rounds", "methods", "peers", "targets", "evaluation_budgets"}, {"methods"})
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)

@@ -23,20 +23,7 @@ EXECUTED_TO_END = "executed"
 
 
 def facts_of(execution: Execution) -> dict[str, Any]:
-    """Facts on an execution.
-
-    Parameters
-    ----------
-    execution : Execution
-        What a drive did.
-
-    Returns
-    -------
-    dict
-        Values of `EXECUTION_TYPES`. Tracking errors are the largest differences from the continuous planned motion at the steps
-        of the plant: of the tool's position [m], and of a joint [rad, m]. The energy is the integral of the positive
-        powers of all joints, torque times velocity: braking gives nothing back, as in the certificate's ``energy.drawn`` [J].
-    """
+    """Facts on an execution."""
     found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
         return found
@@ -59,20 +46,7 @@ def facts_of(execution: Execution) -> dict[str, Any]:
 
 
 def peaks(execution: Execution) -> tuple[Array, Array | None]:
-    """Largest torque of each motor as the plant had it, and the certificate's bound on it.
-
-    Parameters
-    ----------
-    execution : Execution
-        On a plant that has torques.
-
-    Returns
-    -------
-    peak : (n,) array
-        Largest |torque| [N·m, N].
-    bound : (n,) array or None
-        Proved bound for the model of the arm [N·m, N]; None where the certificate has none.
-    """
+    """Largest torque of each motor as the plant had it, and the certificate's bound on it."""
     assert execution.torque is not None
     bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
     known = np.isfinite(bound).all() and (bound > 0.0).all()
@@ -80,34 +54,10 @@ def peaks(execution: Execution) -> tuple[Array, Array | None]:
 
 
 def why_not(planned: Plan) -> str:
-    """Why a plan has no motion.
-
-    Parameters
-    ----------
-    planned : Plan
-        One that failed.
-
-    Returns
-    -------
-    str
-        In words.
-    """
+    """Why a plan has no motion."""
     return str(planned.status) if planned.stop is None else planned.stop.reason
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
-    """Facts on a motion that was not executed.
-
-    Parameters
-    ----------
-    drive : str
-        Which would have executed it.
-    status, reason : str
-        Why it was not.
-
-    Returns
-    -------
-    dict
-        Values of `EXECUTION_TYPES`; what was not measured is None.
-    """
+    """Facts on a motion that was not executed."""
     return dict.fromkeys(EXECUTION_TYPES) | {"drive": drive, "status": status, "reason": reason}

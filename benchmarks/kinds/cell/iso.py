@@ -82,40 +82,12 @@ class IsoWork:
 
 
 def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    """Rows as a table.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Values by column.
-
-    Returns
-    -------
-    DataFrame
-        With the columns `ISO_TYPES`.
-    """
+    """Rows as a table."""
     return pl.DataFrame(rows, schema=ISO_TYPES)
 
 
 def prepare_iso(block: IsoBlock) -> Cube:
-    """Choose the five poses, and check that the line can be planned.
-
-    Parameters
-    ----------
-    block : IsoBlock
-        The block.
-
-    Returns
-    -------
-    Cube
-        The poses.
-
-    Raises
-    ------
-    InvalidInput
-        A start with the wrong number of joints, outside the limits, or without room for a cube; a line that the arm
-        cannot follow.
-    """
+    """Choose the five poses, and check that the line can be planned."""
     robot = trial_of(block, 0, 0, POSE_TEST, 0, noise=False).robot
     q = start_configuration(robot, block.start_deg, f"cell {block.id!r}")
     planned = _line(block)
@@ -133,22 +105,7 @@ def _line(block: IsoBlock) -> Plan:
 
 
 def iso_parts(block: IsoBlock, prepared: tuple[str, int], top: str) -> Iterator[Part]:
-    """Divide the work: a cycle a part.
-
-    Parameters
-    ----------
-    block : IsoBlock
-        The block.
-    prepared : tuple of (str, int)
-        Name of the drive, and seed of the suite.
-    top : str
-        Folder of the parts in the run folder.
-
-    Yields
-    ------
-    Part
-        One cycle; without noise there is one of each test, as all would be the same.
-    """
+    """Divide the work: a cycle a part."""
     drive, seed = prepared
     for test, cycles in ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles)):
         for noise in (True, False):
@@ -158,18 +115,7 @@ def iso_parts(block: IsoBlock, prepared: tuple[str, int], top: str) -> Iterator[
 
 
 def solve_iso(work: IsoWork) -> pl.DataFrame:
-    """Execute one cycle.
-
-    Parameters
-    ----------
-    work : IsoWork
-        The part.
-
-    Returns
-    -------
-    DataFrame
-        A row for each pose, or for each point of the line.
-    """
+    """Execute one cycle."""
     trial = trial_of(work.block, work.seed, work.cycle, work.test, 0, noise=work.noise)
     rows = _poses(work, trial) if work.test == POSE_TEST else _path(work, trial)
     return frame([work.row() | row for row in rows])

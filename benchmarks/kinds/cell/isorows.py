@@ -14,18 +14,7 @@ POSE_TEST, PATH_TEST = "pose", "path"
 
 
 def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:
-    """Figures of one entry: those of each pose, then those of the path.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of one entry.
-
-    Returns
-    -------
-    list of PoseFigures and PathFigures
-        Empty where nothing was executed; cycles that did not come to their end are left out.
-    """
+    """Figures of one entry: those of each pose, then those of the path."""
     done = rows.filter(pl.col("reached_x").is_not_null()).sort("cycle", "point")
     noise = bool(done["noise"].any())
     found: list[PoseFigures | PathFigures] = []

@@ -20,18 +20,7 @@ AXES = ("x", "y", "z")
 
 
 def within(rows: pl.DataFrame) -> pl.Series:
-    """Whether each executed tool is within the paper's accuracy on each axis; a trial without an execution is not.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of spots.
-
-    Returns
-    -------
-    Series
-        Truth values.
-    """
+    """Whether each executed tool is within the paper's accuracy on each axis; a trial without an execution is not."""
     found = rows.select(ok=pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <= WITHIN_M)["ok"]
     return found.fill_null(False)
 

@@ -201,20 +201,7 @@ class LawsBlock(CellBlock):
 
 
 def budget_label(label: str, budget: int | None) -> str:
-    """What reports and targets call a method at one budget.
-
-    Parameters
-    ----------
-    label : str
-        Of the method.
-    budget : int or None
-        Iterations; None for a method that is called as it comes.
-
-    Returns
-    -------
-    str
-        Such as ``dls, 3 iterations``.
-    """
+    """What reports and targets call a method at one budget."""
     return label if budget is None else f"{label}, {budget} iteration{'s' if budget > 1 else ''}"
 
 
@@ -223,25 +210,7 @@ SHARED_KEYS = {"id", "title", "what", "robot", "drive", "period", "payload", "no
 
 
 def read_block(data: Any) -> CellBlock:
-    """Check the settings of a block of the executed cell.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    CellBlock
-        The block, of the class that its ``what`` asks for.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        No such robot, set, method or law.
-    """
+    """Check the settings of a block of the executed cell."""
     where = f"cell {data.get('id', '?')!r}" if isinstance(data, dict) else "cell"
     check_keys(data, set(data) if isinstance(data, dict) else set(), where, need={"id", "what", "robot"})
     readers = {SPOTS: _spots, ISO: _iso, LAWS: _laws}

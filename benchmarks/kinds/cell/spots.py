@@ -113,18 +113,7 @@ class SpotsWork:
         return tuple(self.part(i) for i in cuts)
 
     def part(self, i: Any) -> SpotsWork:
-        """Some of its spots.
-
-        Parameters
-        ----------
-        i : slice
-            Which.
-
-        Returns
-        -------
-        SpotsWork
-            Work on them alone.
-        """
+        """Some of its spots."""
         lists = ("problems", "targets", "group", "known", "distance", "given")
         return replace(self, **{name: getattr(self, name)[i] for name in lists})
 
@@ -134,35 +123,14 @@ class SpotsWork:
         return frame([self.row(*asked) | blank for asked in self.asked()])
 
     def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
-        """Which executions it consists of.
-
-        Yields
-        ------
-        tuple of (int, Entry, int or None)
-            Which of its spots, the method and its iterations.
-        """
+        """Which executions it consists of."""
         for i in range(len(self.problems)):
             for method, given in zip(self.block.methods, self.given[i], strict=True):
                 for budget in budgets_of(self.block, method) if given else ():
                     yield i, method, budget
 
     def row(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
-        """Columns that say which trial a row is of.
-
-        Parameters
-        ----------
-        i : int
-            Which of the spots.
-        method : Entry
-            The method.
-        budget : int or None
-            Its iterations.
-
-        Returns
-        -------
-        dict
-            Columns; all others are None.
-        """
+        """Columns that say which trial a row is of."""
         at = self.targets[i, :3, 3]
         return dict.fromkeys(SPOT_TYPES) | {
             "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
@@ -173,62 +141,17 @@ class SpotsWork:
 
 
 def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    """Rows as a table.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Values by column.
-
-    Returns
-    -------
-    DataFrame
-        With the columns `SPOT_TYPES`.
-    """
+    """Rows as a table."""
     return pl.DataFrame(rows, schema=SPOT_TYPES)
 
 
 def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
-    """Budgets of a method: None alone for one that is called as it comes.
-
-    Parameters
-    ----------
-    block : SpotsBlock
-        The block.
-    method : Entry
-        One of its methods.
-
-    Returns
-    -------
-    tuple of int or None
-        Iterations.
-    """
+    """Budgets of a method: None alone for one that is called as it comes."""
     return (None,) if method.whole else block.budgets
 
 
 def prepare_spots(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
-    """Check the options of every method and of the problem set, and draw the spots.
-
-    Parameters
-    ----------
-    block : SpotsBlock
-        The block.
-    seed : int
-        Of the suite.
-
-    Returns
-    -------
-    robot : Robot
-        The arm.
-    problems : ProblemSet
-        The spots.
-
-    Raises
-    ------
-    InvalidInput
-        An option that a method or the set does not have; a set with several starts; an arm without a limit that the law
-        needs.
-    """
+    """Check the options of every method and of the problem set, and draw the spots."""
     with naming(f"cell {block.id!r}: options"):
         robot, problems = problem_set(block, seed)
     for method in block.methods:
@@ -245,24 +168,7 @@ def _options(method: Entry, budget: int | None) -> dict[str, Any]:
 
 
 def spots_parts(folder: RunFolder, block: SpotsBlock, prepared: tuple[Any, ...], top: str) -> Iterator[Part]:
-    """Write the problems, and divide the work.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : SpotsBlock
-        The block.
-    prepared : tuple
-        Robot, problems, name of the drive and seed of the suite.
-    top : str
-        Folder of the parts in the run folder.
-
-    Yields
-    ------
-    Part
-        Some spots, with all methods.
-    """
+    """Write the problems, and divide the work."""
     robot, problems, drive, seed = prepared
     store_problems(folder, block, robot, problems)
     chosen = problems.chosen(block.count)
@@ -283,18 +189,7 @@ def spots_parts(folder: RunFolder, block: SpotsBlock, prepared: tuple[Any, ...],
 
 
 def solve_spots(work: SpotsWork) -> pl.DataFrame:
-    """Execute the trials of one part.
-
-    Parameters
-    ----------
-    work : SpotsWork
-        The part.
-
-    Returns
-    -------
-    DataFrame
-        A row for each spot, method and budget.
-    """
+    """Execute the trials of one part."""
     trials = [trial_of(work.block, work.seed, int(problem), "spot", work.repeat) for problem in work.problems]
     shown = [_Shown(work, i, trial) for i, trial in enumerate(trials)]
     return frame([work.row(i, method, k) | shown[i].executed(method, k) for i, method, k in work.asked()])
@@ -385,18 +280,7 @@ def _origin(laser: PanTiltLaser) -> list[float]:
 
 
 def errors_of(split: ErrorSplit) -> dict[str, Any]:
-    """Columns of an error and its parts.
-
-    Parameters
-    ----------
-    split : ErrorSplit
-        At one instant.
-
-    Returns
-    -------
-    dict
-        The vectors by axis, their lengths, and how far the sum of the parts is from the whole [m].
-    """
+    """Columns of an error and its parts."""
     parts = {part: getattr(split, part) for part in SPLIT_PARTS}
     found: dict[str, Any] = {f"error_{a}": float(x) for a, x in zip(AXES, split.total, strict=True)}
     found["position_error"] = float(np.linalg.norm(split.total))

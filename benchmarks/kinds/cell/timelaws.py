@@ -64,54 +64,19 @@ class LawsWork:
         return frame([self.row(law, OWN_TIME) | blank for law in self.block.laws])
 
     def row(self, law: Entry, timed: str) -> dict[str, Any]:
-        """Columns that say which motion a row is of.
-
-        Parameters
-        ----------
-        law : Entry
-            The time law.
-        timed : str
-            Which duration.
-
-        Returns
-        -------
-        dict
-            Columns; all others are None.
-        """
+        """Columns that say which motion a row is of."""
         return dict.fromkeys(LAW_TYPES) | {
             "motion": self.motion, "repeat": self.repeat, "method": law.label, "timed": timed
         }  # fmt: skip
 
 
 def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    """Rows as a table.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Values by column.
-
-    Returns
-    -------
-    DataFrame
-        With the columns `LAW_TYPES`.
-    """
+    """Rows as a table."""
     return pl.DataFrame(rows, schema=LAW_TYPES)
 
 
 def prepare_laws(block: LawsBlock) -> None:
-    """Check that the arm has what the laws and the lines need.
-
-    Parameters
-    ----------
-    block : LawsBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        A start with the wrong number of joints or outside the limits, no motion, or a limit that a law needs.
-    """
+    """Check that the arm has what the laws and the lines need."""
     for motion in range(len(block.moves_m)):
         path, _ = _line(block, motion)
         if not path.end:
@@ -129,22 +94,7 @@ def _line(block: LawsBlock, motion: int) -> tuple[Line, Any]:
 
 
 def laws_parts(block: LawsBlock, prepared: tuple[str, int], top: str) -> Iterator[Part]:
-    """Divide the work.
-
-    Parameters
-    ----------
-    block : LawsBlock
-        The block.
-    prepared : tuple of (str, int)
-        Name of the drive, and seed of the suite.
-    top : str
-        Folder of the parts in the run folder.
-
-    Yields
-    ------
-    Part
-        One line, once.
-    """
+    """Divide the work."""
     drive, seed = prepared
     for motion in range(len(block.moves_m)):
         for repeat in range(block.repeats + 1):
@@ -153,18 +103,7 @@ def laws_parts(block: LawsBlock, prepared: tuple[str, int], top: str) -> Iterato
 
 
 def solve_laws(work: LawsWork) -> pl.DataFrame:
-    """Execute one line under all laws.
-
-    Parameters
-    ----------
-    work : LawsWork
-        The part.
-
-    Returns
-    -------
-    DataFrame
-        A row for each law, and another for each that is slowed to the longest duration.
-    """
+    """Execute one line under all laws."""
     block, noise = work.block, work.repeat > 0
     trial = trial_of(block, work.seed, work.motion, "law", work.repeat, noise=noise)
     path, q = _line(block, work.motion)

@@ -42,65 +42,20 @@ class Trial(NamedTuple):
 
 
 def drive_name(block: CellBlock) -> str:
-    """Name of the drive of a block on this machine.
-
-    Parameters
-    ----------
-    block : CellBlock
-        The block.
-
-    Returns
-    -------
-    str
-        ``mujoco`` where the block leaves the choice and it is installed, else ``ideal``; or what the block names.
-    """
+    """Name of the drive of a block on this machine."""
     if block.drive != AUTO_DRIVE:
         return block.drive
     return "mujoco" if find_spec("mujoco") is not None else "ideal"
 
 
 def check_drive(block: CellBlock, name: str) -> None:
-    """Refuse a drive that cannot be built here, before anything is run.
-
-    Parameters
-    ----------
-    block : CellBlock
-        The block.
-    name : str
-        Of the drive.
-
-    Raises
-    ------
-    MissingDependency
-        The package that it needs is not installed.
-    """
+    """Refuse a drive that cannot be built here, before anything is run."""
     trial = trial_of(block, 0, 0, "check", 0, noise=False)
     drive_of(block, name, trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
 
 
 def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *, noise: bool = True) -> Trial:
-    """Draw what varies in a trial. It depends on its arguments alone, not on the process or on what else is run.
-
-    Parameters
-    ----------
-    block : CellBlock
-        The block.
-    seed : int
-        Of the suite.
-    number : int
-        Of the spot, the cycle or the motion.
-    what : str
-        Which of the kinds of trials, such as ``pose``.
-    repeat : int
-        Which of several trials.
-    noise : bool, optional
-        Whether anything varies; without it the true arm is the planned one.
-
-    Returns
-    -------
-    Trial
-        The arms and the random numbers.
-    """
+    """Draw what varies in a trial. It depends on its arguments alone, not on the process or on what else is run."""
     robot = _arm(block.robot, block.payload)
     drawn = trial_seed(seed, number, f"cell {what}", repeat)
     rng = np.random.default_rng(drawn)
@@ -114,22 +69,7 @@ def _arm(robot: str, payload: float | None) -> Robot:
 
 
 def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
-    """The arm as it truly is.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm as it is planned for.
-    noise : Noise
-        What varies.
-    rng : Generator
-        Of the trial; the same numbers are drawn whatever varies.
-
-    Returns
-    -------
-    Robot
-        With the friction of each joint and the mass in the tool scaled; as it is where its masses are unknown.
-    """
+    """The arm as it truly is."""
     friction, payload = (
         1.0 + noise.friction * rng.uniform(-1.0, 1.0, robot.n),
         1.0 + noise.payload * rng.uniform(-1.0, 1.0),
@@ -144,31 +84,7 @@ def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
 
 
 def drive_of(block: CellBlock, name: str, trial: Trial, q: Array, *, noise: bool = True) -> Drive:
-    """A drive whose arm stands at rest.
-
-    Parameters
-    ----------
-    block : CellBlock
-        The block.
-    name : str
-        Of the drive.
-    trial : Trial
-        Whose arm it drives.
-    q : (n,) array
-        Where it stands [rad, m].
-    noise : bool, optional
-        Whether its encoders have noise.
-
-    Returns
-    -------
-    Drive
-        The drive.
-
-    Raises
-    ------
-    MissingDependency
-        The package that the drive needs is not installed.
-    """
+    """A drive whose arm stands at rest."""
     options = {"plant": trial.plant} if name == "mujoco" else {}
     return make_drive(
         name, trial.robot, q=q, period=block.period, seed=trial.seed, encoder=block.noise.encoder_counts,
@@ -179,26 +95,7 @@ def drive_of(block: CellBlock, name: str, trial: Trial, q: Array, *, noise: bool
 def lasers(
     robot: Robot, q: Array, position: tuple[float, ...], noise: Noise, rng: np.random.Generator
 ) -> tuple[PanTiltLaser, PanTiltLaser]:
-    """The laser unit as it was calibrated, and as it truly stands.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (n,) array
-        Its start: the unit's beam goes to the tool there at pan = tilt = 0 [rad, m].
-    position : (3,) tuple of float
-        Where it stands in the base frame [m].
-    noise : Noise
-        Of its readings and its calibration.
-    rng : Generator
-        Of the trial.
-
-    Returns
-    -------
-    calibrated, true : PanTiltLaser
-        The units; their poses differ by the noise of the calibration.
-    """
+    """The laser unit as it was calibrated, and as it truly stands."""
     pose = _looking(np.array(position), robot.fk(q)[:3, 3], -robot.gravity)
     spread = np.repeat([noise.laser_position, noise.laser_rotation], 3)
     laser = PanTiltLaser(
@@ -221,27 +118,7 @@ def _looking(position: Array, at: Array, up: Array) -> Array:
 
 
 def start_configuration(robot: Robot, start_deg: tuple[float, ...], where: str) -> Array:
-    """Start of a block in radians and metres.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    start_deg : tuple of float
-        As the suite has it [deg, mm].
-    where : str
-        Its place in the suite, for errors.
-
-    Returns
-    -------
-    (n,) array
-        The configuration [rad, m].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong number of joints, or outside the limits.
-    """
+    """Start of a block in radians and metres."""
     if len(start_deg) != robot.n:
         raise InvalidInput(
             f"{where}: start_deg", f"{len(start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}"

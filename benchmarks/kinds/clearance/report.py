@@ -41,51 +41,18 @@ CLEARANCE_COLUMNS = (
 
 
 def section(run: Run) -> dict[str, Any] | None:
-    """Plots of all scenes, and a table for each.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where nothing was run.
-    """
+    """Plots of all scenes, and a table for each."""
     blocks = run.of("clearance")
     return {"boards": [_board(blocks, run)], "tables": tables(run)} if blocks else None
 
 
 def tables(run: Run) -> Sequence[Table]:
-    """One table for each block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Table
-        In the order of the suite.
-    """
+    """One table for each block."""
     return [_table(b) for b in run.of("clearance")]
 
 
 def findings(run: Run) -> Sequence[str]:
-    """Contacts that each sampling calls free, and times, for each block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of str
-        One sentence for each block.
-    """
+    """Contacts that each sampling calls free, and times, for each block."""
     return [_sentence(b) for b in run.of("clearance")]
 
 

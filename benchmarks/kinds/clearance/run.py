@@ -45,27 +45,7 @@ ROW_TYPES = {
 
 
 def measure(block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
-    """Judge every motion of a block by every method.
-
-    Parameters
-    ----------
-    block : ClearanceBlock
-        The block.
-    seed : int
-        Of the suite.
-    tell : callable
-        Called with what is done next.
-
-    Returns
-    -------
-    DataFrame
-        A row for each motion and method; without coal those of the proof alone.
-
-    Raises
-    ------
-    InvalidInput
-        A scene in which no free configuration was found.
-    """
+    """Judge every motion of a block by every method."""
     arm, scene = load(block.robot), scene_named(block.scene)
     try:
         coal = CoalSampling(arm, scene, block.margin)
@@ -82,31 +62,7 @@ def measure(block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
 
 
 def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int) -> Trajectory:
-    """Draw a motion: one quintic from rest to rest between two free configurations.
-
-    Parameters
-    ----------
-    block : ClearanceBlock
-        The block.
-    arm : Robot
-        The arm.
-    scene : Scene
-        What stands around it.
-    seed : int
-        Of the suite.
-    number : int
-        Which motion; the same for the same robot, scene, margin, seed and number.
-
-    Returns
-    -------
-    Trajectory
-        As fast as the arm's velocities and accelerations allow.
-
-    Raises
-    ------
-    InvalidInput
-        No free configuration was found.
-    """
+    """Draw a motion: one quintic from rest to rest between two free configurations."""
     keys = (crc32(short_name(text).encode()) for text in (block.robot, block.scene))
     rng = np.random.default_rng((seed, *keys, number))
     ends: list[Array] = []
@@ -131,26 +87,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
 def judged(
     block: ClearanceBlock, arm: Robot, scene: Scene, coal: CoalSampling | None, motion: Trajectory
 ) -> list[dict[str, Any]]:
-    """Judge one motion by every method.
-
-    Parameters
-    ----------
-    block : ClearanceBlock
-        The block.
-    arm : Robot
-        The arm.
-    scene : Scene
-        What stands around it.
-    coal : CoalSampling or None
-        None where it is not installed.
-    motion : Trajectory
-        The motion.
-
-    Returns
-    -------
-    list of dict
-        Rows. There is a contact where coal finds one at a sample, or confirms the proof's at its instant.
-    """
+    """Judge one motion by every method."""
     begin = time.perf_counter()
     proof = clearance(arm, motion, scene, block.margin)
     rows: list[dict[str, Any]] = [

@@ -13,22 +13,7 @@ from optik.types import Array
 
 
 class CoalSampling:
-    """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as the proof examines.
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm with shapes.
-    scene : Scene
-        What stands around it.
-    margin : float
-        Distance to the scene that counts as contact [m]; links may come as near to each other as they do not touch.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        Pinocchio or coal is not installed.
-    """
+    """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as the proof examines."""
 
     def __init__(self, robot: Robot, scene: Scene, margin: float) -> None:
         import coal
@@ -54,18 +39,7 @@ class CoalSampling:
             request.security_margin = float(least)
 
     def touches(self, q: Array) -> int:
-        """Index of the first configuration with a contact.
-
-        Parameters
-        ----------
-        q : (k, n) array
-            Configurations [rad, m].
-
-        Returns
-        -------
-        int
-            −1 where none has one.
-        """
+        """Index of the first configuration with a contact."""
         pin, model, data, geometry, placed = self._pin, self._model, self._data, self._geometry, self._placed
         for k, configuration in enumerate(q):
             if pin.computeCollisions(model, data, geometry, placed, configuration, True):
@@ -73,18 +47,7 @@ class CoalSampling:
         return -1
 
     def room(self, q: Array) -> float:
-        """Least distance of all pairs at a configuration, those to the scene less the margin.
-
-        Parameters
-        ----------
-        q : (n,) array
-            The configuration [rad, m].
-
-        Returns
-        -------
-        float
-            [m]; below 0 where shapes overlap.
-        """
+        """Least distance of all pairs at a configuration, those to the scene less the margin."""
         self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, q)
         found = [result.min_distance for result in self._placed.distanceResults]
         return float(np.min(found - self._margins, initial=np.inf))

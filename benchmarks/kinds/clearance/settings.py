@@ -59,43 +59,12 @@ class ClearanceBlock(Block):
 
 
 def sampling_label(value: float, unit: str) -> str:
-    """What reports and targets call coal at one resolution.
-
-    Parameters
-    ----------
-    value : float
-        The joint step [rad] or the rate [Hz].
-    unit : str
-        ``rad`` or ``Hz``.
-
-    Returns
-    -------
-    str
-        Such as ``coal, 0.1 rad``.
-    """
+    """What reports and targets call coal at one resolution."""
     return f"coal, {value:g} {unit}"
 
 
 def read_block(data: Any) -> ClearanceBlock:
-    """Check the settings of a block of motions through a scene.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    ClearanceBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        No such robot.
-    """
+    """Check the settings of a block of motions through a scene."""
     where = f"clearance {data.get('id', '?')!r}" if isinstance(data, dict) else "clearance"
     keys = {"id", "title", "robot", "scene", "count", "joint_steps", "rates", "margin", "targets"}
     check_keys(data, keys, where, need={"id", "robot", "scene", "count"})

@@ -9,18 +9,7 @@ from benchmarks.targets import Measure
 
 
 def median(rows: pl.DataFrame) -> float:
-    """Median over processes.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of one measure.
-
-    Returns
-    -------
-    float
-        Seconds; NaN without rows.
-    """
+    """Median over processes."""
     return float(np.median(rows["seconds"].to_numpy())) if len(rows) else float("nan")
 
 

@@ -26,35 +26,13 @@ FIRST_USE_COLUMNS = (
 
 
 def first_use(run: Run) -> dict[str, Any] | None:
-    """The table of first use.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where it was not run.
-    """
+    """The table of first use."""
     found = tables(run)
     return {"tables": found} if found else None
 
 
 def tables(run: Run) -> Sequence[Table]:
-    """Seconds by measure: the median of all processes with their range.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Table
-        One table; none where it was not run.
-    """
+    """Seconds by measure: the median of all processes with their range."""
     rows: list[Mapping[str, Cell]] = []
     for b in run.of("first_use"):
         for (measure,), part in b.rows.group_by("measure", maintain_order=True):

@@ -25,22 +25,7 @@ print(json.dumps([imported - begin, solved - imported]))
 
 
 def run_first_use(robot: str, solver: str, repeats: int, folder: RunFolder) -> None:
-    """Time fresh processes: one with an empty cache, then some that find what it compiled.
-
-    Parameters
-    ----------
-    robot, solver : str
-        Names of the arm and of the IK method.
-    repeats : int
-        Processes after the first.
-    folder : RunFolder
-        The run.
-
-    Raises
-    ------
-    ProcessFailed
-        A process ended without figures; the last line of its error is told.
-    """
+    """Time fresh processes: one with an empty cache, then some that find what it compiled."""
     with TemporaryDirectory() as cache:
         compiling = _process(robot, solver, cache)
         warm = [_process(robot, solver, cache) for _ in range(repeats)]

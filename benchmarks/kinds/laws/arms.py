@@ -24,25 +24,7 @@ Stands = Callable[[Array], Flags]
 
 
 def stands_of(arm: Robot, limits: Sequence[LimitSet]) -> Stands | None:
-    """Where an arm can stand still: gravity and Coulomb friction take at most `STATIC_SHARE` of every torque limit.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm, with its payload.
-    limits : sequence of LimitSet
-        All that its motions are timed within.
-
-    Returns
-    -------
-    callable or None
-        From configurations (k, n) [rad, m] to flags (k,); None where no torque is limited.
-
-    Raises
-    ------
-    InvalidInput
-        A torque limit for an arm whose masses are unknown, or as `LimitSet.of`.
-    """
+    """Where an arm can stand still: gravity and Coulomb friction take at most `STATIC_SHARE` of every torque limit."""
     bounds = [sides(part.of(arm).bounds(arm.n)["torque"]) for part in limits if part.counts_torque]
     if not bounds:
         return None

@@ -16,34 +16,12 @@ from benchmarks.records import RunFolder
 
 
 def all_lines(block: LawBlock) -> list[tuple[LineSet, int]]:
-    """The set and the index of every motion.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-
-    Returns
-    -------
-    list of tuple
-        In their order.
-    """
+    """The set and the index of every motion."""
     return [(part, index) for part in block.lines for index in range(part.count)]
 
 
 def motion_hash(line: DrawnLine) -> str:
-    """SHA-256 over the start configuration and the path of a motion.
-
-    Parameters
-    ----------
-    line : DrawnLine
-        The motion.
-
-    Returns
-    -------
-    str
-        The same only for the same motion, bit for bit.
-    """
+    """SHA-256 over the start configuration and the path of a motion."""
     content = hashlib.sha256(np.ascontiguousarray(line.q_start, dtype="<f8").tobytes())
     content.update(json.dumps(line.path.to_dict(), sort_keys=True).encode())
     return content.hexdigest()
@@ -53,20 +31,6 @@ class Motions:
     """The motions of a block; the hash of each that is drawn is recorded in ``problems/BLOCK.json``.
 
     A process that continues a block draws its first motion again, and refuses to go on if that is another one.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : LawBlock
-        The block.
-    seed : int
-        Of the suite.
-
-    Raises
-    ------
-    InvalidInput
-        The run was begun with other motions.
     """
 
     def __init__(self, folder: RunFolder, block: LawBlock, seed: int) -> None:
@@ -77,23 +41,7 @@ class Motions:
             self.draw(int(min(self._hashes, key=int)))
 
     def draw(self, number: int) -> DrawnLine:
-        """Draw a motion, and record its hash.
-
-        Parameters
-        ----------
-        number : int
-            Which one of the block.
-
-        Returns
-        -------
-        DrawnLine
-            The motion.
-
-        Raises
-        ------
-        InvalidInput
-            The run was begun with another one.
-        """
+        """Draw a motion, and record its hash."""
         part, index = self._lines[number]
         line = draw_motion(
             part.robot,

@@ -37,21 +37,7 @@ MOST_SPEED = 1e9
 def write_example(
     block: LawBlock, line: DrawnLine, folder: RunFolder, name: Callable[[str], str], journal: Journal
 ) -> None:
-    """Write the motions of all laws, their active constraints, and last the curves over s, which mark the end.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-    line : DrawnLine
-        The line.
-    folder : RunFolder
-        The run.
-    name : callable
-        From ``motions``, ``binding`` or ``curve`` to the name of a file.
-    journal : Journal
-        Of the block: laws that have ended the process are left out.
-    """
+    """Write the motions of all laws, their active constraints, and last the curves over s, which mark the end."""
     limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
     solver = make_solver(line.robot, block.ik)
     motions, bindings = [], []
@@ -78,21 +64,7 @@ def write_example(
 
 
 def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
-    """The path speed and how near the joints come to their limits, over time.
-
-    Parameters
-    ----------
-    planned : Plan
-        A solved plan.
-    limits : MotionLimits
-        Within which it was timed.
-
-    Returns
-    -------
-    DataFrame
-        One row an instant: t [s], s [m], ṡ [m/s], and the worst value over limit of velocity, acceleration and jerk, and
-        where they are limited of torque and torque rate [1].
-    """
+    """The path speed and how near the joints come to their limits, over time."""
     robot, path, motion = planned.robot, planned.path, planned.trajectory
     t = np.linspace(0.0, motion.end, EXAMPLE_INSTANTS)
     q = motion(t)
@@ -108,24 +80,7 @@ def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
 
 
 def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Array) -> dict[str, Array]:
-    """How near the torques and their rates come to their limits, over time.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    motion : Trajectory
-        Its motion.
-    limits : MotionLimits
-        The limits.
-    t : (k,) array
-        Instants [s].
-
-    Returns
-    -------
-    dict of (k,) arrays
-        For each of them that is limited, the worst value over limit of any joint and load [1].
-    """
+    """How near the torques and their rates come to their limits, over time."""
     bound = limits.bounds(robot.n)
     given = [name for name in LOADED if np.isfinite(bound[name]).any()]
     if not given:
@@ -135,18 +90,7 @@ def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Arr
 
 
 def binding_frame(proof: Certificate) -> pl.DataFrame:
-    """The active constraint of each piece of a motion.
-
-    Parameters
-    ----------
-    proof : Certificate
-        Of the motion.
-
-    Returns
-    -------
-    DataFrame
-        One row a piece: from where to where on the path [m], the worst value over limit [1], its limit and its joint.
-    """
+    """The active constraint of each piece of a motion."""
     b = proof.binding
     return pl.DataFrame(
         {"from": b.s[:-1], "to": b.s[1:], "ratio": b.ratio, "limit": list(b.limit), "joint": list(b.joint)}
@@ -154,20 +98,7 @@ def binding_frame(proof: Certificate) -> pl.DataFrame:
 
 
 def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
-    """The greatest path speed over s by the velocity limits, and by the acceleration limits for any s̈.
-
-    Parameters
-    ----------
-    joints : JointPath
-        The joint path.
-    limits : MotionLimits
-        The limits.
-
-    Returns
-    -------
-    DataFrame
-        One row a place: s [m], both speeds [m/s], the joint whose velocity limit is active, the smallest singular value.
-    """
+    """The greatest path speed over s by the velocity limits, and by the acceleration limits for any s̈."""
     s = np.linspace(0.0, joints.end, CURVE_PLACES)
     bound, names = limits.bounds(joints.robot.n), joints.robot.joint_names
     by_joint = over(joints(s, 1), bound["velocity"])
@@ -188,18 +119,6 @@ def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
 
     Each joint allows an interval of s̈ whose ends are linear in x = ṡ², so the feasible x are an interval from 0, whose end
     bisection finds (Bobrow, Dubowsky and Gibson, IJRR 1985).
-
-    Parameters
-    ----------
-    q1, q2 : (k, n) array
-        q' [rad/m] and q'' [rad/m²].
-    limit : (n,) or (2, n) array
-        Of the accelerations [rad/s²]; two rows where the lower limits differ from the upper ones.
-
-    Returns
-    -------
-    (k,) array
-        The greatest ṡ [m/s].
     """
     low, high = np.zeros(len(q1)), np.full(len(q1), 1.0)
     for _ in range(200):  # some x that is too large, where there is one

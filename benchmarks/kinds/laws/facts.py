@@ -45,44 +45,12 @@ RATIO_DECIMALS = 11
 
 
 def blank(law: str, entry: str) -> dict[str, Any]:
-    """A row with every column, of a law or peer that has no motion yet.
-
-    Parameters
-    ----------
-    law : str
-        Label of the entry.
-    entry : str
-        ``law``, ``peer`` or ``reference``.
-
-    Returns
-    -------
-    dict
-        None in every column but these and the status.
-    """
+    """A row with every column, of a law or peer that has no motion yet."""
     return dict.fromkeys(COLUMNS) | {"law": law, "entry": entry, "status": "solved", "reason": ""}
 
 
 def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
-    """What a motion keeps, by its certificate, and what sampling finds of its deviation.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        The path of the tool.
-    motion : Trajectory
-        The motion.
-    proof : Certificate
-        Of the motion.
-    limits : MotionLimits
-        Within which it was timed.
-
-    Returns
-    -------
-    dict
-        Columns of a row.
-    """
+    """What a motion keeps, by its certificate, and what sampling finds of its deviation."""
     facts: dict[str, Any] = {
         "status": "solved", "duration": motion.duration, "holds": proof.holds, "broken": "; ".join(proof.broken),
         "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
@@ -103,69 +71,20 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
 
 
 def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
-    """Duration at which the same motion, scaled in time uniformly, just keeps every limit.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        What the tool follows.
-    motion : Trajectory
-        The motion.
-    proof : Certificate
-        Of the motion.
-    limits : MotionLimits
-        The limits.
-
-    Returns
-    -------
-    float
-        Seconds; infinite where the acceleration jumps.
-    """
+    """Duration at which the same motion, scaled in time uniformly, just keeps every limit."""
     if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
         return float("inf")
     return motion.duration * stretch(robot, motion, limits, path=path)
 
 
 def breaks(proof: Certificate) -> list[str]:
-    """The limits that a motion violates, promised or not.
-
-    Parameters
-    ----------
-    proof : Certificate
-        Of the motion.
-
-    Returns
-    -------
-    list of str
-        Names of the limits.
-    """
+    """The limits that a motion violates, promised or not."""
     found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], RATIO_DECIMALS) > 1.0]
     return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
 
 
 def off_path(robot: Robot, path: Path, motion: Trajectory, instants: int = CHECK_INSTANTS) -> tuple[float, float]:
-    """Largest distance and angle between tool and path at many instants.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path
-        The path of the tool.
-    motion : Trajectory
-        The motion.
-    instants : int
-        How many.
-
-    Returns
-    -------
-    distance : float
-        [m].
-    angle : float
-        [rad].
-    """
+    """Largest distance and angle between tool and path at many instants."""
     tool = robot.fk(motion(np.linspace(0.0, motion.end, instants)))
     e = se3.error(tool, path.pose(path.nearest(tool)))
     return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())

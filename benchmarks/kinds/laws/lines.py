@@ -104,33 +104,6 @@ def draw_line(
     and can stand everywhere on it within the limits on torque. A line counts as followed where Newton's method on the pose
     converges at many small steps of least joint motion. That needs no planner, so the set stays the same when planners
     change.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the arm.
-    kind : str
-        One of `LINE_KINDS`.
-    index : int
-        Which one, from 0.
-    seed : int
-        Of the whole set.
-    payload : float or pair of floats, optional
-        Mass in the tool, or lightest and heaviest [kg].
-    limits : sequence of LimitSet
-        All that the motion is timed within: those on torque decide where the arm can stand.
-
-    Returns
-    -------
-    DrawnLine
-        The line, and where the arm starts on it.
-
-    Raises
-    ------
-    UnknownName
-        No such robot.
-    InvalidInput
-        Another kind, or an arm that has no such line in `MOST_DRAWS` draws.
     """
     if kind not in LINE_KINDS:
         raise InvalidInput("kind", repr(kind), f"one of {', '.join(LINE_KINDS)}")
@@ -178,27 +151,7 @@ def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple
 
 
 def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | None = None) -> Array:
-    """Smallest singular value along tracks of the tool; NaN where a track leaves the limits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (k, n) array
-        Where the tracks start [rad, m].
-    poses : (k, TRACK_STEPS + 1, 4, 4) array
-        Poses of the tool along each track [1, m].
-    low : float
-        Singular value below which a track is followed no further [1].
-    stands : callable, optional
-        From configurations (k, n) [rad, m] to whether the motors can hold the arm there; a track on which they cannot
-        leaves the limits.
-
-    Returns
-    -------
-    (k,) array
-        Smallest singular values [1].
-    """
+    """Smallest singular value along tracks of the tool; NaN where a track leaves the limits."""
     q = q.copy()
     lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
     least = robot.singular_values(q)[:, -1]

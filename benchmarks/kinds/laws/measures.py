@@ -95,42 +95,14 @@ MEASURES = (
 
 
 def in_group(rows: pl.DataFrame, group: str) -> pl.DataFrame:
-    """Rows of a kind of line, of a robot, or within a set of limits.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-    group : str
-        The kind, the robot, or the label of the limits; empty for all.
-
-    Returns
-    -------
-    DataFrame
-        A part of the rows.
-    """
+    """Rows of a kind of line, of a robot, or within a set of limits."""
     if not group:
         return rows
     return rows.filter(pl.any_horizontal(pl.col(name) == group for name in ("kind", "robot", "limits")))
 
 
 def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-    """Value of a target on the rows of a block.
-
-    Parameters
-    ----------
-    rows : DataFrame or None
-        Of the block.
-    target : Target
-        What was asked.
-
-    Returns
-    -------
-    value : float
-        NaN where there is no motion to compute it on.
-    note : str
-        How many motions it is computed from, or why there is none.
-    """
+    """Value of a target on the rows of a block."""
     if rows is None or rows.filter(pl.col("law") == target.method).is_empty():
         return float("nan"), f"{target.method} was not run"
     own = in_group(rows.filter(pl.col("law") == target.method), target.group)

@@ -76,35 +76,6 @@ def draw_motion(
     margin to the joint limits and a smallest singular value of at least 0.05. Joint moves are straight in joint space between
     two random configurations. Where torque is limited, all are drawn again until the arm, with its payload, can stand
     everywhere on the path.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the arm.
-    kind : str
-        One of `MOTION_KINDS`.
-    index : int
-        Which one, from 0. On odd ones the tool turns, too.
-    seed : int
-        Seed of the whole set.
-    path : str
-        The file, for the kind ``file``.
-    payload : float or pair of floats, optional
-        Mass in the tool, or lightest and heaviest [kg].
-    limits : sequence of LimitSet
-        All that the motion is timed within: those on torque decide where the arm can stand.
-
-    Returns
-    -------
-    DrawnLine
-        The path, and where the arm starts on it.
-
-    Raises
-    ------
-    UnknownName
-        No such robot.
-    InvalidInput
-        Another kind, an arm that cannot follow such paths, or a file that is none.
     """
     if kind in LINE_KINDS:
         return draw_line(robot, kind, index, seed=seed, payload=payload, limits=limits)
@@ -190,25 +161,6 @@ def motion_in_file(robot: str, path: str, payload: float | tuple[float, float] |
 
     Waypoints are a table as of problem sets (`benchmarks.problems.file`): CSV or NPZ. A start in its first row is where the
     arm starts; without one it is the best branch that follows the whole path. Of a motion, path and start are taken.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the arm.
-    path : str
-        The file: ``.csv``, ``.npz`` or ``.json``.
-    payload : float or pair of floats, optional
-        Mass in the tool, or lightest and heaviest [kg].
-
-    Returns
-    -------
-    DrawnLine
-        The path, and where the arm starts on it.
-
-    Raises
-    ------
-    InvalidInput
-        A file that is neither, one of another arm, or a path that the arm cannot follow.
     """
     arm, file = arm_with(robot, payload), FilePath(path)
     tool_path, q = path_in_file(arm, file)
@@ -223,27 +175,7 @@ def motion_in_file(robot: str, path: str, payload: float | tuple[float, float] |
 
 
 def path_in_file(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
-    """Read the path of a motion from a file, as `motion_in_file` does, without following it.
-
-    Parameters
-    ----------
-    arm : Robot
-        The arm.
-    file : Path
-        The file.
-
-    Returns
-    -------
-    path : Path
-        Of the tool.
-    start : (n,) array or None
-        Configuration at its start [rad, m]; None where the file has none.
-
-    Raises
-    ------
-    InvalidInput
-        A file that is neither waypoints nor a motion, or of another arm.
-    """
+    """Read the path of a motion from a file, as `motion_in_file` does, without following it."""
     return (_waypoints if _holds_waypoints(file) else _saved)(arm, file)
 
 

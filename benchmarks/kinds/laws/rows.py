@@ -24,18 +24,7 @@ class LawRows(BlockRows):
     """A block of timed lines, its rows, and the facts on who took part; the reference is none of its entries."""
 
     def example(self, name: str) -> pl.DataFrame | None:
-        """A part of the detailed view.
-
-        Parameters
-        ----------
-        name : str
-            ``motions``, ``binding`` or ``curve``.
-
-        Returns
-        -------
-        DataFrame or None
-            None where it was not run.
-        """
+        """A part of the detailed view."""
         return self.folder.read(example_file(self.block, name))
 
 
@@ -47,18 +36,6 @@ def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
     included. ``kept_over_optimum`` is the ratio after the slow-down, infinite where none suffices. ``keeps_all`` says
     whether a motion keeps all limits as it is, ``nearly`` whether it exceeds none by more than 0.1 %. A motion that is not
     on its path, or does not run through it, counts as none (``follows``).
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    block : LawBlock
-        The block.
-
-    Returns
-    -------
-    DataFrame or None
-        None where nothing was run.
     """
     rows = folder.parts("timing", block.id)
     if rows is None:

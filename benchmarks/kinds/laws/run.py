@@ -83,70 +83,23 @@ class Timer:
 
 
 def part_files(block: LawBlock) -> list[str]:
-    """Names of all parts of a block.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-
-    Returns
-    -------
-    list of str
-        In the run folder.
-    """
+    """Names of all parts of a block."""
     count = len(all_lines(block))
     return [f"timing/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // LINES_A_PART))]
 
 
 def facts_file(block: LawBlock) -> str:
-    """Name of the file of facts on a block.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-
-    Returns
-    -------
-    str
-        In the run folder.
-    """
+    """Name of the file of facts on a block."""
     return f"timing/{slug(block.id)}.json"
 
 
 def example_file(block: LawBlock, name: str) -> str:
-    """Name of a part of the detailed view.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-    name : str
-        ``motions``, ``binding`` or ``curve``.
-
-    Returns
-    -------
-    str
-        In the run folder.
-    """
+    """Name of a part of the detailed view."""
     return f"timing/{slug(block.id)}.example-{name}.parquet"
 
 
 def check_laws(block: LawBlock) -> None:
-    """Refuse wrong options, and limits that a law needs and the block lacks, before anything is written.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        An option that a law does not have, limits of another length, or a missing one; a file without a path that the
-        arm can follow.
-    """
+    """Refuse wrong options, and limits that a law needs and the block lacks, before anything is written."""
     entries = [*block.laws, *([block.reference] if block.reference else [])]
     for arm in {part.arm: part.load() for part in block.lines}.values():
         for limits in block.limits:
@@ -162,21 +115,7 @@ def check_laws(block: LawBlock) -> None:
 
 
 def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run what a block still lacks.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-    seed : int
-        Of the suite.
-    folder : RunFolder
-        The run.
-    tell : callable
-        Called with what is next.
-    journal : Journal
-        Of the block.
-    """
+    """Run what a block still lacks."""
     if not folder.has(facts_file(block)):
         folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
     lacking = [(part, file) for part, file in enumerate(part_files(block)) if not folder.has(file)]
@@ -228,22 +167,7 @@ def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
 
 
 def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
-    """Rows of one line.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-    line : DrawnLine
-        The line.
-    journal : Journal
-        Of the block.
-
-    Returns
-    -------
-    list of dict
-        One for each limits and each law or peer.
-    """
+    """Rows of one line."""
     solver = make_solver(line.robot, block.ik)
 
     def follow_it() -> Followed:
@@ -273,24 +197,7 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
 
 
 def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: Journal = UNKEPT) -> list[Timer]:
-    """All laws, the peers that are installed and are given this line, and the reference.
-
-    Parameters
-    ----------
-    block : LawBlock
-        The block.
-    line : DrawnLine
-        The line.
-    limits : MotionLimits
-        Within which they time it.
-    journal : Journal
-        Of the block.
-
-    Returns
-    -------
-    list of Timer
-        In the order of the suite.
-    """
+    """All laws, the peers that are installed and are given this line, and the reference."""
     found: list[Timer | None] = []
     for entry in (*block.laws, *block.peers, *([block.reference] if block.reference else [])):
         if entry.role == "peer" and entry.most is not None and line.index >= entry.most:

@@ -79,23 +79,7 @@ class LimitSet:
     own: tuple[str, ...] = ()
 
     def of(self, robot: Robot) -> MotionLimits:
-        """Return the limits on a robot.
-
-        Parameters
-        ----------
-        robot : Robot
-            The arm.
-
-        Returns
-        -------
-        MotionLimits
-            With the robot's own where the suite asks for them.
-
-        Raises
-        ------
-        InvalidInput
-            A robot that has no such limit of its own, or limits of another number of joints.
-        """
+        """Return the limits on a robot."""
         theirs = MotionLimits.of(robot)
         values: dict[str, Any] = {name: theirs.value(name) for name in self.own}
         for name, value in values.items():
@@ -115,45 +99,12 @@ class LimitSet:
 
 
 def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
-    """Limits that a law is told: all but those that its entry leaves out.
-
-    Parameters
-    ----------
-    limits : MotionLimits
-        All limits.
-    entry : Entry
-        The law.
-
-    Returns
-    -------
-    MotionLimits
-        The same object where none is left out.
-    """
+    """Limits that a law is told: all but those that its entry leaves out."""
     return limits.only(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
 
 
 def read_lines(data: Any, where: str) -> LineSet:
-    """Check a set of motions.
-
-    Parameters
-    ----------
-    data : object
-        A table of ``lines``.
-    where : str
-        Which block, for errors.
-
-    Returns
-    -------
-    LineSet
-        The set.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        No such robot.
-    """
+    """Check a set of motions."""
     at = f"{where}: lines"
     kind = check_table(data, at).get("kind")
     given = {"path"} if kind == "file" else {"count"}
@@ -169,25 +120,7 @@ def read_lines(data: Any, where: str) -> LineSet:
 
 
 def read_limits(data: Any, where: str) -> LimitSet:
-    """Check a set of limits.
-
-    Parameters
-    ----------
-    data : object
-        A table of ``limits``.
-    where : str
-        Which block, for errors.
-
-    Returns
-    -------
-    LimitSet
-        The limits.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value, or no limit at all.
-    """
+    """Check a set of limits."""
     at = f"{where}: limits"
     check_keys(data, {"label", *ALL_LIMITS}, at)
     given = {field: data[field] for field in ALL_LIMITS if field in data}

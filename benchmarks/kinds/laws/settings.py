@@ -108,25 +108,7 @@ class LawBlock(Block):
 
 
 def read_block(data: Any) -> LawBlock:
-    """Check the settings of a block of timed lines and return it.
-
-    Parameters
-    ----------
-    data : object
-        A table of the suite.
-
-    Returns
-    -------
-    LawBlock
-        The block.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        A robot, law, peer or method that does not exist.
-    """
+    """Check the settings of a block of timed lines and return it."""
     where = named(data, "timing block")
     keys = {
         "id", "title", "lines", "limits", "laws", "peers", "reference", "plan", "ik", "samples", "rounds", "example",

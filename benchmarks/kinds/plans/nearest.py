@@ -20,19 +20,7 @@ CLEARANCE_INSTANTS = 501
 
 
 def clearance_frame(planned: Plan) -> pl.DataFrame:
-    """Least distances over time, by the compiled distances at instants.
-
-    Parameters
-    ----------
-    planned : Plan
-        A plan with a scene.
-
-    Returns
-    -------
-    DataFrame
-        One row an instant: t [s], the least distance to the scene and that between the arm's own links [m], None without
-        such pairs.
-    """
+    """Least distances over time, by the compiled distances at instants."""
     assert planned.scene is not None
     robot, scene, t = planned.robot, planned.scene, np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
     assert robot.shapes is not None
@@ -51,21 +39,7 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
 
 
 def nearest_picture(planned: Plan) -> dict[str, Any] | None:
-    """The shapes of the arm and the scene where they are nearest; without a scene, where two links are.
-
-    Parameters
-    ----------
-    planned : Plan
-        A plan with a scene, whose certificate has its clearance.
-
-    Returns
-    -------
-    dict or None
-        None where no pair was examined. Else plain data: ``law``; ``time`` [s]; ``proved``, ``found`` and ``margin`` [m];
-        ``pair``; ``words`` on all pairs; ``marks``, times [s] and distances [m]; ``arm`` and ``rounds``, capsules as (a, b,
-        radius, whether it is the nearest); ``boxes`` as (pose, edges, whether it is the nearest); ``planes`` as (point,
-        normal); ``points``, the nearest points of both shapes [m].
-    """
+    """The shapes of the arm and the scene where they are nearest; without a scene, where two links are."""
     robot, scene, proof = planned.robot, planned.scene, planned.certificate.clearance
     assert scene is not None and proof is not None and robot.shapes is not None
     closest = proof.scene or proof.own
@@ -120,22 +94,7 @@ def _nearest_body(arm: tuple[Array, Array, Array], scene: Scene, bodies: Indices
 
 
 def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
-    """Capsules of an arm at a configuration.
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm with shapes.
-    q : (n,) array
-        The configuration [rad, m].
-
-    Returns
-    -------
-    a, b : (m, 3) array
-        Ends of the segments in the base frame [m].
-    radius : (m,) array
-        Radii [m].
-    """
+    """Capsules of an arm at a configuration."""
     assert robot.shapes is not None
     link, a, b, radius = robot.shapes.capsules
     T = np.concatenate([np.eye(4)[None], robot.frames(q)[:-1]])[link]
@@ -146,24 +105,7 @@ def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
 def nearest_points(
     arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
 ) -> tuple[Array, Array]:
-    """Nearest points of a capsule of the arm and of another body.
-
-    Parameters
-    ----------
-    arm : tuple of arrays
-        As `placed` returns it: (m, 3), (m, 3) and (m,) [m].
-    scene : Scene
-        What stands around the arm.
-    one, other : int
-        Number of the capsule, and of the other body among those of its kind.
-    kind : int
-        As of `examined_pairs`.
-
-    Returns
-    -------
-    tuple of (3,) arrays
-        On the capsule's surface and on that of the other body [m]. Where they overlap, the first is inside the second.
-    """
+    """Nearest points of a capsule of the arm and of another body."""
     a, b, radius = arm
     place, off, other_radius = _witness(arm, scene, one, other, kind)
     length = float(np.linalg.norm(off))

@@ -37,18 +37,7 @@ class LinePlans(BlockRows):
 
 
 def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
-    """Plans as two runs are compared on them.
-
-    Parameters
-    ----------
-    plans : list of dict
-        Summaries of all plans.
-
-    Returns
-    -------
-    DataFrame
-        A row for each plan with its duration, labelled by law and IK method; then a row for each with its computing time.
-    """
+    """Plans as two runs are compared on them."""
     names = [f"{p['law']} with {p['ik']}" for p in plans]
     found = {
         "label": [*names, *("all plans" for _ in plans)],

@@ -48,27 +48,7 @@ PLAN_REPEATS = 3
 
 
 def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
-    """Robot, start and path of the task.
-
-    Parameters
-    ----------
-    task : LineTask
-        The task.
-
-    Returns
-    -------
-    robot : Robot
-        The arm.
-    q : (n,) array
-        Where it starts [rad, m].
-    path : Line
-        The line.
-
-    Raises
-    ------
-    InvalidInput
-        A start outside the limits, no motion, or a limit that a law needs and the robot does not have.
-    """
+    """Robot, start and path of the task."""
     robot = arm_with(task.robot, task.payload)
     q = start_of(robot, task.start_deg)
     start = robot.fk(q)
@@ -88,28 +68,14 @@ def _around(task: LineTask) -> dict[str, Any]:
 
 
 def plan_once(task: LineTask) -> None:
-    """Plan the line once by every law and with the first IK method, which compiles what planning takes.
-
-    Parameters
-    ----------
-    task : LineTask
-        The task.
-    """
+    """Plan the line once by every law and with the first IK method, which compiles what planning takes."""
     robot, q, path = check_line(task)
     for law in task.laws:
         plan(robot, path, q, ik=make_solver(robot, task.ik[0]), timing=law, samples=task.samples, **_around(task))
 
 
 def run_line(task: LineTask, folder: RunFolder) -> None:
-    """Plan the line by every method and law, and write what reports show.
-
-    Parameters
-    ----------
-    task : LineTask
-        The task.
-    folder : RunFolder
-        The run.
-    """
+    """Plan the line by every method and law, and write what reports show."""
     robot, q, path = check_line(task)
     plans: dict[tuple[str, str], Plan] = {}
     summaries: list[dict[str, Any]] = []

@@ -54,25 +54,7 @@ class LineTask(Block):
 
 
 def read_task(data: Any) -> LineTask:
-    """Check the settings of the line and return it.
-
-    Parameters
-    ----------
-    data : object
-        The table of the suite.
-
-    Returns
-    -------
-    LineTask
-        The task.
-
-    Raises
-    ------
-    InvalidInput
-        A wrong key or value.
-    UnknownName
-        A robot, method or law that does not exist.
-    """
+    """Check the settings of the line and return it."""
     keys = {"robot", "start_deg", "move_m", "ik", "laws"}
     check_keys(data, keys | {"samples", "payload", "scene", "margin"}, "the line", need=keys)
     robot = check_known(data["robot"], "optik.robots", "robot")

@@ -22,46 +22,13 @@ class LoopPeer(Peer):
     limits: JointLimits | None = None
 
     def answers(self, raw: Any) -> Array:
-        """The configuration at which the iteration ended.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
+        """The configuration at which the iteration ended."""
         return one(raw[0] if self.limits is None else self.limits.clip(raw[0]))
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
+        """Number of iterations."""
         return int(raw[1])
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the method says that it converged.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
+        """Whether the method says that it converged."""
         return bool(raw[2])

@@ -10,20 +10,7 @@ from optik.types import Array
 
 
 def urdf(robot: Robot, limits: JointLimits | None = None) -> str:
-    """URDF of an arm with base ``link0`` and last link ``tool``; numbers have all their digits.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    limits : JointLimits, optional
-        Position limits to write; by default the arm's.
-
-    Returns
-    -------
-    str
-        The URDF document.
-    """
+    """URDF of an arm with base ``link0`` and last link ``tool``; numbers have all their digits."""
     limits = limits or robot.limits
     parts = ['<robot name="arm">', '<link name="link0"/>']
     for i in range(robot.n):
@@ -45,18 +32,7 @@ def _joint(name: str, kind: str, parent: str, child: str, T: Array, more: str) -
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll); where pitch is ±90°, yaw is zero.
-
-    Parameters
-    ----------
-    R : (3, 3) array
-        Rotation matrix [1].
-
-    Returns
-    -------
-    tuple of float
-        Roll, pitch and yaw [rad].
-    """
+    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll); where pitch is ±90°, yaw is zero."""
     across = hypot(R[0, 0], R[1, 0])
     pitch = atan2(-R[2, 0], across)
     if across < 1e-9:

@@ -37,13 +37,7 @@ LONGEST_START = 300.0
 
 
 def peers_folder() -> Path:
-    """Folder of the environments of peers: ``$OPTIK_PEERS``, otherwise ``optik/peers`` in the user's data folder.
-
-    Returns
-    -------
-    Path
-        It may not exist.
-    """
+    """Folder of the environments of peers: ``$OPTIK_PEERS``, otherwise ``optik/peers`` in the user's data folder."""
     if own := os.environ.get("OPTIK_PEERS"):
         return Path(own)
     if sys.platform == "win32":
@@ -105,125 +99,35 @@ class WorkerPeer(Peer):
         return found[0].name.removesuffix(".dist-info").rpartition("-")[2] if found else None
 
     def call(self, target: Array, q0: Array) -> Any:
-        """One call through the worker process; comparisons use `many`, whose times leave the pipe out.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose [1, m].
-        q0 : (n,) array
-            Initial guess [rad, m].
-
-        Returns
-        -------
-        object
-            What the worker answered.
-
-        Raises
-        ------
-        RuntimeError
-            The call failed, or the worker crashed.
-        """
+        """One call through the worker process; comparisons use `many`, whose times leave the pipe out."""
         answer = self.many([(target, q0)])[0].raw
         if isinstance(answer, Failed):
             raise RuntimeError(f"{answer.outcome}: {answer.error}")
         return answer
 
     def many(self, arguments: Sequence[tuple[Any, ...]]) -> list[Answer]:
-        """Calls one after another in the worker process, each timed there.
-
-        Parameters
-        ----------
-        arguments : sequence of tuple
-            Target and initial guess of each call.
-
-        Returns
-        -------
-        list of Answer
-            In the same order; a call at which the worker ended twice is `Failed`.
-        """
+        """Calls one after another in the worker process, each timed there."""
         return self._worker.solve([(target.tolist(), q0.tolist()) for target, q0 in arguments])
 
     def answers(self, raw: Any) -> Array:
-        """Its one configuration, if it has returned one, clamped to the limits, which these methods keep to rounding.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (k, n) array
-            Configurations [rad, m].
-        """
+        """Its one configuration, if it has returned one, clamped to the limits, which these methods keep to rounding."""
         return none(self.robot) if raw["q"] is None else one(self.robot.limits.clip(raw["q"]))
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations, None if the method does not report it.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
+        """Number of iterations, None if the method does not report it."""
         return None if raw["iterations"] is None else int(raw["iterations"])
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the method reports success.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
+        """Whether the method reports success."""
         return None if raw["claimed"] is None else bool(raw["claimed"])
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the model in the worker process.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by the model in the worker process."""
         return np.array(self._worker.fk(q.tolist()))
 
 
 class Worker:
-    """A process that runs ``serve.py`` with another interpreter; started again after a crash.
-
-    Parameters
-    ----------
-    python : Path
-        The interpreter.
-    script : Path
-        File that defines ``METHOD``.
-    model : dict
-        What ``METHOD`` is built from.
-
-    Raises
-    ------
-    InvalidInput
-        The method does not support the arm.
-    NotInstalled
-        The method cannot be built in that environment.
-    """
+    """A process that runs ``serve.py`` with another interpreter; started again after a crash."""
 
     def __init__(self, python: Path, script: Path, model: dict[str, Any]) -> None:
         self._command = [str(python), "-I", str(WORKERS / "serve.py"), str(script)]
@@ -250,23 +154,7 @@ class Worker:
             raise NotInstalled(f"cannot be built in its environment: {reply['error']}")
 
     def fk(self, q: list[float]) -> Any:
-        """Tool pose of one configuration.
-
-        Parameters
-        ----------
-        q : list of float
-            Configuration [rad, m].
-
-        Returns
-        -------
-        list
-            Rows of the pose.
-
-        Raises
-        ------
-        NotInstalled
-            The method has no forward kinematics that works.
-        """
+        """Tool pose of one configuration."""
         self._ask({"do": "fk", "q": q})
         reply = self._next(LONGEST_CALL) or {"error": "its worker process ended"}
         if "error" in reply:
@@ -274,18 +162,7 @@ class Worker:
         return reply["pose"]
 
     def solve(self, problems: list[tuple[Any, Any]]) -> list[Answer]:
-        """Solve problems in one message; after a crash the rest in a new process, and that problem once more.
-
-        Parameters
-        ----------
-        problems : list of tuple
-            Target and initial guess of each, as lists.
-
-        Returns
-        -------
-        list of Answer
-            In the same order.
-        """
+        """Solve problems in one message; after a crash the rest in a new process, and that problem once more."""
         found: list[Answer] = []
         tried_again, crashes = False, 0
         while len(found) < len(problems):

@@ -195,27 +195,7 @@ class Absent:
 
 
 def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Peer | Absent:
-    """Build a peer for a robot, and compare its forward kinematics with ours.
-
-    Parameters
-    ----------
-    name : str
-        Name of the peer.
-    robot : Robot
-        The arm.
-    iterations : int or None
-        Largest number of iterations of a call; None for the settings that serve the method best.
-
-    Returns
-    -------
-    Peer or Absent
-        The peer, or the reason why it is not run.
-
-    Raises
-    ------
-    UnknownName
-        There is no peer of this name; the message has similar names.
-    """
+    """Build a peer for a robot, and compare its forward kinematics with ours."""
     kind = load_method(PEERS, name, "peer")
     if iterations is not None and not kind.budgeted:
         return Absent("has no limit on iterations that can be set", "refused")
@@ -230,20 +210,7 @@ def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Pee
 
 
 def different_model(peer: Peer, robot: Robot) -> Absent | None:
-    """Compare the forward kinematics of a peer with ours at random configurations inside the limits.
-
-    Parameters
-    ----------
-    peer : Peer
-        The peer.
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    Absent or None
-        The largest differences; None where they are within the tolerance, or the peer has no forward kinematics.
-    """
+    """Compare the forward kinematics of a peer with ours at random configurations inside the limits."""
     worst = np.zeros(2)
     for q in robot.limits.draw(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
         pose = peer.fk(q.copy())
@@ -259,25 +226,7 @@ def different_model(peer: Peer, robot: Robot) -> Absent | None:
 
 
 def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
-    """Call a class that depends on an optional package.
-
-    Parameters
-    ----------
-    kind : class
-        A class with ``package`` and ``distribution``.
-    *arguments, **options : Any
-        Arguments of the class.
-
-    Returns
-    -------
-    Any
-        The instance, or an Absent with the reason why the package cannot be imported.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        A module of another package is missing.
-    """
+    """Call a class that depends on an optional package."""
     try:
         return kind(*arguments, **options)
     except ModuleNotFoundError as error:
@@ -291,43 +240,14 @@ def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
 
 
 def missing(kind: Any) -> str:
-    """Why a peer cannot be run here, by what is installed: nothing is imported.
-
-    Parameters
-    ----------
-    kind : class
-        An IK method or a time law of another package.
-
-    Returns
-    -------
-    str
-        The reason, with what to type; empty where its package is installed.
-    """
+    """Why a peer cannot be run here, by what is installed: nothing is imported."""
     if hasattr(kind, "missing"):
         return str(kind.missing())
     return "" if importlib.util.find_spec(kind.package) else f"pip install {kind.distribution}"
 
 
 def version_of(name: str, folder: str = PEERS) -> str | None:
-    """Installed version of a peer.
-
-    Parameters
-    ----------
-    name : str
-        Name of the peer.
-    folder : str
-        Package in which the peer is looked up.
-
-    Returns
-    -------
-    str or None
-        The version; None if the distribution is not installed.
-
-    Raises
-    ------
-    UnknownName
-        There is no peer of this name.
-    """
+    """Installed version of a peer."""
     kind: Any = load_method(folder, name, "peer")
     if hasattr(kind, "version"):
         found: str | None = kind.version()
@@ -339,20 +259,7 @@ def version_of(name: str, folder: str = PEERS) -> str | None:
 
 
 def need_revolute(robot: Robot, least: int, most: int) -> None:
-    """Raise InvalidInput unless the arm has only revolute joints, and a supported number of them.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    least, most : int
-        Smallest and largest number of joints.
-
-    Raises
-    ------
-    InvalidInput
-        The arm has prismatic joints, or another number of joints.
-    """
+    """Raise InvalidInput unless the arm has only revolute joints, and a supported number of them."""
     wanted = f"arms of {least} to {most} revolute joints" if least < most else f"arms of {least} revolute joints"
     if robot.prismatic.any():
         raise InvalidInput("robot", f"{int(robot.prismatic.sum())} prismatic joints", wanted)
@@ -361,50 +268,17 @@ def need_revolute(robot: Robot, least: int, most: int) -> None:
 
 
 def zero_frames(robot: Robot) -> Array:
-    """Joint frames and the tool frame at q = 0.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    (n + 1, 4, 4) array
-        Poses in the base frame [1, m].
-    """
+    """Joint frames and the tool frame at q = 0."""
     return robot.frames(np.zeros(robot.n))
 
 
 def one(q: Any) -> Array:
-    """One configuration as the result of `Peer.answers`.
-
-    Parameters
-    ----------
-    q : array-like
-        The configuration.
-
-    Returns
-    -------
-    (1, n) array
-        The configuration [rad, m].
-    """
+    """One configuration as the result of `Peer.answers`."""
     return np.asarray(q, dtype=np.float64).reshape(1, -1)
 
 
 def none(robot: Robot) -> Array:
-    """No configuration as the result of `Peer.answers`.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    (0, n) array
-        No configurations [rad, m].
-    """
+    """No configuration as the result of `Peer.answers`."""
     return np.empty((0, robot.n))
 
 

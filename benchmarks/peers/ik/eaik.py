@@ -34,48 +34,15 @@ class EAIK(Peer):
         self.call = arm.IK
 
     def answers(self, raw: Any) -> Array:
-        """All branches; for a branch without an exact solution EAIK returns the nearest, which our judgement rejects.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (k, n) array
-            Configurations [rad, m].
-        """
+        """All branches; for a branch without an exact solution EAIK returns the nearest, which our judgement rejects."""
         return np.asarray(raw.Q, dtype=np.float64).reshape(-1, self.robot.n) if len(raw.Q) else none(self.robot)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether a branch is exact: EAIK marks the others as least squares.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
+        """Whether a branch is exact: EAIK marks the others as least squares."""
         return bool(len(raw.Q)) and not bool(np.all(raw.is_LS))
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by EAIK's product of exponentials.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by EAIK's product of exponentials."""
         return np.asarray(self.arm.fwdKin(q))
 
 

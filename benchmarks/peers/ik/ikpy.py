@@ -48,33 +48,11 @@ class IKPy(Peer):
         self.call = call
 
     def answers(self, raw: Any) -> Array:
-        """The configuration at which the optimiser ended; IKPy does not say whether it reached the target.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
+        """The configuration at which the optimiser ended; IKPy does not say whether it reached the target."""
         return one(raw)
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the chain of IKPy.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by the chain of IKPy."""
         return np.asarray(self.chain.forward_kinematics([0.0, *q, 0.0]))
 
 

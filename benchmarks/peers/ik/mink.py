@@ -60,35 +60,13 @@ class Mink(LoopPeer):
         self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by MuJoCo.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by MuJoCo."""
         self.configuration.update(q)
         return np.asarray(self.configuration.get_transform_frame_to_world("tool", "site").as_matrix())
 
 
 def mjcf(robot: Robot) -> str:
-    """MuJoCo model of an arm with the site ``tool``; numbers have all their digits, masses are placeholders.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    str
-        The MJCF document.
-    """
+    """MuJoCo model of an arm with the site ``tool``; numbers have all their digits, masses are placeholders."""
     parts = ['<mujoco><compiler angle="radian" autolimits="true"/><worldbody>']
     for i in range(robot.n):
         kind = "slide" if robot.prismatic[i] else "hinge"

@@ -61,18 +61,7 @@ class Pink(LoopPeer):
         self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by Pink's configuration.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by Pink's configuration."""
         self.configuration.update(q)
         return np.asarray(self.configuration.get_transform_frame_to_world("tool").homogeneous)
 

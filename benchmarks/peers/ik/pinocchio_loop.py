@@ -45,18 +45,7 @@ class PinocchioLoop(LoopPeer):
         self.pose = pose
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by Pinocchio.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by Pinocchio."""
         return self.pose(q)
 
 

@@ -46,18 +46,7 @@ class PlainCasADi(LoopPeer):
         self.limits = robot.limits  # IPOPT relaxes bounds by 1e-8
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the expression that IPOPT is given.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by the expression that IPOPT is given."""
         return np.asarray(self.pose(q))
 
 

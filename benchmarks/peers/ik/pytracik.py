@@ -57,49 +57,16 @@ class PyTracIK(Peer):
         self.call = call
 
     def answers(self, raw: Any) -> Array:
-        """The configuration after the return code; none if the code is negative.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (k, n) array
-            Configurations [rad, m].
-        """
+        """The configuration after the return code; none if the code is negative."""
         values = np.asarray(raw, dtype=np.float64).ravel()
         return one(values[-self.robot.n :]) if values.size > self.robot.n and values[0] >= 0 else none(self.robot)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the return code is not negative.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
+        """Whether the return code is not negative."""
         return float(np.ravel(raw)[0]) >= 0.0 if np.size(raw) else False
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the KDL chain that TRAC-IK read from the URDF.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by the KDL chain that TRAC-IK read from the URDF."""
         return np.asarray(self.module.fk(self.solver, q)).reshape(4, 4)
 
 

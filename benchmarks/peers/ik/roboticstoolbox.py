@@ -36,63 +36,19 @@ class RoboticsToolbox(Peer):
         self.call = partial(self.ets.ik_LM, tol=1e-13, **budget)
 
     def answers(self, raw: Any) -> Array:
-        """The configuration, whether or not the method reports success.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (1, n) array
-            Configurations [rad, m].
-        """
+        """The configuration, whether or not the method reports success."""
         return one(raw[0])
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations over all searches.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
+        """Number of iterations over all searches."""
         return int(raw.iterations)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether it reports success.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
+        """Whether it reports success."""
         return bool(raw.success)
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the ETS.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by the ETS."""
         return np.asarray(self.ets.fkine(q).A)
 
 

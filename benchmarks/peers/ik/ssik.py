@@ -44,48 +44,15 @@ class SSIK(Peer):
         self.call = partial(_module(arm).solve, max_solutions=1)
 
     def answers(self, raw: Any) -> Array:
-        """The branches inside the limits.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        (k, n) array
-            Configurations [rad, m].
-        """
+        """The branches inside the limits."""
         return np.array([solution.q for solution in raw]) if raw else none(self.robot)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether it returned a branch.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim.
-        """
+        """Whether it returned a branch."""
         return bool(raw)
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by ssik's own model of the arm.
-
-        Parameters
-        ----------
-        q : (n,) array
-            Configuration [rad, m].
-
-        Returns
-        -------
-        (4, 4) array or None
-            Pose of the tool in the base frame [1, m].
-        """
+        """Tool pose by ssik's own model of the arm."""
         return np.asarray(self.arm.fk(q))
 
 

@@ -42,23 +42,7 @@ class CasadiProgramme(TimingPeer):
         self._solver, self._bounds = _built(casadi, self.solver, self.options, limits["velocity"].size)
 
     def call(self, joint_path: JointPath) -> Any:
-        """Derivatives at the nodes, a quintic motion from rest to rest as the initial guess, one solve.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-
-        Returns
-        -------
-        Any
-            The result, for `trajectory`.
-
-        Raises
-        ------
-        NoSolution
-            The peer found no motion.
-        """
+        """Derivatives at the nodes, a quintic motion from rest to rest as the initial guess, one solve."""
         u = np.linspace(0.0, 1.0, NLP_INTERVALS + 1)
         s = joint_path.end * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         v, a = 30.0 * u**2 * (1.0 - u) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
@@ -77,20 +61,7 @@ class CasadiProgramme(TimingPeer):
         return np.asarray(answer["x"]).ravel(), s, duration
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of its s(t), a cubic on each interval.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
+        """Trajectory of its s(t), a cubic on each interval."""
         x, s, duration = raw
         unit = joint_path.end
         v, a, steps, jerk = (x[i::4] for i in range(4))

@@ -103,44 +103,12 @@ class TimingPeer(ABC):
 
 
 def peer_limits(limits: MotionLimits, n: int) -> dict[str, Array]:
-    """Limits as a peer is given them.
-
-    Parameters
-    ----------
-    limits : MotionLimits
-        The limits.
-    n : int
-        Number of joints.
-
-    Returns
-    -------
-    dict of arrays
-        ``velocity``, ``acceleration`` and ``jerk`` (n,) [rad/s^k, m/s^k]; ``torque`` (n,) or, lower side first, (2, n)
-        [N·m, N]; infinity where unlimited.
-    """
+    """Limits as a peer is given them."""
     return limits.arrays(n) | {"torque": limits.bounds(n)["torque"]}
 
 
 def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absent:
-    """Build a timing peer for given limits.
-
-    Parameters
-    ----------
-    name : str
-        Name of the peer.
-    limits : dict
-        As `peer_limits` returns them, (n,) [rad/s^k, m/s^k].
-
-    Returns
-    -------
-    TimingPeer or Absent
-        The peer, or the reason why it cannot be built.
-
-    Raises
-    ------
-    UnknownName
-        There is no peer of this name; the message has similar names.
-    """
+    """Build a timing peer for given limits."""
     peer: TimingPeer | Absent = built_or_absent(load_method(TIMING_PEERS, name, "peer of timing"), limits)
     return peer
 

@@ -41,23 +41,7 @@ class Copp(TimingPeer):
         self._limits = limits
 
     def call(self, joint_path: JointPath) -> Any:
-        """Samples, constraints, three solves, and times at the stations.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-
-        Returns
-        -------
-        Any
-            The result, for `trajectory`.
-
-        Raises
-        ------
-        NoSolution
-            The peer found no motion.
-        """
+        """Samples, constraints, three solves, and times at the stations."""
         copp, stations = self._copp, self.stations
         s = np.linspace(0.0, joint_path.end, stations)
         try:
@@ -98,20 +82,7 @@ class Copp(TimingPeer):
         return robot
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
+        """Trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them."""
         s, t, profile = raw
         speed = np.sqrt(np.maximum(profile.a, 0.0))
         law = through(t, s[:, None], speed[:, None], profile.b[:, None])

@@ -52,23 +52,7 @@ class DrakeToppra(TimingPeer):
         return DRAKE.version()
 
     def call(self, joint_path: JointPath) -> Any:
-        """Spline through the samples, and the optimum along it, in the worker process.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-
-        Returns
-        -------
-        Any
-            The result, for `trajectory`.
-
-        Raises
-        ------
-        NoSolution
-            The peer found no motion, or its process ended.
-        """
+        """Spline through the samples, and the optimum along it, in the worker process."""
         (answer,) = self._worker.solve([(joint_path.knots.tolist(), joint_path(joint_path.knots).tolist())])
         if isinstance(answer.raw, Failed):
             raise NoSolution(f"{answer.raw.outcome}: {answer.raw.error}")
@@ -77,35 +61,11 @@ class DrakeToppra(TimingPeer):
         return answer.raw
 
     def took_ms(self, raw: Any) -> float | None:
-        """Time of a call in the worker process.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        float or None
-            Without the pipe [ms].
-        """
+        """Time of a call in the worker process."""
         return float(raw["ns"]) / 1e6
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
+        """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
         t, s, speed = (np.array(raw[name]) for name in ("t", "s", "speed"))
         pieces = np.stack([0.5 * np.diff(speed) / np.diff(t), speed[:-1], s[:-1]])
         return refit(joint_path, PPoly(pieces, t - t[0], extrapolate=True), self._jerk)

@@ -36,23 +36,7 @@ class RuckigJoints(TimingPeer):
         self._limits = limits
 
     def call(self, joint_path: JointPath) -> Any:
-        """One calculation from end to end.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-
-        Returns
-        -------
-        Any
-            The result, for `trajectory`.
-
-        Raises
-        ------
-        NoSolution
-            The peer found no motion.
-        """
+        """One calculation from end to end."""
         n = joint_path.robot.n
         given, found = self._ruckig.InputParameter(n), self._ruckig.Trajectory(n)
         start, goal = joint_path(np.array([0.0, joint_path.end]))
@@ -66,20 +50,7 @@ class RuckigJoints(TimingPeer):
         return found
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Its own cubic pieces, cut where any joint changes its jerk.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
+        """Its own cubic pieces, cut where any joint changes its jerk."""
         joints = [_joint(profile) for profile in raw.profiles[0]]
         knots = np.unique(np.concatenate([[0.0, raw.duration], *(joint.x for joint in joints)]))
         knots = knots[(knots == 0.0) | (np.diff(knots, prepend=0.0) > SHORTEST_STEP * raw.duration)]

@@ -46,23 +46,7 @@ class ToppraConstAccel(TimingPeer):
             )
 
     def call(self, joint_path: JointPath) -> Any:
-        """Spline through the samples, and the optimum along it.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-
-        Returns
-        -------
-        Any
-            The result, for `trajectory`.
-
-        Raises
-        ------
-        NoSolution
-            The peer found no motion.
-        """
+        """Spline through the samples, and the optimum along it."""
         path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
         first, last = path.path_interval
         grid = np.linspace(float(first), float(last), TOPPRA_INTERVALS + 1)
@@ -79,20 +63,7 @@ class ToppraConstAccel(TimingPeer):
         return self._constraints
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
+        """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
         s, speed = np.asarray(raw.gridpoints), np.asarray(raw.sd_vec)
         steps = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
         pieces = np.stack([0.5 * np.diff(speed) / steps, speed[:-1], s[:-1]])

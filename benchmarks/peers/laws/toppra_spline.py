@@ -38,23 +38,7 @@ class ToppraSpline(TimingPeer):
         ]
 
     def call(self, joint_path: JointPath) -> Any:
-        """Spline through the samples, optimum along it, spline in time.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-
-        Returns
-        -------
-        Any
-            The result, for `trajectory`.
-
-        Raises
-        ------
-        NoSolution
-            The peer found no motion.
-        """
+        """Spline through the samples, optimum along it, spline in time."""
         path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
         found = self._toppra.algorithm.TOPPRA(
             self._constraints, path, parametrizer="ParametrizeSpline"
@@ -64,20 +48,7 @@ class ToppraSpline(TimingPeer):
         return found
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Its cubic spline in time, unchanged.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
+        """Its cubic spline in time, unchanged."""
         return Trajectory(PPoly(raw.cspl.c, raw.cspl.x - raw.cspl.x[0], extrapolate=True))
 
 

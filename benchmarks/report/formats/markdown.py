@@ -30,27 +30,7 @@ _SPECIAL = re.compile(r"([\\`*_{}\[\]#|~$])")
 
 @without_code()
 def write_markdown(folder: RunFolder) -> list[Path]:
-    """Write ``report.md`` and its figures into a run folder.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    list of Path
-        The report first, then its figures.
-
-    Raises
-    ------
-    InvalidInput
-        The folder is no run.
-    OutputError
-        A file cannot be written.
-    MissingDependency
-        Matplotlib is not installed.
-    """
+    """Write ``report.md`` and its figures into a run folder."""
     run = Run(folder)
     figures: list[Path] = []
 
@@ -113,18 +93,7 @@ def _within(data: Any) -> Iterator[Board | Table]:
 
 
 def markdown_of(table: Table) -> str:
-    """A table as Markdown, without the columns that the page shows only on request; the best in bold.
-
-    Parameters
-    ----------
-    table : Table
-        The table.
-
-    Returns
-    -------
-    str
-        Its title, the table and its note.
-    """
+    """A table as Markdown, without the columns that the page shows only on request; the best in bold."""
     shown = shown_table(table)
     columns = [(k, column) for k, column in enumerate(table.columns) if not column.aside]
     heads = [marked(f"{c.words} [{c.unit}]" if c.unit else c.words) for _, c in columns]
@@ -144,17 +113,6 @@ def _cell(cell: ShownCell) -> str:
 
 
 def marked(text: str) -> str:
-    """Text as Markdown shows it.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        Markdown, in one line.
-    """
+    """Text as Markdown shows it."""
     safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return " ".join(_SPECIAL.sub(r"\\\1", safe).split())

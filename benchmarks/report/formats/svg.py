@@ -32,23 +32,7 @@ PANEL_INCHES = (4.6, 3.6)
 
 
 def draw(board: Board) -> str:
-    """A board as SVG; the same board gives the same text.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-
-    Returns
-    -------
-    str
-        SVG whose text stays text.
-
-    Raises
-    ------
-    MissingDependency
-        Matplotlib is not installed.
-    """
+    """A board as SVG; the same board gives the same text."""
     try:
         import matplotlib as mpl
         from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -71,36 +55,12 @@ def draw(board: Board) -> str:
 
 
 def fits(when: When, state: Json) -> bool:
-    """Whether something is shown at these choices.
-
-    Parameters
-    ----------
-    when : mapping
-        Values of controls.
-    state : dict
-        The value of every control.
-
-    Returns
-    -------
-    bool
-        As on the page.
-    """
+    """Whether something is shown at these choices."""
     return all(state.get(key) in values for key, values in when.items())
 
 
 def colour_of(text: Any) -> Any:
-    """A colour as matplotlib has it.
-
-    Parameters
-    ----------
-    text : str
-        A colour of the page, or one of its variables.
-
-    Returns
-    -------
-    str or tuple
-        That of the light theme.
-    """
+    """A colour as matplotlib has it."""
     if isinstance(text, str) and (found := re.fullmatch(r"var\((--[\w-]+)\)", text)):
         text = _theme()[found[1]]
     if isinstance(text, str) and text.startswith("rgba("):

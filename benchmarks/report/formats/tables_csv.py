@@ -19,70 +19,19 @@ TABLES_FOLDER = "tables"
 
 @without_code()
 def write_csv(folder: RunFolder) -> list[Path]:
-    """Write ``tables/ID.csv`` for every table of a run.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    list of Path
-        Of the files.
-
-    Raises
-    ------
-    InvalidInput
-        The folder is no run.
-    OutputError
-        A file cannot be written.
-    """
+    """Write ``tables/ID.csv`` for every table of a run."""
     return [write_table(folder, table.id, "csv", csv_of(table)) for table in all_tables(Run(folder))]
 
 
 def write_table(folder: RunFolder, name: str, ending: str, text: str) -> Path:
-    """Write one table into the run folder.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    name : str
-        Of the table.
-    ending : str
-        Of the file.
-    text : str
-        Its content.
-
-    Returns
-    -------
-    Path
-        Of the file.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
-    """
+    """Write one table into the run folder."""
     file = f"{TABLES_FOLDER}/{slug(name)}.{ending}"
     folder.write_text(file, text)
     return folder.path / file
 
 
 def csv_of(table: Table) -> str:
-    """A table as CSV: all its columns, in their order.
-
-    Parameters
-    ----------
-    table : Table
-        The table.
-
-    Returns
-    -------
-    str
-        With a head; what is not there is empty.
-    """
+    """A table as CSV: all its columns, in their order."""
     wide = {column.key for column in table.columns if any(isinstance(r.get(column.key), tuple) for r in table.rows)}
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -33,41 +33,12 @@ _LOWERED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 @without_code()
 def write_tex(folder: RunFolder) -> list[Path]:
-    """Write ``tables/ID.tex`` for every table of a run.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    list of Path
-        Of the files.
-
-    Raises
-    ------
-    InvalidInput
-        The folder is no run.
-    OutputError
-        A file cannot be written.
-    """
+    """Write ``tables/ID.tex`` for every table of a run."""
     return [write_table(folder, table.id, "tex", tex_of(table)) for table in all_tables(Run(folder))]
 
 
 def tex_of(table: Table) -> str:
-    """A table as LaTeX, without the columns that the page shows only on request.
-
-    Parameters
-    ----------
-    table : Table
-        The table.
-
-    Returns
-    -------
-    str
-        A ``table`` environment that needs the package booktabs.
-    """
+    """A table as LaTeX, without the columns that the page shows only on request."""
     shown = shown_table(table)
     columns = [(k, column) for k, column in enumerate(table.columns) if not column.aside]
     heads = [escaped(f"{c.words} [{c.unit}]" if c.unit else c.words) for _, c in columns]
@@ -99,18 +70,7 @@ def _cell(cell: ShownCell) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text as LaTeX prints it.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-
-    Returns
-    -------
-    str
-        LaTeX.
-    """
+    """Text as LaTeX prints it."""
     out, end = [], 0
     for found in _POWER.finditer(text):
         out.append(_plain(text[end : found.start()]))

@@ -25,23 +25,7 @@ MOST_CAPSULES = 4096
 
 
 def checked_capsules(value: Any) -> Capsules:
-    """Return capsules as kernels take them, checked.
-
-    Parameters
-    ----------
-    value : iterable of (link, a, b, radius) or (link, centre, radius), or Capsules
-        Numbers of links, and points and lengths in their frames [m].
-
-    Returns
-    -------
-    Capsules
-        Read-only arrays (m,), (m, 3), (m, 3) and (m,) [m].
-
-    Raises
-    ------
-    InvalidInput
-        Not capsules, NaN, a radius that is not above 0, or lengths in millimetres.
-    """
+    """Return capsules as kernels take them, checked."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
         if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
             raise InvalidInput(
@@ -69,27 +53,7 @@ def _checked_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
 
 
 def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
-    """Return how far shapes stand out beyond what they enclose, checked.
-
-    Parameters
-    ----------
-    value : scalar or (count,) array
-        Lengths, NaN where unknown [m].
-    count : int
-        Number of shapes.
-    where : str
-        What an error calls them.
-
-    Returns
-    -------
-    (count,) array
-        The lengths, read-only [m].
-
-    Raises
-    ------
-    InvalidInput
-        Another number of them, negative or infinite ones.
-    """
+    """Return how far shapes stand out beyond what they enclose, checked."""
     excess = real_array(value, where, f"a number, or {count} of them")
     if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
         raise InvalidInput(where, shown(value), f"{count} lengths ≥ 0 (NaN where unknown)")
@@ -97,27 +61,7 @@ def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
 
 
 def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
-    """Return a point, checked.
-
-    Parameters
-    ----------
-    value : (3,) array
-        Coordinates [m].
-    where : str
-        What an error calls it.
-    farthest : float
-        Largest coordinate that is accepted [m]: more looks like millimetres.
-
-    Returns
-    -------
-    (3,) array
-        The point, read-only [m].
-
-    Raises
-    ------
-    InvalidInput
-        Not three finite numbers, or coordinates that look like millimetres.
-    """
+    """Return a point, checked."""
     point = frozen(value, where)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise InvalidInput(where, shown(value), "points of three finite numbers")
@@ -129,27 +73,7 @@ def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
 
 
 def length_of(value: Any, where: str, largest: float) -> float:
-    """Return a length above 0, checked.
-
-    Parameters
-    ----------
-    value : float
-        The length [m].
-    where : str
-        What an error calls it.
-    largest : float
-        Largest length that is accepted [m]: more looks like millimetres.
-
-    Returns
-    -------
-    float
-        The length [m].
-
-    Raises
-    ------
-    InvalidInput
-        Not a finite number above 0, or a length that looks like millimetres.
-    """
+    """Return a length above 0, checked."""
     length = check_number(value, where, "a length above 0", above=0.0)
     if length > largest:
         raise InvalidInput(where, f"{length:.6g} m", f"metres (up to {largest:g}): looks like millimetres")

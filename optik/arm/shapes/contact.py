@@ -45,27 +45,7 @@ class Pairs(NamedTuple):
 
 @lru_cache(maxsize=16)
 def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
-    """Return the pairs of shapes whose distance a motion can change, except those that are left out by name.
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm with shapes.
-    scene : Scene
-        What stands around it.
-
-    Returns
-    -------
-    Pairs
-        The pairs, and those left out.
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
-    """
+    """Return the pairs of shapes whose distance a motion can change, except those that are left out by name."""
     examined = scene.examined(robot)
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
@@ -84,29 +64,7 @@ def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
 
 
 def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
-    """Check that an arm and a scene allow collision checks, and that a margin comes with a scene.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    scene : Scene or None
-        The obstacles; None for no collision checks.
-    margin : float
-        What distances must exceed [m].
-
-    Returns
-    -------
-    float
-        The margin [m].
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes, an object that is not a scene, a margin below 0, or a margin above 0 without a scene.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
-    """
+    """Check that an arm and a scene allow collision checks, and that a margin comes with a scene."""
     from optik.scene import Scene
 
     margin = check_number(margin, "margin", "metres, 0 or more", least=0.0)
@@ -133,33 +91,7 @@ class Contact(NamedTuple):
 
 
 def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> tuple[Array, Indices]:
-    """Least room of an arm at configurations: its distance to a scene less the margin, and that between its links.
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm with shapes.
-    scene : Scene
-        What stands around it.
-    q : (k, n) array
-        Configurations [rad, m].
-    margin : float
-        What distances to the scene must exceed [m].
-
-    Returns
-    -------
-    room : (k,) array
-        Of the pair with the least [m]; infinite where there is no pair.
-    pair : (k,) array of int
-        Its index in the names of `examined_pairs`, −1 where there is none.
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes, or configurations of another length.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
-    """
+    """Least room of an arm at configurations: its distance to a scene less the margin, and that between its links."""
     pairs = examined_pairs(robot, scene)
     assert robot.shapes is not None
     at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
@@ -169,31 +101,7 @@ def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0)
 
 
 def contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Contact:
-    """Find the pair of shapes with the least room at one configuration.
-
-    Parameters
-    ----------
-    robot : Robot
-        An arm with shapes.
-    scene : Scene
-        What stands around it.
-    q : (n,) array
-        Configuration [rad, m].
-    margin : float
-        What distances to the scene must exceed [m].
-
-    Returns
-    -------
-    Contact
-        Room, distance and names; infinite without pairs.
-
-    Raises
-    ------
-    InvalidInput
-        An arm without shapes, or a configuration of another length.
-    UnknownName
-        A link in ``scene.allow`` that the arm does not have.
-    """
+    """Find the pair of shapes with the least room at one configuration."""
     rooms, which = nearest_pairs(robot, scene, q, margin)
     room, k, pairs = float(rooms[0]), int(which[0]), examined_pairs(robot, scene)
     if k < 0:
@@ -208,17 +116,7 @@ def contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Co
 def row_of(x: Array, i: int) -> Triple:
     """Return a row of three numbers.
 
-    Parameters
-    ----------
-    x : (k, 3) array
-        The rows [m].
-    i : int
-        Which.
-
-    Returns
-    -------
-    tuple of float
-        The row, of the shape (3,) [m].
+    Shapes and units: x (k, 3) [m]. Returns [m].
     """
     return x[i, 0], x[i, 1], x[i, 2]
 
@@ -227,19 +125,7 @@ def row_of(x: Array, i: int) -> Triple:
 def placed(frame: Array, link: int, p: Triple) -> Triple:
     """Place of a point of a link in the base frame.
 
-    Parameters
-    ----------
-    frame : (n, 4, 4) array
-        Joint frames [1, m].
-    link : int
-        0 for the base, i for joint frame i.
-    p : tuple of float
-        The point in the link's frame [m].
-
-    Returns
-    -------
-    tuple of float
-        The point, of the shape (3,) [m].
+    Shapes and units: frame (n, 4, 4) [1, m], p [m]. Returns [m].
     """
     if link == 0:
         return p
@@ -255,19 +141,7 @@ def placed(frame: Array, link: int, p: Triple) -> Triple:
 def nearest_of(pair: tuple[int, int, int], scene: Objects, places: Array) -> Nearest:
     """Distance of the axis of a capsule to the second body of a pair, whose radius is left out.
 
-    Parameters
-    ----------
-    pair : tuple of int
-        Capsule, number of the second body, and its kind.
-    scene : Objects
-        The scene.
-    places : (m, 2, 3) array
-        Ends of the arm's axes in the base frame [m].
-
-    Returns
-    -------
-    Nearest
-        Distance [m], place [1] and difference [m].
+    Shapes and units: places (m, 2, 3) [m]. Returns [m].
     """
     k, i, kind = pair
     a, b = row_of(places[k], 0), row_of(places[k], 1)
@@ -284,20 +158,7 @@ def nearest_of(pair: tuple[int, int, int], scene: Objects, places: Array) -> Nea
 def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Array, which: Indices) -> None:
     """Least distances at configurations, those to the scene less a margin.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bodies : Bodies
-        Its capsules, the scene and the pairs.
-    q : (k, n) array
-        Configurations [rad, m].
-    margin : float
-        What is subtracted from distances to the scene [m].
-    room : (k,) array
-        Filled with the least of these [m].
-    which : (k,) array of int
-        Filled with the pairs.
+    Shapes and units: q (k, n) [rad, m], margin [m], room (k,) [m], which (k,).
     """
     (link, a, b, radius), scene, pairs = bodies
     frame, places = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 2, 3))

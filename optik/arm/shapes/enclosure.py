@@ -44,22 +44,7 @@ FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
-    """Enclose a mesh by capsules: one, or several if it stands out too far.
-
-    Parameters
-    ----------
-    triangles : (k, 3, 3) array
-        Corners of the triangles [m].
-    most : int
-        Largest number of capsules.
-    excess : float
-        The mesh is cut while a capsule stands out farther than this [m].
-
-    Returns
-    -------
-    list of Capsule
-        Capsules whose union contains every triangle, each with the bound of its excess.
-    """
+    """Enclose a mesh by capsules: one, or several if it stands out too far."""
     tree = points_on(triangles)
     parts, found = [triangles], [fitted(triangles)]
     found = measured(found, tree)
@@ -99,18 +84,7 @@ def _worst(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse:
 
 
 def box_triangles(edges: Array) -> Array:
-    """Triangles of a box about the origin.
-
-    Parameters
-    ----------
-    edges : (3,) array
-        Edge lengths [m].
-
-    Returns
-    -------
-    (12, 3, 3) array
-        Corners of the triangles [m].
-    """
+    """Triangles of a box about the origin."""
     corners = CORNERS * edges
     return np.array([corners[list(part)] for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))])
 
@@ -119,18 +93,7 @@ def box_triangles(edges: Array) -> Array:
 
 
 def fitted(triangles: Array) -> Capsule:
-    """Enclose triangles by one capsule of small volume.
-
-    Parameters
-    ----------
-    triangles : (k, 3, 3) array
-        Corners of the triangles [m].
-
-    Returns
-    -------
-    Capsule
-        The capsule; every corner is inside.
-    """
+    """Enclose triangles by one capsule of small volume."""
     from scipy.optimize import minimize
 
     points = triangles.reshape(-1, 3)
@@ -159,18 +122,7 @@ def fitted(triangles: Array) -> Capsule:
 
 
 def around_cylinder(radius: float, length: float) -> Capsule:
-    """Enclose a cylinder about the z axis by a capsule about the same axis, of the least volume.
-
-    Parameters
-    ----------
-    radius, length : float
-        Sizes of the cylinder, whose middle is the origin [m].
-
-    Returns
-    -------
-    Capsule
-        The capsule; its excess is exact.
-    """
+    """Enclose a cylinder about the z axis by a capsule about the same axis, of the least volume."""
     # With radius r the ends of the segment stand √(r² − radius²) inside the cylinder's faces; at the last r it is a sphere.
     r = radius + np.linspace(0.0, 1.0, 1001) ** 2 * (np.hypot(radius, 0.5 * length) - radius)
     half = np.maximum(0.5 * length - np.sqrt(r * r - radius * radius), 0.0)
@@ -275,22 +227,7 @@ def _roughly(triangles: Array) -> Capsule:
 
 
 def clipped(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:
-    """Cut triangles by a plane.
-
-    Parameters
-    ----------
-    triangles : (k, 3, 3) array
-        Corners of the triangles [m].
-    normal : (3,) array
-        Normal of the plane [1].
-    offset : float
-        The plane is where normal · x = offset [m].
-
-    Returns
-    -------
-    below, above : (j, 3, 3) arrays
-        Triangles of the two sides [m]; together they cover the same surface.
-    """
+    """Cut triangles by a plane."""
     height = triangles @ normal - offset
     up: Flags = height > 0.0
     count = up.sum(axis=1)

@@ -39,34 +39,12 @@ class Capsule(NamedTuple):
     excess: float = np.nan
 
     def moved(self, T: Array) -> Capsule:
-        """Return the capsule in another frame.
-
-        Parameters
-        ----------
-        T : (4, 4) array
-            Pose of the present frame in the other one [1, m].
-
-        Returns
-        -------
-        Capsule
-            The same capsule.
-        """
+        """Return the capsule in another frame."""
         return self._replace(a=T[:3, :3] @ self.a + T[:3, 3], b=T[:3, :3] @ self.b + T[:3, 3])
 
 
 def right_angles(u: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that make a right-angled frame with a unit vector.
-
-    Parameters
-    ----------
-    u : (3,) array
-        The unit vector [1].
-
-    Returns
-    -------
-    v, w : (3,) arrays
-        Unit vectors with u × v = w, up to the sign [1].
-    """
+    """Return two unit vectors that make a right-angled frame with a unit vector."""
     x, y, z = u.tolist()
     least = int(np.argmin(np.abs(u)))
     v = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])
@@ -76,20 +54,7 @@ def right_angles(u: Array) -> tuple[Array, Array]:
 
 
 def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
-    """Distances of points from a segment.
-
-    Parameters
-    ----------
-    points : (k, 3) array
-        The points [m].
-    a, b : (3,) arrays
-        Ends of the segment [m]; it may have length 0.
-
-    Returns
-    -------
-    (k,) array
-        Distances [m].
-    """
+    """Distances of points from a segment."""
     d = b - a
     length2 = float(d @ d)
     t = np.clip((points - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
@@ -97,18 +62,7 @@ def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
 
 
 def points_on(triangles: Array) -> Any:
-    """Return a tree of points on triangles, near enough to each other for distances to the mesh.
-
-    Parameters
-    ----------
-    triangles : (k, 3, 3) array
-        Corners of the triangles [m].
-
-    Returns
-    -------
-    cKDTree
-        The points.
-    """
+    """Return a tree of points on triangles, near enough to each other for distances to the mesh."""
     from scipy.spatial import cKDTree
 
     size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
@@ -130,43 +84,13 @@ def points_on(triangles: Array) -> Any:
 
 
 def measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
-    """Return the capsules of a mesh, each with the bound of its excess.
-
-    Parameters
-    ----------
-    capsules : list of Capsule
-        Capsules whose union encloses the mesh.
-    tree : cKDTree
-        Points on the mesh.
-
-    Returns
-    -------
-    list of Capsule
-        The capsules.
-    """
+    """Return the capsules of a mesh, each with the bound of its excess."""
     others = [capsules[:i] + capsules[i + 1 :] for i in range(len(capsules))]
     return [c._replace(excess=farthest(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
 
 
 def farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Return a bound of the distance of a capsule's surface, as far as it is the union's surface, from points of the mesh.
-
-    Parameters
-    ----------
-    capsule : Capsule
-        The capsule.
-    others : list of Capsule
-        The other capsules of the mesh: what lies inside them is no surface of the union.
-    tree : cKDTree
-        Points on the mesh.
-    coarse : bool
-        Take the centres of the first cells only: quick, and no bound.
-
-    Returns
-    -------
-    float
-        The bound [m].
-    """
+    """Return a bound of the distance of a capsule's surface, as far as it is the union's surface, from points of the mesh."""
     meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
     steps = (np.arange(CELLS) + 0.5) / CELLS
     s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))

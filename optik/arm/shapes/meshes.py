@@ -34,20 +34,7 @@ Folders: TypeAlias = Mapping[str, str | os.PathLike[str]] | Sequence[str | os.Pa
 
 
 class MeshFolders:
-    """The folders below which the meshes of a description may lie.
-
-    Parameters
-    ----------
-    beside : Path, optional
-        Folder of the description; none for a description that came as text.
-    package_dirs : mapping of str to path, or sequence of paths, optional
-        Folder of each ROS package by its name; or folders that contain packages, each in a folder of its name.
-
-    Raises
-    ------
-    InvalidInput
-        Not folders.
-    """
+    """The folders below which the meshes of a description may lie."""
 
     def __init__(
         self,
@@ -68,25 +55,7 @@ class MeshFolders:
         self._beside = beside
 
     def file(self, name: str, what: str) -> Path:
-        """Return the file of a mesh.
-
-        Parameters
-        ----------
-        name : str
-            What the description calls it: a path, package://…, or file://….
-        what : str
-            What an error calls its place in the description.
-
-        Returns
-        -------
-        Path
-            An existing file below one of the folders, symbolic links followed.
-
-        Raises
-        ------
-        InvalidInput
-            A URL, a file elsewhere or of another kind, or none.
-        """
+        """Return the file of a mesh."""
         scheme, separator, rest = name.partition("://")
         if separator and scheme not in ("package", "model", "file"):
             raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in a file, none from a URL")
@@ -135,47 +104,13 @@ def folders_of(
     source: str | os.PathLike[str],
     package_dirs: Folders,
 ) -> MeshFolders:
-    """Return the folders below which the meshes of a description may lie.
-
-    Parameters
-    ----------
-    source : str or path
-        The description: a file, or its text (which begins with <).
-    package_dirs : mapping of str to path, or sequence of paths, optional
-        Further folders, as of `MeshFolders`.
-
-    Returns
-    -------
-    MeshFolders
-        The folders.
-
-    Raises
-    ------
-    InvalidInput
-        Not folders.
-    """
+    """Return the folders below which the meshes of a description may lie."""
     text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
     return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
 
 
 def read_mesh(file: Path) -> Array:
-    """Read the triangles of a mesh in STL or OBJ.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-
-    Returns
-    -------
-    (k, 3, 3) array
-        Corners of the triangles, in the unit of the file [m].
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, is too large, is no mesh, has no triangles, or coordinates that are not finite.
-    """
+    """Read the triangles of a mesh in STL or OBJ."""
     where = f"mesh {file.name!r}"
     expected = f"a mesh in STL or OBJ of at most {MOST_MESH_BYTES // 2**20} MB"
     content = content_of(file, argument=where, expected=expected, most=MOST_MESH_BYTES)

@@ -17,27 +17,7 @@ from optik.types import Array
 
 
 def capsules_of(objects: Iterable[Any], name: str, place: Array) -> list[Capsule]:
-    """Return the capsules that enclose boxes, spheres and capsules.
-
-    Parameters
-    ----------
-    objects : iterable of (T, edges), (centre, radius) or (a, b, radius)
-        Boxes, spheres and capsules [m].
-    name : str
-        What an error calls them.
-    place : (4, 4) array
-        Pose of the frame that these are stated in [1, m].
-
-    Returns
-    -------
-    list of Capsule
-        The capsules, each with its excess.
-
-    Raises
-    ------
-    InvalidInput
-        No objects, or objects that are none of these.
-    """
+    """Return the capsules that enclose boxes, spheres and capsules."""
     expected = "a list of boxes (T, edges), spheres (centre, radius) or capsules (a, b, radius)"
     if isinstance(objects, str) or not isinstance(objects, Iterable):
         raise InvalidInput(f"{name}.shapes", shown(objects), expected)

@@ -9,23 +9,7 @@ from optik.errors import InvalidInput
 
 
 def disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
-    """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements.
-
-    Parameters
-    ----------
-    source : str or path
-        A file, or the XML itself (text that begins with <).
-
-    Returns
-    -------
-    list of (str, str, str)
-        Two links and the reason.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, no XML, or no SRDF.
-    """
+    """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements."""
     try:
         root = read_xml(source)
     except InvalidInput as error:

@@ -19,27 +19,7 @@ CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
 
 
 def shapes_from_toml(table: Any, source: str, joint_names: Sequence[str]) -> Shapes:
-    """Read the table ``shapes`` of a robot's TOML file.
-
-    Parameters
-    ----------
-    table : dict
-        ``capsules``, ``apart`` and ``source``, as `optik.arm.library` describes them.
-    source : str
-        Where the numbers come from if the table does not say.
-    joint_names : sequence of str
-        Names of the joints: link i can be named by the joint that moves it, and link 0 "base".
-
-    Returns
-    -------
-    Shapes
-        The shapes, in the file's frames.
-
-    Raises
-    ------
-    InvalidInput
-        A missing or unknown key, or a wrong value; the error names it.
-    """
+    """Read the table ``shapes`` of a robot's TOML file."""
     record(table, ("capsules",), "shapes", optional=("apart", "source"))
     links = {"base": 0} | {name: i + 1 for i, name in enumerate(joint_names)}
     rows = _rows(table["capsules"], "shapes.capsules")

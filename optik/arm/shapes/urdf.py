@@ -24,31 +24,6 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
 
     What hangs on the chain by fixed joints moves with its link. What hangs on it by joints that move, such as the fingers of
     a gripper, is enclosed in every position of these joints, so its excess is unknown.
-
-    Parameters
-    ----------
-    tree : Tree
-        The links.
-    base : str
-        First link of the chain.
-    placed : list of (Joint, (4, 4) array)
-        The joints of the chain, and the poses of their links in the frames of the arm's joints [1, m].
-    folders : MeshFolders
-        Where meshes may lie.
-    axis : callable
-        Returns the unit axis (3,) of a joint in its own frame [1].
-
-    Returns
-    -------
-    Shapes
-        The capsules, named after their links.
-
-    Raises
-    ------
-    InvalidInput
-        A mesh that cannot be read or lies elsewhere.
-    RobotModelError
-        No <collision> at all, an unknown geometry or one without its sizes, or a joint beside the chain without limits.
     """
     chain = {joint.child for joint, _ in placed}
     carried: dict[str, list[tuple[str, Capsule]]] = {}
@@ -117,22 +92,7 @@ def _swept(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
 
 
 def geometry_of(tree: Tree, element: Any) -> tuple[str, Any]:
-    """Return the geometry of a <collision>.
-
-    Parameters
-    ----------
-    tree : Tree
-        The links.
-    element : Element
-        The <collision>.
-
-    Returns
-    -------
-    kind : str
-        Its tag, such as "box"; "nothing" where there is none.
-    geometry : Element or None
-        The element with its sizes.
-    """
+    """Return the geometry of a <collision>."""
     outer = element.find(f"{tree.prefix}geometry")
     for child in () if outer is None else outer:
         if isinstance(child.tag, str):  # no comment
@@ -141,31 +101,7 @@ def geometry_of(tree: Tree, element: Any) -> tuple[str, Any]:
 
 
 def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) -> list[Capsule]:
-    """Enclose the geometry of a <collision> by capsules, in its own frame.
-
-    Parameters
-    ----------
-    tree : Tree
-        The links.
-    element : Element
-        The <collision>.
-    where : str
-        What an error calls it.
-    folders : MeshFolders
-        Where meshes may lie.
-
-    Returns
-    -------
-    list of Capsule
-        The capsules, each with its excess.
-
-    Raises
-    ------
-    InvalidInput
-        A mesh that cannot be read or lies elsewhere.
-    RobotModelError
-        An unknown geometry, or one without its sizes.
-    """
+    """Enclose the geometry of a <collision> by capsules, in its own frame."""
     kind, shape = geometry_of(tree, element)
 
     def length(name: str) -> float:

@@ -117,29 +117,7 @@ class ProgrammeSolver(IKSolver):
         return {"x": m.q, "p": ca.vertcat(m.target, posture), "f": ca.cse(f), "g": ca.cse(components(m, self.task))}
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
-        """Find a configuration whose tool pose is the target; the usual call goes straight through the buffers.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            T_base_tool [1, m].
-        q0 : (n,) array
-            Start, inside the limits [rad, m].
-        trace : bool
-            Whether to keep the error of every iteration.
-        closest : bool
-            Whether a failure goes on to the nearest pose inside the limits; see `IKSolver.solve`.
-
-        Returns
-        -------
-        IKResult
-            As `IKSolver.solve` returns it.
-
-        Raises
-        ------
-        InvalidInput
-            As `IKSolver.solve` raises it.
-        """
+        """Find a configuration whose tool pose is the target; the usual call goes straight through the buffers."""
         if trace or not self._quick:
             return super().solve(target, q0, trace=trace, closest=closest)
         with self._lock:
@@ -159,24 +137,7 @@ class ProgrammeSolver(IKSolver):
             return super()._solve(target, q0, trace)
 
     def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Meet the pose from the start, and then minimise what is preferred; the time limit is kept inside too.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-        start : (n,) array
-            Initial guess inside the limits [rad, m].
-        trace : bool
-            Whether to keep the error of every iteration.
-        seconds : float or None
-            Time left [s].
-
-        Returns
-        -------
-        Attempt
-            The last iterate, and how the attempt ended.
-        """
+        """Meet the pose from the start, and then minimise what is preferred; the time limit is kept inside too."""
         end = np.inf if seconds is None else time.perf_counter() + seconds
         pose_parameters(target, self._parameters[:12])
         watched = trace or self.time_limit is not None

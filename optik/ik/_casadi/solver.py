@@ -43,22 +43,7 @@ class Answer(NamedTuple):
 
 
 class Programme:
-    """A CasADi solver called through its buffers: arrays set once, no dictionary and no conversion in a call.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        The solver that ``nlpsol`` built. (C code generated from it would be called in the same way and was measured five
-        times as fast for ``sqp``, but needs a compiler on the user's machine.)
-    limits : JointLimits
-        Limits that starts must satisfy.
-    bounds : JointLimits
-        Bounds of x.
-    box : (rows,) array
-        Half-width of the bounds of g [m, rad]; empty where there is no g.
-    watch : Watch, optional
-        The callback that the solver was built with.
-    """
+    """A CasADi solver called through its buffers: arrays set once, no dictionary and no conversion in a call."""
 
     def __init__(
         self, function: ca.Function, limits: JointLimits, bounds: JointLimits, box: Array, watch: Watch | None
@@ -82,20 +67,7 @@ class Programme:
         self._limits = np.array([limits.lower, limits.upper, bounds.lower, bounds.upper])
 
     def answer(self, target: Any, q0: Any) -> Answer | None:
-        """Run for a target pose from a start, both as the caller gave them.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose [1, m], not checked yet.
-        q0 : (n,) array
-            Start [rad, m], not checked yet.
-
-        Returns
-        -------
-        Answer or None
-            None where they are not plain arrays that are valid, and must be checked one by one.
-        """
+        """Run for a target pose from a start, both as the caller gave them."""
         if not (type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == _FLOAT):
             return None
         if not (target.shape == (4, 4) and q0.shape == self._x0.shape and target.flags.carray and q0.flags.carray):
@@ -103,22 +75,7 @@ class Programme:
         return self._run(np.inf) if take(target, q0, self._limits, self._x0, self._p) else None
 
     def solve(self, start: Array, parameters: Array, end: float) -> Answer:
-        """Run from a start, which is moved inside the bounds.
-
-        Parameters
-        ----------
-        start : (n,) array
-            Initial guess [rad, m].
-        parameters : (m,) array
-            Parameters of the programme: the target's first three rows, then the posture [1, m, rad].
-        end : float
-            Time of the performance counter at which a watched run stops [s].
-
-        Returns
-        -------
-        Answer
-            Output of the solver.
-        """
+        """Run from a start, which is moved inside the bounds."""
         clamp(start, self._in["lbx"], self._in["ubx"], self._in["x0"])
         self._in["p"][:] = parameters
         return self._run(end)
@@ -146,14 +103,7 @@ class Programme:
 def clamp(q: Array, lower: Array, upper: Array, out: Array) -> None:
     """Clamp a configuration to bounds; NaN stays.
 
-    Parameters
-    ----------
-    q : (n,) array
-        Configuration [rad, m].
-    lower, upper : (n,) arrays
-        Bounds [rad, m].
-    out : (n,) array
-        The configuration inside them [rad, m]; overwritten.
+    Shapes and units: q (n,) [rad, m], lower, upper (n,) [rad, m], out (n,) [rad, m] (overwritten).
     """
     for i in range(q.shape[0]):
         x = q[i]
@@ -164,23 +114,8 @@ def clamp(q: Array, lower: Array, upper: Array, out: Array) -> None:
 def take(target: Array, q0: Array, limits: Array, x0: Array, parameters: Array) -> bool:
     """Check a target and a start, and write them into the input of a programme.
 
-    Parameters
-    ----------
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    q0 : (n,) array
-        Start [rad, m].
-    limits : (4, n) array
-        Lower and upper limits of the joints, lower and upper bounds of the programme [rad, m].
-    x0 : (n,) array
-        The start inside the bounds [rad, m]; overwritten.
-    parameters : (m,) array
-        Its first 12 entries are overwritten by the target's first three rows [1, m].
-
-    Returns
-    -------
-    bool
-        False where the target is not a pose or the start is outside the limits.
+    Shapes and units: target (4, 4) [1, m], q0 (n,) [rad, m], limits (4, n) [rad, m], x0 (n,) [rad, m] (overwritten), parameters
+    (m,) [1, m] (overwritten).
     """
     if not is_pose(target):
         return False
@@ -194,13 +129,7 @@ def take(target: Array, q0: Array, limits: Array, x0: Array, parameters: Array) 
 
 
 class Watch(ca.Callback):
-    """Callback that keeps every iterate of a solver, and stops it when its time is over.
-
-    Parameters
-    ----------
-    sizes : mapping
-        Lengths of x and p, and of g where there is one.
-    """
+    """Callback that keeps every iterate of a solver, and stops it when its time is over."""
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
         super().__init__()
@@ -211,13 +140,7 @@ class Watch(ca.Callback):
         self.construct("watch", {})
 
     def begin(self, end: float) -> None:
-        """Forget what was seen, and set the time to stop at.
-
-        Parameters
-        ----------
-        end : float
-            Time of the performance counter [s].
-        """
+        """Forget what was seen, and set the time to stop at."""
         self.seen.clear()
         self._end = end
 
@@ -230,63 +153,19 @@ class Watch(ca.Callback):
         return 1
 
     def get_name_in(self, i: int) -> str:
-        """Name of a result of the solver.
-
-        Parameters
-        ----------
-        i : int
-            Index of the result.
-
-        Returns
-        -------
-        str
-            Its name.
-        """
+        """Name of a result of the solver."""
         return str(ca.nlpsol_out(i))
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Shape of a result of the solver.
-
-        Parameters
-        ----------
-        i : int
-            Index of the result.
-
-        Returns
-        -------
-        casadi.Sparsity
-            A dense column.
-        """
+        """Shape of a result of the solver."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Any) -> list[int]:
-        """Keep an iterate.
-
-        Parameters
-        ----------
-        arguments : sequence
-            Results of the solver, the iterate first.
-
-        Returns
-        -------
-        list of int
-            1 where the solver is to stop, else 0.
-        """
+        """Keep an iterate."""
         self.seen.append(np.asarray(arguments[0], dtype=np.float64).ravel())
         return [int(time.perf_counter() >= self._end)]
 
 
 def first_line(error: Exception) -> str:
-    """Message of an exception of CasADi's, without the location in its source.
-
-    Parameters
-    ----------
-    error : Exception
-        The exception.
-
-    Returns
-    -------
-    str
-        Its last line, shortened.
-    """
+    """Message of an exception of CasADi's, without the location in its source."""
     return str(error).strip().splitlines()[-1][:120]

@@ -46,18 +46,7 @@ class Model(NamedTuple):
 
 
 def model(robot: Robot) -> Model:
-    """Build the model of a robot: the product of its transforms, zeros left out.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    Model
-        Its tool and Jacobian in symbols.
-    """
+    """Build the model of a robot: the product of its transforms, zeros left out."""
     q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 12)
     p, R = ca.SX.zeros(3), ca.SX.eye(3)
     axes = []
@@ -78,31 +67,12 @@ def model(robot: Robot) -> Model:
 
 
 def pose_parameters(target: Array, out: Array) -> None:
-    """Write a target pose into the parameters of a model.
-
-    Parameters
-    ----------
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    out : (12,) array
-        Its first three rows, row by row [1, m]; overwritten.
-    """
+    """Write a target pose into the parameters of a model."""
     out[:] = target[:3].ravel()
 
 
 def task_rows(task: Task) -> list[int]:
-    """Indices of the components that a task asks for; of the pair of an axis, those across it.
-
-    Parameters
-    ----------
-    task : Task
-        The task.
-
-    Returns
-    -------
-    list of int
-        The indices.
-    """
+    """Indices of the components that a task asks for; of the pair of an axis, those across it."""
     return [i for i in range(6) if task.mask[i]]
 
 
@@ -111,18 +81,6 @@ def components(m: Model, task: Task) -> Any:
 
     Along a rotation component with a box it is that of `optik.task.task_error`; without one it is the chord
     2 sin ½θ instead of the angle θ: the same zero, and no other.
-
-    Parameters
-    ----------
-    m : Model
-        The model.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    (rows,) expression
-        The error [m, rad].
     """
     position, D = _relative(m, task)
     exact = any(task.box[3:])
@@ -135,18 +93,6 @@ def cost(m: Model, task: Task) -> Any:
     """Half the sum of squares E of the task's error outside its box: ½|Δp|² and ½(2 sin ½θ)² = ¼|R − R_t|² for a pose.
 
     With no box on the rotation it is smooth everywhere.
-
-    Parameters
-    ----------
-    m : Model
-        The model.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    () expression
-        E [m², rad²].
     """
     rows, e = task_rows(task), components(m, task)
     smooth = _smooth(task)
@@ -173,22 +119,6 @@ def descent(m: Model, task: Task) -> tuple[Any, Any, Any]:
 
     E is a function of the tool's pose alone: its derivatives there are a force and a torque, and Jᵀ turns them into the
     gradient. J is the geometric Jacobian where it is that of the error as the error vanishes, which is cheaper.
-
-    Parameters
-    ----------
-    m : Model
-        The model.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    f : () expression
-        E [m², rad²].
-    slope : (n,) expression
-        Its gradient.
-    H : (n, n) expression
-        The Hessian.
     """
     p, R = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
     f = cost(m._replace(p=p, R=R), task)
@@ -204,20 +134,7 @@ def descent(m: Model, task: Task) -> tuple[Any, Any, Any]:
 
 
 def along(m: Model, task: Task) -> Any:
-    """Rows of the geometric Jacobian that a task asks for, along the axes of its frame.
-
-    Parameters
-    ----------
-    m : Model
-        The model.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    (rows, n) expression
-        The rows [m/rad, 1].
-    """
+    """Rows of the geometric Jacobian that a task asks for, along the axes of its frame."""
     J = m.J
     if task.frame == "target" and not all(task.mask):
         back = _target(m)[1].T
@@ -226,26 +143,7 @@ def along(m: Model, task: Task) -> Any:
 
 
 def preference_cost(m: Model, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
-    """Weighted sum of what to prefer, in symbols: the same function as `optik.ik._null_space.cost`.
-
-    Parameters
-    ----------
-    m : Model
-        The model.
-    task : Task
-        The task.
-    robot : Robot
-        The arm, whose limits count.
-    weights : mapping of str to float
-        Weights by the names of `optik.ik._preference.PREFERENCES`.
-    posture : (n,) symbol
-        Posture [rad, m].
-
-    Returns
-    -------
-    () expression
-        The sum [1].
-    """
+    """Weighted sum of what to prefer, in symbols: the same function as `optik.ik._null_space.cost`."""
     total = ca.SX(0.0)
     for name, weight in weights.items():
         if name == "posture":

@@ -54,18 +54,7 @@ class Axes(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot) -> Axes:
-        """Read them off a robot's own frames.
-
-        Parameters
-        ----------
-        robot : Robot
-            The arm.
-
-        Returns
-        -------
-        Axes
-            The axes and offsets.
-        """
+        """Read them off a robot's own frames."""
         lower, upper = robot.limits.lower, robot.limits.upper
         moving = np.flatnonzero(lower < upper)
         rest = np.where(lower < upper, 0.0, lower)
@@ -76,22 +65,7 @@ class Axes(NamedTuple):
 
 
 class Backend:
-    """Closed form of another package, built for a robot.
-
-    Parameters
-    ----------
-    name : str
-        ``"ssik"`` or ``"eaik"``.
-    robot : Robot
-        The arm.
-
-    Raises
-    ------
-    MissingDependency
-        The package is not installed.
-    Refused
-        It cannot solve this arm, or solves it wrongly.
-    """
+    """Closed form of another package, built for a robot."""
 
     def __init__(self, name: str, robot: Robot) -> None:
         self.name = name
@@ -110,23 +84,7 @@ class Backend:
         self._try(robot)
 
     def candidates(self, target: Array) -> Array:
-        """Configurations that the closed form gives for a pose, not checked, limits aside.
-
-        Parameters
-        ----------
-        target : (4, 4) array
-            Target pose in the base frame [1, m].
-
-        Returns
-        -------
-        (k, n) array
-            Candidates [rad].
-
-        Raises
-        ------
-        Refused
-            The package raised an error.
-        """
+        """Configurations that the closed form gives for a pose, not checked, limits aside."""
         axes = self._axes
         try:
             found = np.array(self._solve(target @ self._unturned), dtype=np.float64, order="C").reshape(
@@ -155,27 +113,7 @@ class Backend:
 
 
 def choose(name: str, robot: Robot) -> Backend | None:
-    """Return the backend of a name, for ``"auto"`` the first that is installed and solves the arm.
-
-    Parameters
-    ----------
-    name : str
-        ``"auto"``, ``"enumeration"``, ``"eaik"`` or ``"ssik"``.
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    Backend or None
-        None for an enumeration.
-
-    Raises
-    ------
-    MissingDependency
-        A named one is not installed.
-    Unsupported
-        A named one cannot solve this arm.
-    """
+    """Return the backend of a name, for ``"auto"`` the first that is installed and solves the arm."""
     if name == "enumeration":
         return None
     if name != "auto":
@@ -198,16 +136,6 @@ def _eaik(axes: Axes) -> Solve:
     Its answers include near misses, marked as least squares: at a singularity these are what is left of true branches,
     so they are passed on. It claims a known decomposition for arms that it has none for, and prints when asked to solve
     them; the family says so.
-
-    Returns
-    -------
-    Solve
-        The closed form.
-
-    Raises
-    ------
-    Refused
-        It has no decomposition of this arm.
     """
     from eaik.IK_HP import HPRobot
 
@@ -223,16 +151,6 @@ def _ssik(axes: Axes) -> Solve:
 
     Its general elimination takes minutes to build, and answered a general 6R arm wrongly (8.2.0); its joint-locking for
     7R takes seconds a solve. The compiled 6R solver is called as the files that ``ssik build`` writes call it.
-
-    Returns
-    -------
-    Solve
-        The closed form.
-
-    Raises
-    ------
-    Refused
-        It has no closed form of this arm.
     """
     import ssik
 

@@ -52,28 +52,7 @@ NEAREST_WISH = np.array([1.0, 0.0, 0.0])
 def windings(
     robot: Robot, q: Array, reference: Array, joints: Flags, *, slack: float = LIMIT_BAND, each: int = MOST_WINDINGS
 ) -> Array:
-    """Configurations with whole turns added to some joints, nearest to a reference first.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-    reference : (n,) array
-        Configuration that they are sorted by their distance to [rad, m].
-    joints : (n,) array of bool
-        Joints that turns are added to; they end inside their limits.
-    slack : float, optional
-        How far outside their limits these joints may be [rad, m].
-    each : int, optional
-        Windings of one joint at most, the nearest to the reference; a joint with an infinite limit has one.
-
-    Returns
-    -------
-    (k, n) array
-        The configurations [rad, m]; where they are too many, the farthest are left out.
-    """
+    """Configurations with whole turns added to some joints, nearest to a reference first."""
     columns = [_turned(robot, i, q[i], reference[i], slack)[:each] if joints[i] else [q[i]] for i in range(robot.n)]
     while np.prod([float(len(c)) for c in columns]) > MOST_WINDINGS:
         max(columns, key=len).pop()
@@ -95,42 +74,14 @@ def _turned(robot: Robot, i: int, x: float, near: float, slack: float) -> list[f
 
 
 def too_many(robot: Robot) -> bool:
-    """Whether `windings` leaves some out for this arm.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    bool
-        Whether a root can have more than `MOST_WINDINGS`.
-    """
+    """Whether `windings` leaves some out for this arm."""
     limits = robot.limits
     ends = np.isfinite(limits.lower) & np.isfinite(limits.upper) & ~robot.prismatic
     return bool(np.prod(np.floor((limits.upper - limits.lower)[ends] / (2.0 * pi)) + 1.0) > MOST_WINDINGS)
 
 
 def inside(robot: Robot, target: Array, tolerance: tuple[float, float], rows: Array) -> Array:
-    """Configurations that meet a target inside the limits, moved onto a limit that they miss by `LIMIT_BAND`.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    rows : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (m, n) array
-        Those that do [rad, m].
-    """
+    """Configurations that meet a target inside the limits, moved onto a limit that they miss by `LIMIT_BAND`."""
     rows, good = np.array(rows), np.empty(len(rows), np.bool_)
     limits = robot.limits
     keep_inside(robot.chain, (limits.lower, limits.upper), target, tolerance, rows, good)
@@ -141,20 +92,7 @@ def inside(robot: Robot, target: Array, tolerance: tuple[float, float], rows: Ar
 
 
 def lost_directions(robot: Robot, q: Array) -> Array:
-    """Directions of joint motion that leave the tool where it is, to first order.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (n,) array
-        Configuration [rad, m].
-
-    Returns
-    -------
-    (n, d) array
-        Orthonormal directions, of joints that can move [1].
-    """
+    """Directions of joint motion that leave the tool where it is, to first order."""
     moving = robot.limits.lower < robot.limits.upper
     _, sigma, Vt = np.linalg.svd(robot.jacobian(q)[:, moving])
     rank = int((sigma > sqrt(FLAT_PIVOT) * sigma[0]).sum())
@@ -168,25 +106,6 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array, tolerance: tuple
 
     Where more than one direction is lost, the curve leaves along some mixture of them: a root met off the direction in
     which it was looked for says which, and there it is looked for next.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    free : Range
-        Bounds of the joints, locked ones included.
-    q : (n,) array
-        Root [rad, m].
-    tolerance : (float, float)
-        Largest position and rotation error of a point of the curve [m, rad]. It is the tolerance of roots, because curves of an
-        arm with rounded dimensions, or near a singular configuration, meet the target no better.
-
-    Returns
-    -------
-    (n,) array of bool
-        Whether each joint moves.
     """
     moves = np.zeros(robot.n, dtype=np.bool_)
     lost = list(lost_directions(robot, q).T)
@@ -209,26 +128,7 @@ def goes_on(robot: Robot, target: Array, free: Range, q: Array, tolerance: tuple
 
 
 def slide(robot: Robot, target: Array, q: Array, reference: Array, tolerance: tuple[float, float]) -> Array:
-    """Bring a configuration inside the limits, and along its curve of roots to where it is nearest to a reference.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    q : (n,) array
-        Configuration [rad, m].
-    reference : (n,) array
-        Configuration to come near to [rad, m].
-    tolerance : (float, float)
-        Largest position and rotation error on the way [m, rad].
-
-    Returns
-    -------
-    (n,) array
-        The configuration [rad, m].
-    """
+    """Bring a configuration inside the limits, and along its curve of roots to where it is nearest to a reference."""
     limits, x = (robot.limits.lower, robot.limits.upper), robot.limits.clip(q)
     refine(robot.chain, limits, target, CLAMPED_STEPS, x)
     within = tolerance[0] / SHARE_OF_TOLERANCE, tolerance[1] / SHARE_OF_TOLERANCE
@@ -246,30 +146,6 @@ def pieces(
 
     Points half a turn outside come inside by sliding, so no piece is missed, unless only a few near the reference are
     asked for.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    q : (n,) array
-        Root [rad, m].
-    moves : (n,) array of bool
-        Joints that move along the curve.
-    reference : (n,) array
-        Configuration that the points shall be nearest to [rad, m].
-    known : (m, n) array
-        Points of curves found before [rad, m]: a curve that the first of the points is on is not followed again.
-    few : bool
-        Whether a few points near the reference are enough.
-
-    Returns
-    -------
-    (k, n) array
-        The configurations [rad, m].
     """
     each = 2 if few else MOST_WINDINGS
     starts = windings(robot, q, reference, moves, slack=pi + LIMIT_BAND, each=each)[: FEW_POINTS if few else None]
@@ -287,20 +163,7 @@ def pieces(
 
 
 def is_among(q: Array, rows: Array) -> bool:
-    """Whether a configuration is one of some others, turns counted.
-
-    Parameters
-    ----------
-    q : (n,) array
-        Configuration [rad, m].
-    rows : (k, n) array
-        The others [rad, m].
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
+    """Whether a configuration is one of some others, turns counted."""
     return bool(len(rows) and np.abs(rows - q).max(axis=1).min() < 10.0 * SAME_ROOT)
 
 
@@ -308,12 +171,7 @@ def is_among(q: Array, rows: Array) -> bool:
 def first_of_each(rows: Array, first: Flags) -> None:
     """Find the rows that have no equal one before them, turns counted.
 
-    Parameters
-    ----------
-    rows : (k, n) array
-        Configurations [rad, m].
-    first : (k,) array of bool
-        Whether each row is the first of its kind; overwritten.
+    Shapes and units: rows (k, n) [rad, m], first (k,) (overwritten).
     """
     for k in range(rows.shape[0]):
         first[k] = True
@@ -327,18 +185,7 @@ def first_of_each(rows: Array, first: Flags) -> None:
 
 
 def unique(rows: Array) -> Array:
-    """Each configuration once.
-
-    Parameters
-    ----------
-    rows : (k, n) array
-        Configurations [rad, m].
-
-    Returns
-    -------
-    (m, n) array
-        Those without an equal one before them [rad, m].
-    """
+    """Each configuration once."""
     first = np.empty(len(rows), np.bool_)
     first_of_each(rows, first)
     return rows[first]

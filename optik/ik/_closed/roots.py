@@ -63,17 +63,7 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
 def same(chain: Chain, a: Array, b: Array) -> bool:
     """Whether two configurations are one, whole turns aside.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    a, b : (n,) arrays
-        Configurations [rad, m].
-
-    Returns
-    -------
-    bool
-        Whether every joint differs by less than `SAME_ROOT`.
+    Shapes and units: a, b (n,) [rad, m].
     """
     _fixed, prismatic, _tool = chain
     for i in range(a.shape[0]):
@@ -89,19 +79,7 @@ def same(chain: Chain, a: Array, b: Array) -> bool:
 def flat(chain: Chain, bounds: Range, q: Array) -> bool:
     """Whether a configuration is singular: the Jacobian's columns of the joints that can move depend on each other.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bounds : Range
-        Bounds of the joints: equal where a joint is locked.
-    q : (n,) array
-        Configuration [rad, m].
-
-    Returns
-    -------
-    bool
-        Whether a pivot of JᵀJ is below `FLAT_PIVOT`.
+    Shapes and units: q (n,) [rad, m].
     """
     n, (low, high) = q.shape[0], bounds
     (frame, T, J), A, y = workspace(n), np.empty((n, n)), np.zeros(n)
@@ -123,23 +101,7 @@ def flat(chain: Chain, bounds: Range, q: Array) -> bool:
 def add_root(chain: Chain, bounds: Range, q: Array, roots: Array, count: int) -> bool:
     """Append a configuration to the roots, its revolute joints in [−π, π), unless it is one of them.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bounds : Range
-        Bounds of the joints: equal where a joint is locked.
-    q : (n,) array
-        Configuration [rad, m].
-    roots : (k, n) array
-        The roots [rad, m]; row `count` is overwritten.
-    count : int
-        Number of roots so far.
-
-    Returns
-    -------
-    bool
-        Whether it was appended.
+    Shapes and units: q (n,) [rad, m], roots (k, n) [rad, m] (overwritten).
     """
     (_fixed, prismatic, _tool), (low, high) = chain, bounds
     for k in range(count):
@@ -160,27 +122,8 @@ def distinct(
 ) -> int:  # fmt: skip
     """Refine candidates and keep those that meet the target, each once.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bounds : Range
-        Bounds of the joints.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    candidates : (m, n) array
-        Configurations [rad, m]; overwritten by the refined ones.
-    roots : (m, n) array
-        The roots [rad, m]; overwritten.
-    singular : (m,) array of bool
-        Whether each root is singular; overwritten.
-
-    Returns
-    -------
-    int
-        Number of roots.
+    Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], candidates (m, n) [rad, m] (overwritten), roots
+    (m, n) [rad, m] (overwritten), singular (m,) (overwritten).
     """
     count = 0
     for k in range(candidates.shape[0]):
@@ -199,33 +142,8 @@ def regular_answer(
 ) -> tuple[int, bool, bool]:  # fmt: skip
     """`distinct` and `nearest` in one call: the branch nearest to a start.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bounds : Range
-        Bounds of roots.
-    limits : Range
-        Position limits of the branch.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    candidates : (m, n) array
-        Configurations [rad, m]; overwritten by the refined ones.
-    q0 : (n,) array
-        Start, inside the limits [rad, m].
-    q : (n,) array
-        The branch [rad, m]; overwritten.
-
-    Returns
-    -------
-    count : int
-        Number of roots.
-    solved : bool
-        Whether q is inside the limits.
-    doubt : bool
-        Whether some root is singular, or so near to a limit that rounding decides.
+    Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], candidates (m, n) [rad, m] (overwritten), q0 (n,)
+    [rad, m], q (n,) [rad, m] (overwritten).
     """
     roots, singular = np.empty_like(candidates), np.empty(candidates.shape[0], np.bool_)
     count = distinct(chain, bounds, target, tolerance, candidates, roots, singular)
@@ -242,31 +160,8 @@ def enumerate_roots(
 ) -> tuple[int, int]:  # fmt: skip
     """Refine from many starts until enough of them in a row lead to no new root.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    bounds : Range
-        Bounds of the joints.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    starts : (m, n) array
-        Initial guesses [rad, m].
-    steps : int
-        Most steps from each.
-    roots : (k, n) array
-        The roots [rad, m]; overwritten. The search ends when it is full.
-    patience : int
-        Starts in a row without a new root that end the search.
-
-    Returns
-    -------
-    count : int
-        Number of roots.
-    taken : int
-        Steps taken in all.
+    Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], starts (m, n) [rad, m], roots (k, n) [rad, m]
+    (overwritten).
     """
     count, idle, taken = 0, 0, 0
     q = np.empty(starts.shape[1])
@@ -286,25 +181,7 @@ def enumerate_roots(
 def nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Array) -> tuple[bool, bool]:
     """Branch nearest to a start.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Position limits.
-    roots : (k, n) array
-        Roots [rad, m].
-    q0 : (n,) array
-        Start, inside the limits [rad, m].
-    q : (n,) array
-        The branch [rad, m], or, where no root has one inside, the winding that is outside by least; overwritten.
-
-    Returns
-    -------
-    found : bool
-        Whether q is inside the limits.
-    close : bool
-        Whether some root is within `LIMIT_BAND` of a limit, outside.
+    Shapes and units: roots (k, n) [rad, m], q0 (n,) [rad, m], q (n,) [rad, m] (overwritten).
     """
     (_fixed, prismatic, _tool), (lower, upper) = chain, limits
     turn, x = 2.0 * pi, np.empty(q.shape[0])
@@ -342,20 +219,8 @@ def keep_inside(
 ) -> None:  # fmt: skip
     """Clamp configurations to their limits, move them back onto the target, and say which meet it inside.
 
-    Parameters
-    ----------
-    chain : Chain
-        The arm.
-    limits : Range
-        Position limits.
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    tolerance : (float, float)
-        Largest position and rotation error [m, rad].
-    rows : (k, n) array
-        Configurations [rad, m]; overwritten.
-    good : (k,) array of bool
-        Whether each meets the target; overwritten.
+    Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], rows (k, n) [rad, m] (overwritten), good (k,)
+    (overwritten).
     """
     lower, upper = limits
     for k in range(rows.shape[0]):

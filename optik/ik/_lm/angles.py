@@ -12,15 +12,7 @@ from optik.ik._lm.fma import fma
 def sine_cosine(x: float) -> tuple[float, float]:
     """Sine and cosine to the last bits for |x| < 1e5, without branches (Cephes: Moshier 1989).
 
-    Parameters
-    ----------
-    x : float
-        Angle [rad].
-
-    Returns
-    -------
-    sine, cosine : float
-        Of the angle.
+    Shapes and units: x [rad].
     """
     k = np.floor(x * 0.6366197723675814 + 0.5)
     r = fma(-k, 5.39030285815811905e-15, fma(-k, 7.54978941586159635335e-8, fma(-k, 1.57079625129699707031, x)))
@@ -42,22 +34,7 @@ def sine_cosine(x: float) -> tuple[float, float]:
 
 @inlined
 def angle_of(s: float, c: float) -> tuple[float, float]:
-    """Angle from its sine and cosine: 2 atan(s / (1 + |c|)), by a Chebyshev fit to 1e-13.
-
-    Parameters
-    ----------
-    s : float
-        Sine θ, ≥ 0.
-    c : float
-        Cosine θ.
-
-    Returns
-    -------
-    angle : float
-        θ in [0, π].
-    ratio : float
-        θ / sin θ.
-    """
+    """Angle from its sine and cosine: 2 atan(s / (1 + |c|)), by a Chebyshev fit to 1e-13."""
     t = s / (1.0 + abs(c))
     z = t * t
     p = fma(-0.0001124208502549427, z, 0.001018151896826806)

@@ -17,21 +17,7 @@ from optik.types import Array, Flags
 def settle_inside(prismatic: Flags, limits: Range, start: Array, q: Array) -> bool:
     """Bring a configuration inside the limits: by whole turns nearest to the start, else clamped.
 
-    Parameters
-    ----------
-    prismatic : (n,) array of bool
-        Which joints slide.
-    limits : Range
-        Position limits.
-    start : (n,) array
-        Start of the solve [rad, m].
-    q : (n,) array
-        Configuration [rad, m]; overwritten.
-
-    Returns
-    -------
-    bool
-        Whether it was inside already.
+    Shapes and units: prismatic (n,), start (n,) [rad, m], q (n,) [rad, m] (overwritten).
     """
     lower, upper = limits
     same = True

@@ -59,16 +59,7 @@ class Answers(NamedTuple):
 def aim(arm: Array, target: Array, w: Array, l: int) -> None:
     """Take a target: seen from the first joint's frame, its rotation without the tool's.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    target : (4, 4) array
-        Target pose in the base frame [1, m].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; GOAL is overwritten.
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], target (4, 4) [1, m], w (ROWS, L) [as the rows say] (overwritten).
     """
     for i in range(3):
         v = 0.0
@@ -88,18 +79,7 @@ def aim(arm: Array, target: Array, w: Array, l: int) -> None:
 def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
     """Give a lane a problem.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; overwritten from GOAL on.
-    targets : (N, 4, 4) array
-        Target poses [1, m].
-    problem : int
-        Index of the problem.
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), targets (N, 4, 4) [1, m].
     """
     aim(arm, targets[problem], w, l)
     for i in range(PROBLEM, ROWS):
@@ -112,18 +92,7 @@ def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
 def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
     """Write a lane's answer.
 
-    Parameters
-    ----------
-    w : (ROWS, L) array
-        Lanes [as the rows say].
-    n : int
-        Number of joints.
-    answers : Answers
-        Overwritten at the lane's problem.
-    l : int
-        Lane.
-    status : int
-        Code of the status.
+    Shapes and units: w (ROWS, L) [as the rows say].
     """
     p = int(w[PROBLEM, l])
     for i in range(n):
@@ -137,12 +106,7 @@ def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
 def note(w: Array, trace: Array) -> None:
     """Write the error of the first lane into the trace of its attempt.
 
-    Parameters
-    ----------
-    w : (ROWS, L) array
-        Lanes [as the rows say].
-    trace : (m,) array
-        Error twists, six numbers each [m, rad]; overwritten at the lane's iteration.
+    Shapes and units: w (ROWS, L) [as the rows say], trace (m,) [m, rad] (overwritten).
     """
     face_about(w, 0)
     if w[ENDING, 0] <= 0.0:
@@ -154,24 +118,8 @@ def note(w: Array, trace: Array) -> None:
 def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts: Array, answers: Answers) -> None:
     """Solve all problems: every lane takes the next one as soon as its own is answered.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; overwritten.
-    g : (GEOMETRY, L) array
-        Scratch for joint origins and axes [m, 1]; overwritten.
-    J : (6 * n, L) array
-        Scratch for Jacobians [m/rad, 1]; overwritten.
-    n : int
-        Number of joints.
-    targets : (N, 4, 4) array
-        Target poses [1, m].
-    starts : (N, n) array
-        Starts inside the limits [rad, m].
-    answers : Answers
-        Overwritten.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    (overwritten), J (6 * n, L) [m/rad, 1] (overwritten), targets (N, 4, 4) [1, m], starts (N, n) [rad, m].
     """
     N, L = targets.shape[0], w.shape[1]
     waiting, busy = 0, 0
@@ -213,18 +161,7 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
 
 
 def single(n: int) -> Any:
-    """Build the kernel for one target.
-
-    Parameters
-    ----------
-    n : int
-        Number of joints of the arm.
-
-    Returns
-    -------
-    callable
-        ``kernel(arm, target, q0, out) -> (code, iterations, restarts, position_error, rotation_error)``.
-    """
+    """Build the kernel for one target."""
     n6 = 6 * n
 
     @compiled
@@ -246,20 +183,7 @@ def single(n: int) -> Any:
 
 
 def batch(n: int, L: int) -> Any:
-    """Build the kernel for many targets.
-
-    Parameters
-    ----------
-    n : int
-        Number of joints of the arm.
-    L : int
-        Lanes: targets side by side.
-
-    Returns
-    -------
-    callable
-        ``kernel(arm, targets, starts, fields)``; the fields are the arrays of an `IKBatch`, as a plain tuple.
-    """
+    """Build the kernel for many targets."""
     n6 = 6 * n
 
     @parallel

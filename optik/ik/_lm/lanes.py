@@ -64,16 +64,8 @@ NEARLY_HALF_TURN = 9.8695
 def poses(arm: Array, w: Array, g: Array, n: int) -> None:
     """Forward kinematics of every lane: joint origins and axes, and the last joint's frame.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; R and P are overwritten.
-    g : (GEOMETRY, L) array
-        Joint origins and axes [m, 1]; overwritten.
-    n : int
-        Number of joints.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    (overwritten).
     """
     L = w.shape[1]
     for i in range(n):  # all sines first: one joint's do not wait for another's
@@ -108,12 +100,7 @@ def poses(arm: Array, w: Array, g: Array, n: int) -> None:
 def twists(arm: Array, w: Array) -> None:
     """Error twist of every lane and its squares, from the last joint's frame; P becomes the tool's position.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; P, e, E and S are overwritten.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
     L = w.shape[1]
     tx, ty, tz = arm[AT_TOOL_P], arm[AT_TOOL_P + 1], arm[AT_TOOL_P + 2]
@@ -146,16 +133,8 @@ def twists(arm: Array, w: Array) -> None:
 def errors(arm: Array, w: Array, g: Array, n: int) -> None:
     """Forward kinematics and error of every lane.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; R, P, e, E and S are overwritten.
-    g : (GEOMETRY, L) array
-        Joint origins and axes [m, 1]; overwritten.
-    n : int
-        Number of joints.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    (overwritten).
     """
     poses(arm, w, g, n)
     twists(arm, w)
@@ -165,12 +144,7 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
 def face_about(w: Array, l: int) -> None:
     """Take the error's axis from the rotation matrix where it is nearly half a turn: its sine has lost the axis there.
 
-    Parameters
-    ----------
-    w : (ROWS, L) array
-        Lanes [as the rows say]; e is overwritten.
-    l : int
-        Lane.
+    Shapes and units: w (ROWS, L) [as the rows say] (overwritten).
     """
     if w[S + 1, l] < NEARLY_HALF_TURN:
         return
@@ -209,20 +183,8 @@ def hold(w: Array, J: Array, n: int) -> None:
 def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """Geometric Jacobian of every lane; the columns of locked and held joints are 0.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say].
-    g : (GEOMETRY, L) array
-        Joint origins and axes [m, 1].
-    J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1]; overwritten.
-    n : int
-        Number of joints.
-    holding : bool
-        Whether some lane may hold joints; always True for more than six joints.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], g (GEOMETRY, L) [m, 1], J (6 * n, L)
+    [m/rad, 1] (overwritten).
     """
     L = w.shape[1]
     for i in range(n):
@@ -247,18 +209,8 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -
 def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
     """Lower part of J Jᵀ + λ² I of every lane, row by row, with λ² = gain · E + least damping.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say].
-    A : (21, L) array or larger
-        The matrices [m²]; overwritten.
-    J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1].
-    n : int
-        Number of joints.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], A (21, L) [m²] (overwritten), J
+    (6 * n, L) [m/rad, 1].
     """
     gain, least = arm[AT_GAIN], arm[AT_LEAST_DAMPING]
     for l in range(w.shape[1]):
@@ -300,10 +252,7 @@ def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
 def factorise(A: Array) -> None:
     """Factors L D Lᵀ of every lane's matrix: the entries of L below the diagonal, and 1 / D on it.
 
-    Parameters
-    ----------
-    A : (21, L) array or larger
-        The matrices [m²]; overwritten by the factors [m², 1].
+    Shapes and units: A (21, L) [m²] (overwritten).
     """
     for l in range(A.shape[1]):
         a00, a10, a11 = A[0, l], A[1, l], A[2, l]
@@ -341,16 +290,7 @@ def factorise(A: Array) -> None:
 def substitute(w: Array, A: Array, J: Array, n: int) -> None:
     """Step Δq = Jᵀ A⁻¹ e of every lane by the factors of its matrix, clamped to the lane's bounds.
 
-    Parameters
-    ----------
-    w : (ROWS, L) array
-        Lanes [as the rows say]; Q is overwritten.
-    A : (21, L) array or larger
-        The factors [m², 1].
-    J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1].
-    n : int
-        Number of joints.
+    Shapes and units: w (ROWS, L) [as the rows say] (overwritten), A (21, L) [m², 1], J (6 * n, L) [m/rad, 1].
     """
     for l in range(w.shape[1]):
         d0, l10, d1 = A[0, l], A[1, l], A[2, l]
@@ -383,20 +323,8 @@ def substitute(w: Array, A: Array, J: Array, n: int) -> None:
 def steps(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
     """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; Q is overwritten.
-    g : (GEOMETRY, L) array
-        Joint origins and axes [m, 1]; overwritten.
-    J : (6 * n, L) array
-        Jacobians, by columns [m/rad, 1]; overwritten.
-    n : int
-        Number of joints.
-    holding : bool
-        Whether some lane may hold joints; always True for more than six joints.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
+    (overwritten), J (6 * n, L) [m/rad, 1] (overwritten).
     """
     jacobians(arm, w, g, J, n, holding)
     # the geometry is not needed any more: its rows take the matrix

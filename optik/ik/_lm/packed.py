@@ -33,22 +33,7 @@ limits. For arms with redundant joints, those of the seeds with joints at limits
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:
-    """Put an arm, its reach bound and the options of a solver into one flat array.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    reach : (8,) array
-        Bound on the reach [as `optik.arm.reach` has it].
-    options : (9,) array
-        Tolerances, gain, least damping, iterations, first attempt, attempts, patience and progress [as the names say].
-
-    Returns
-    -------
-    (size,) array
-        The numbers, in the order of the positions of this module [as they say].
-    """
+    """Put an arm, its reach bound and the options of a solver into one flat array."""
     spare = spare_joints(robot)
     joints = np.zeros((10, MOST_JOINTS))
     joints[:, : robot.n] = chain_joints(robot).T
@@ -61,18 +46,7 @@ def pack(robot: Robot, reach: Array, options: Array) -> Array:
 
 
 def spare_joints(robot: Robot) -> int:
-    """Number of joints that can be held at a limit while six others still move.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    int
-        The number.
-    """
+    """Number of joints that can be held at a limit while six others still move."""
     lower, upper = robot.limits.lower, robot.limits.upper
     moves = lower < upper
     limited = moves & (np.isfinite(lower) | np.isfinite(upper))
@@ -86,13 +60,6 @@ def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
     The poses are half the squared distance to a target, but for a scalar product with it and a constant: rows of rotation
     (9) and position (3), weighted as that distance counts them, and half the square of the position. A radian counts as
     0.3 m (measured: anything between 0.15 and 0.5 does as well).
-
-    Returns
-    -------
-    poses : (13, COMPARED_SEEDS) array
-        What the search reads of the seeds' poses [m].
-    q : (SEEDS, n) array
-        The seeds [rad, m].
     """
     rng = np.random.default_rng(1)
     q = on_limits(robot, rng, robot.limits.draw(rng, SEEDS), held)
@@ -102,24 +69,7 @@ def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
 
 
 def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Array:
-    """Put some joints of every configuration at a limit: at a finite one of a joint that can move, both drawn.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    rng : numpy.random.Generator
-        Source of random numbers.
-    q : (k, n) array
-        Configurations [rad, m].
-    held : int
-        Number of joints to put at a limit.
-
-    Returns
-    -------
-    (k, n) array
-        The configurations [rad, m].
-    """
+    """Put some joints of every configuration at a limit: at a finite one of a joint that can move, both drawn."""
     lower, upper = robot.limits.lower, robot.limits.upper
     end = np.where(rng.random(q.shape) < 0.5, lower, upper)
     end = np.where(np.isfinite(end), end, np.where(np.isfinite(lower), lower, upper))
@@ -134,16 +84,6 @@ def chain_joints(robot: Robot) -> Array:
     the translation p and Rot(x, α), then Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if it slides: any serial arm, in two
     thirds of the multiplications of a full transform. α and θ are two of the Euler angles z–x–z of the fixed rotation;
     the third is added to the joint before.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    (n, 10) array
-        Of each joint p, cos α, sin α, θ, whether it slides, whether it can move, and its limits [m, 1, rad].
     """
     n, limits = robot.n, robot.limits
     joints = np.zeros((n, 10))

@@ -69,23 +69,7 @@ STEP, HELD = -1, -2
 def wrap_inside(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
     """Bring a lane inside the limits: by whole turns, to the winding nearest to the start, else clamped.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; Q is overwritten.
-    n : int
-        Number of joints.
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    l : int
-        Lane.
-
-    Returns
-    -------
-    bool
-        Whether it was inside already.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
     same = True
     for i in range(n):
@@ -101,21 +85,7 @@ def wrap_inside(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
 def inside(arm: Array, w: Array, n: int, l: int) -> bool:
     """Whether a lane is inside the limits.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say].
-    n : int
-        Number of joints.
-    l : int
-        Lane.
-
-    Returns
-    -------
-    bool
-        The answer; False for NaN.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say].
     """
     for i in range(n):  # noqa: SIM110  (a generator does not compile)
         if not (arm[AT_LOWER + i] <= w[Q + i, l] <= arm[AT_UPPER + i]):
@@ -127,18 +97,7 @@ def inside(arm: Array, w: Array, n: int, l: int) -> bool:
 def place(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
     """Put a lane where it was sent or its attempt starts, with its steps clamped to the limits if it is to keep them.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; Q, LOW and HIGH are overwritten.
-    n : int
-        Number of joints.
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
     if w[BEGINS, l] != 0.0:
         begin(arm, w, n, start, l)
@@ -156,12 +115,7 @@ def tick(arm: Array, w: Array) -> None:
 
     The others are ready for a step.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; the counts and LOOK are overwritten.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
     tolerance_p, tolerance_r = arm[AT_TOLERANCE_P] * arm[AT_TOLERANCE_P], arm[AT_TOLERANCE_R] * arm[AT_TOLERANCE_R]
     progress, patience, most = arm[AT_PROGRESS], arm[AT_PATIENCE], arm[AT_ITERATIONS]
@@ -188,23 +142,7 @@ def tick(arm: Array, w: Array) -> None:
 def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
     """Judge a flagged lane.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; a lane that meets the target outside its limits is clamped to them.
-    n : int
-        Number of joints.
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    l : int
-        Lane.
-
-    Returns
-    -------
-    int
-        SOLVED; MAX_ITERATIONS or STALLED where its attempt ends; STEP; HELD where it has been brought inside its limits.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], start (n,) [rad, m].
     """
     tolerance_p, tolerance_r = arm[AT_TOLERANCE_P], arm[AT_TOLERANCE_R]
     if w[S, l] <= tolerance_p * tolerance_p and w[S + 1, l] <= tolerance_r * tolerance_r:
@@ -227,25 +165,7 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
 def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: float) -> bool:
     """Begin the next attempt; where there is none, go back to the best configuration found, to be measured once more.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; overwritten.
-    n : int
-        Number of joints.
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    l : int
-        Lane.
-    attempts : float
-        Number of attempts at most.
-
-    Returns
-    -------
-    bool
-        Whether there is none.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
     if w[E, l] < w[BEST_E, l] and inside(arm, w, n, l):
         w[BEST_E, l] = w[E, l]
@@ -265,25 +185,8 @@ def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: f
 def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -> int:
     """Decide how a flagged lane goes on.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; overwritten.
-    n : int
-        Number of joints.
-    target : (4, 4) array
-        Target pose of its problem [1, m].
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    l : int
-        Lane.
-
-    Returns
-    -------
-    int
-        STEP, HELD, or the code of its status where the problem is answered.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), target (4, 4) [1, m],
+    start (n,) [rad, m].
     """
     face_about(w, l)
     if w[ENDING, l] > 0.0:

@@ -68,18 +68,7 @@ INSIDE, ON_LIMITS = 0, 1
 def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
     """Have a joint put at a value, clamped to its limits, once the other lanes have taken their step.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; NEXT and MOVED are overwritten.
-    l : int
-        Lane.
-    i : int
-        Joint.
-    q : float
-        The value [rad, m].
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), q [rad, m].
     """
     w[NEXT + i, l] = min(max(q, arm[AT_LOWER + i]), arm[AT_UPPER + i])
     w[MOVED, l] = 1.0
@@ -93,18 +82,7 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
     some of the joints, and then every second attempt from a seed. From attempt NEAR_BEST on, two out of three of the other
     attempts start between the best iterate so far and a seed.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; the lane's attempt begins.
-    n : int
-        Number of joints.
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], start (n,) [rad, m].
     """
     attempt, spare = int(w[ATTEMPT, l]), arm[AT_SPARE] != 0.0
     if attempt > 0 and attempt == int(arm[AT_FIRST]):
@@ -140,20 +118,7 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
 def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) -> None:
     """Hold as many joints as are redundant at the limits nearest to them at the start, relative to their ranges.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; NEXT and HELD_JOINTS are overwritten.
-    n : int
-        Number of joints.
-    start : (n,) array
-        Start of the lane's problem [rad, m].
-    skip : int
-        Number of the nearest joints to leave out.
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
     seen = 0
     for k in range(skip + int(arm[AT_SPARE])):
@@ -176,22 +141,7 @@ def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) 
 def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, way: float, l: int) -> None:
     """Start at a seed, holding the joints that it has at a limit.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; NEXT and HELD_JOINTS are overwritten.
-    n : int
-        Number of joints.
-    kind : int
-        INSIDE or ON_LIMITS.
-    k : int
-        Which seed of that kind, the nearest first.
-    way : float
-        Position of the start between the best iterate (0) and the seed (1) [1].
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), way [1].
     """
     table = AT_SEEDS + kind * (13 * COMPARED_SEEDS + SEEDS * n)
     if k < NEAREST_SEEDS and w[PICKED + kind, l] == 0.0:
@@ -209,18 +159,7 @@ def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, way: float, l: in
 def pick_seeds(arm: Array, w: Array, table: int, picks: int, l: int) -> None:
     """Find the NEAREST_SEEDS of a table whose poses are nearest to the goal, nearest first.
 
-    Parameters
-    ----------
-    arm : (size,) array
-        The arm [as `pack` writes it].
-    w : (ROWS, L) array
-        Lanes [as the rows say]; the picks are overwritten.
-    table : int
-        Position of the seeds' poses in `arm`.
-    picks : int
-        Row of the first pick.
-    l : int
-        Lane.
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
     score, kept = stack(1, COMPARED_SEEDS), stack(1, NEAREST_SEEDS)
     count = 0

@@ -25,19 +25,7 @@ def inside_winding(q: float, start: float, low: float, high: float) -> float:
     An angle inside that is within half a turn of the start is returned as it is, to the last bit. Where no angle of the
     direction is inside, the one nearest to the limits is returned.
 
-    Parameters
-    ----------
-    q : float
-        Angle [rad].
-    start : float
-        Angle at the start [rad].
-    low, high : float
-        Limits [rad].
-
-    Returns
-    -------
-    float
-        The angle [rad].
+    Shapes and units: q [rad], start [rad], low, high [rad]. Returns [rad].
     """
     inside = low <= q <= high
     if inside and abs(start - q) <= pi + TIE:

@@ -42,13 +42,7 @@ Point = tuple[float, float] | Array
 
 
 class Sheet:
-    """A drawing that grows downwards. Colours are named, see `LIGHT`.
-
-    Parameters
-    ----------
-    title : str
-        What it shows, for readers who cannot see it.
-    """
+    """A drawing that grows downwards. Colours are named, see `LIGHT`."""
 
     def __init__(self, title: str) -> None:
         self.title = title
@@ -71,21 +65,7 @@ class Sheet:
         dashed: bool = False,
         closed: bool = False,
     ) -> None:
-        """Draw straight lines between points.
-
-        Parameters
-        ----------
-        points : iterable of (2,) points
-            Their ends [as the sheet, px].
-        colour : str
-            Of the line.
-        width : float
-            Of the line [px]; its ends are round.
-        dashed : bool
-            Whether it is dashed.
-        closed : bool
-            Whether the last point is joined to the first, and the inside filled with the colour of boxes.
-        """
+        """Draw straight lines between points."""
         drawn = " ".join(f"{_px(x)},{_px(y)}" for x, y in points)
         part = self._add("polygon" if closed else "polyline", points=drawn, stroke_width=width)
         part.set("class", f"d-{colour}-line" + (" d-filled" if closed else ""))
@@ -93,17 +73,7 @@ class Sheet:
             part.set("stroke-dasharray", "5 4")
 
     def arrow(self, points: Iterable[Point], colour: str = "ink", *, width: float = 1.5) -> None:
-        """Draw straight lines between points, and a head at the end.
-
-        Parameters
-        ----------
-        points : iterable of (2,) points
-            Their ends, two at least [as the sheet, px].
-        colour : str
-            Of the arrow.
-        width : float
-            Of the line [px].
-        """
+        """Draw straight lines between points, and a head at the end."""
         *before, (x0, y0), (x1, y1) = [(float(x), float(y)) for x, y in points]
         length = hypot(x1 - x0, y1 - y0)
         if length == 0.0:
@@ -117,52 +87,18 @@ class Sheet:
         part.set("class", f"d-{colour}")
 
     def dot(self, at: Point, colour: str = "ink", radius: float = 3.0) -> None:
-        """Draw a filled circle.
-
-        Parameters
-        ----------
-        at : (2,) point
-            Its centre [as the sheet, px].
-        colour : str
-            Of the circle.
-        radius : float
-            Of the circle [px].
-        """
+        """Draw a filled circle."""
         self._add("circle", cx=float(at[0]), cy=float(at[1]), r=radius).set("class", f"d-{colour}")
 
     def box(self, x: float, y: float, width: float, height: float) -> None:
-        """Draw a box with round corners.
-
-        Parameters
-        ----------
-        x, y : float
-            Its upper left corner [px].
-        width, height : float
-            Its size [px].
-        """
+        """Draw a box with round corners."""
         self._add("rect", x=x, y=y, width=width, height=height, rx=6.0).set("class", "d-edge-line d-filled")
 
     def words(
         self, at: Point, text: str, colour: str = "ink",
         *, by: tuple[float, float] = (0.0, 0.0), anchor: str = "start", bold: bool = False,
     ) -> None:  # fmt: skip
-        """Write words on one line; those that would leave the sheet at a side are moved inside.
-
-        Parameters
-        ----------
-        at : (2,) point
-            Where their base line starts, ends or has its middle [as the sheet, px].
-        text : str
-            The words.
-        colour : str
-            Of the words.
-        by : tuple of float
-            How far they are moved from there, to the right and down [px].
-        anchor : str
-            ``start``, ``middle`` or ``end``: which part of them is there.
-        bold : bool
-            Whether they are bold.
-        """
+        """Write words on one line; those that would leave the sheet at a side are moved inside."""
         x, width = float(at[0]) + by[0], written_width(text)
         before = width * {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor]
         x = max(min(x, WIDTH - width + before), before)
@@ -171,18 +107,7 @@ class Sheet:
         part.text = text
 
     def svg(self, height: float) -> str:
-        """Return the drawing as text of an SVG file.
-
-        Parameters
-        ----------
-        height : float
-            Of the drawing [px].
-
-        Returns
-        -------
-        str
-            The text.
-        """
+        """Return the drawing as text of an SVG file."""
         size = {"width": _px(WIDTH), "height": _px(height), "viewBox": f"0 0 {_px(WIDTH)} {_px(height)}"}
         root = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size, "role": "img"})
         ElementTree.SubElement(root, "title").text = self.title
@@ -195,20 +120,7 @@ class Sheet:
 
 
 def broken(text: str, width: float) -> list[str]:
-    """Break words into lines that fit a width.
-
-    Parameters
-    ----------
-    text : str
-        The words.
-    width : float
-        Of a line [px].
-
-    Returns
-    -------
-    list of str
-        The lines; a word that is too long stands on a line of its own.
-    """
+    """Break words into lines that fit a width."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -220,18 +132,7 @@ def broken(text: str, width: float) -> list[str]:
 
 
 def written_width(text: str) -> float:
-    """Return about how wide words are.
-
-    Parameters
-    ----------
-    text : str
-        The words.
-
-    Returns
-    -------
-    float
-        Their width [px].
-    """
+    """Return about how wide words are."""
     return len(text) * LETTER * FONT
 
 

@@ -41,53 +41,18 @@ class View:
     offset: Array | tuple[float, float] = (0.0, 0.0)
 
     def __call__(self, points: ArrayLike) -> Array:
-        """Project points.
-
-        Parameters
-        ----------
-        points : (3,) or (..., 3) array
-            In the base frame [m].
-
-        Returns
-        -------
-        (2,) or (..., 2) array
-            On the sheet, y downwards [as the sheet, in px].
-        """
+        """Project points."""
         points = np.asarray(points, dtype=np.float64)
         flat = np.stack([points @ self.right, -(points @ self.upwards)], axis=-1)
         return np.asarray(flat * self.scale + np.asarray(self.offset))
 
     def depth(self, points: ArrayLike) -> Array:
-        """Distances towards the viewer, by which things in front are drawn last.
-
-        Parameters
-        ----------
-        points : (3,) or (..., 3) array
-            In the base frame [m].
-
-        Returns
-        -------
-        scalar or (...,) array
-            Distances [m].
-        """
+        """Distances towards the viewer, by which things in front are drawn last."""
         return np.asarray(np.asarray(points) @ self.towards)
 
 
 def viewed(gravity: Array, azimuth: float = AZIMUTH, elevation: float = ELEVATION) -> View:
-    """Return the view of somebody who stands upright beside the arm.
-
-    Parameters
-    ----------
-    gravity : (3,) array
-        Its direction in the base frame [1].
-    azimuth, elevation : float
-        Where the viewer stands [rad].
-
-    Returns
-    -------
-    View
-        Without scale and offset.
-    """
+    """Return the view of somebody who stands upright beside the arm."""
     up = -np.asarray(gravity, dtype=np.float64)
     axis = np.eye(3)[int(np.argmin(np.abs(up)))]
     first = axis - (axis @ up) * up
@@ -100,22 +65,7 @@ def viewed(gravity: Array, azimuth: float = AZIMUTH, elevation: float = ELEVATIO
 
 
 def fitted(view: View, points: ArrayLike, box: tuple[float, float, float, float]) -> View:
-    """Return the view whose points fill a box of the sheet, in its middle.
-
-    Parameters
-    ----------
-    view : View
-        Its directions.
-    points : (k, 3) array
-        What must be inside [m].
-    box : tuple of float
-        Left, top, width and height [px].
-
-    Returns
-    -------
-    View
-        With scale and offset.
-    """
+    """Return the view whose points fill a box of the sheet, in its middle."""
     left, top, width, height = box
     plain = View(view.right, view.upwards, view.towards, view.up, view.level)
     flat = plain(points)

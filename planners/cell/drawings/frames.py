@@ -79,18 +79,7 @@ def draw_frames(robot: Robot, q: ArrayLike | None = None) -> str:
 
 
 def dh_link(A: Array) -> DHLink | None:
-    """Return the modified Denavit–Hartenberg parameters of a transform: Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d).
-
-    Parameters
-    ----------
-    A : (4, 4) array
-        From the frame before to the frame of the joint [1, m].
-
-    Returns
-    -------
-    DHLink or None
-        Its parameters; None where it is no such transform.
-    """
+    """Return the modified Denavit–Hartenberg parameters of a transform: Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d)."""
     alpha = float(np.arctan2(-A[1, 2], A[2, 2]))
     d = float(-np.sin(alpha) * A[1, 3] + np.cos(alpha) * A[2, 3])
     rest = (A[0, 2], np.cos(alpha) * A[1, 3] + np.sin(alpha) * A[2, 3])

@@ -128,20 +128,7 @@ def _laser(laser: PanTiltLaser) -> list[str]:
 
 
 def limits_in_words(robot: Robot, limits: MotionLimits) -> str:
-    """Return the limits that are given, each with its unit.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    limits : MotionLimits
-        Its limits.
-
-    Returns
-    -------
-    str
-        Names and bounds; a range where the joints have different ones.
-    """
+    """Return the limits that are given, each with its unit."""
     words = []
     sliding = bool(robot.prismatic.any())
     for kind in limits.kinds:

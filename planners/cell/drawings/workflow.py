@@ -61,18 +61,7 @@ def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
 
 
 def made(step: Step) -> str:
-    """Return what a step made, in a word.
-
-    Parameters
-    ----------
-    step : Step
-        A step of an outcome.
-
-    Returns
-    -------
-    str
-        The type of its result; "pose" for a pose.
-    """
+    """Return what a step made, in a word."""
     if isinstance(step.result, np.ndarray):
         return "pose (4, 4)" if step.result.shape == (4, 4) else "point (3,)"
     return "" if step.result is None else type(step.result).__name__

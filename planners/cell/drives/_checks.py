@@ -38,20 +38,7 @@ Refusal = tuple[str, str]
 
 
 def check_plan(plan: Plan, robot: Robot) -> None:
-    """Raise InvalidInput for anything but a plan of this arm.
-
-    Parameters
-    ----------
-    plan : Plan
-        What should be executed.
-    robot : Robot
-        The drive's arm.
-
-    Raises
-    ------
-    InvalidInput
-        No plan, or one of another arm.
-    """
+    """Raise InvalidInput for anything but a plan of this arm."""
     if not isinstance(plan, Plan):
         raise InvalidInput("plan", repr(plan)[:60], "a Plan")
     if plan.robot != robot:
@@ -77,22 +64,7 @@ def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> 
 
 
 def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
-    """Say why a plan must not be sent to an arm that stands here, or whose set-points the drive would refuse.
-
-    Parameters
-    ----------
-    plan : Plan
-        What should be executed.
-    measured : (n,) array
-        Reading of the encoders [rad, m].
-    options : Options
-        The drive's.
-
-    Returns
-    -------
-    tuple of str, or None
-        Reason and advice.
-    """
+    """Say why a plan must not be sent to an arm that stands here, or whose set-points the drive would refuse."""
     names, start = plan.robot.joint_names, plan.trajectory(0.0)
     lost = np.flatnonzero(np.isnan(measured))
     if lost.size:
@@ -114,23 +86,7 @@ def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
 
 
 def asked(stop: StopRequest | None) -> Callable[[float], bool]:
-    """Return the function that is asked at every tick whether to stop.
-
-    Parameters
-    ----------
-    stop : float or callable, optional
-        A time since the start [s], or a function of it.
-
-    Returns
-    -------
-    callable
-        Of the time [s].
-
-    Raises
-    ------
-    InvalidInput
-        Neither.
-    """
+    """Return the function that is asked at every tick whether to stop."""
     if stop is None:
         return lambda t: False
     if callable(stop):
@@ -145,26 +101,7 @@ def asked(stop: StopRequest | None) -> Callable[[float], bool]:
 def reading(
     actual: Array, options: Options, clock: float, noise: np.random.Generator, frozen: dict[int, float]
 ) -> Array:
-    """Read the encoders.
-
-    Parameters
-    ----------
-    actual : (n,) array
-        Where the arm stands [rad, m].
-    options : Options
-        The drive's.
-    clock : float
-        The drive's time [s].
-    noise : numpy.random.Generator
-        Of the noise.
-    frozen : dict of int to float
-        What frozen encoders read; changed.
-
-    Returns
-    -------
-    (n,) array
-        In whole counts; NaN where an encoder is lost [rad, m].
-    """
+    """Read the encoders."""
     read = actual + options.noise * noise.standard_normal(actual.size) if options.noise else actual.copy()
     counts = np.where(options.resolution > 0.0, options.resolution, 1.0)
     read = np.where(options.resolution > 0.0, np.round(read / counts) * counts, read)
@@ -176,21 +113,7 @@ def reading(
 
 
 def arrived(run: Run, k: int, since: float, options: Options, robot: Robot) -> None:
-    """Judge what the host has sent by tick k: whether it is late, and whether its set-points are within the limits.
-
-    Parameters
-    ----------
-    run : Run
-        The execution; changed.
-    k : int
-        Number of the tick.
-    since : float
-        The drive's time at the start of the execution [s].
-    options : Options
-        The drive's.
-    robot : Robot
-        Its arm.
-    """
+    """Judge what the host has sent by tick k: whether it is late, and whether its set-points are within the limits."""
     for each in options.disturbances:
         if run.stopping:
             return
@@ -203,21 +126,7 @@ def arrived(run: Run, k: int, since: float, options: Options, robot: Robot) -> N
 
 
 def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
-    """Judge the encoders at tick k: whether one is lost, and whether every joint follows its set-points.
-
-    Parameters
-    ----------
-    run : Run
-        The execution; changed.
-    k : int
-        Number of the tick.
-    read : (n,) array
-        Reading of the encoders [rad, m].
-    options : Options
-        The drive's.
-    robot : Robot
-        Its arm.
-    """
+    """Judge the encoders at tick k: whether one is lost, and whether every joint follows its set-points."""
     if run.fault is not None:
         return
     t, names = k * options.period, robot.joint_names
@@ -252,23 +161,7 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
 
 
 def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
-    """Judge where the arm came to rest at the last tick k, by its encoders and by the true state of the simulated arm.
-
-    Parameters
-    ----------
-    run : Run
-        The execution; changed.
-    k : int
-        Number of the tick.
-    read : (n,) array
-        Reading of the encoders [rad, m].
-    actual : (n,) array
-        Where the arm stands [rad, m].
-    options : Options
-        The drive's.
-    robot : Robot
-        Its arm.
-    """
+    """Judge where the arm came to rest at the last tick k, by its encoders and by the true state of the simulated arm."""
     if run.fault is not None:
         return
     t, false = k * options.period, false_reading(read, actual, options)
@@ -298,28 +191,7 @@ def false_reading(read: Array, actual: Array, options: Options) -> int | None:
 
 
 def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
-    """Judge whether the arm is at rest when the set-points end; if it moves, record a fault.
-
-    Parameters
-    ----------
-    run : Run
-        The execution; changed.
-    k : int
-        Number of the tick.
-    dq : (n,) array
-        Velocities of the arm [rad/s, m/s].
-    false : int or None
-        Index of a joint whose reading is false.
-    options : Options
-        The drive's.
-    robot : Robot
-        Its arm.
-
-    Returns
-    -------
-    bool
-        Whether it stands.
-    """
+    """Judge whether the arm is at rest when the set-points end; if it moves, record a fault."""
     speed = np.abs(dq) / np.where(robot.prismatic, *reversed(AT_STANDSTILL))
     i = int(speed.argmax())
     if speed[i] <= 1.0:
@@ -343,18 +215,7 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
 
 
 def ending(run: Run) -> tuple[ExecutionStatus, str, str]:
-    """Status, reason and advice of an execution that has come to rest.
-
-    Parameters
-    ----------
-    run : Run
-        The execution.
-
-    Returns
-    -------
-    tuple
-        Status, reason, advice.
-    """
+    """Status, reason and advice of an execution that has come to rest."""
     if run.fault is not None:
         return ExecutionStatus.FAULT, run.fault.reason, run.fault.advice
     if run.requested and run.stop is not None and not run.at_goal:

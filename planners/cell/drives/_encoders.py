@@ -14,15 +14,7 @@ class Unmoved:
         self._read = self._low = self._high = self._since = np.array(np.nan)
 
     def moved(self, read: Array, asked: Array, t: float) -> Array:
-        """Return how far each set-point moved since the reading of its joint last changed (n,) [rad, m].
-
-        Parameters
-        ----------
-        read, asked : (n,) arrays
-            Readings, and set-points at the same time [rad, m].
-        t : float
-            That time [s].
-        """
+        """Return how far each set-point moved since the reading of its joint last changed (n,) [rad, m]."""
         fresh = read != self._read  # NaN always counts as a new reading
         self._read = read.copy()
         self._since = np.where(fresh, t, self._since)

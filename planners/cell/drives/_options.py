@@ -74,44 +74,7 @@ def options(
     following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
     end_tolerance: ArrayLike | None = None, pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
 ) -> Options:  # fmt: skip
-    """Check the options of a simulated drive.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    period : float
-        Of the servo [s].
-    ahead : int
-        How many set-points the drive holds beyond the present one: a host may be late by so many ticks.
-    hold : bool
-        Hold set-points for a period instead of interpolating them.
-    encoder : scalar or (n,) array
-        Counts per turn of all revolute joints [1]; or one number for each joint, for a sliding one its resolution [m].
-        Infinite counts for exact readings.
-    encoder_noise : float
-        Standard deviation of the readings, before they are rounded to counts [rad, m].
-    following : scalar or (n,) array, optional
-        Difference of set-point and reading from which on a joint does not follow [rad, m].
-    start_tolerance : scalar or (n,) array, optional
-        Largest difference of the arm's reading and a plan's start [rad, m].
-    end_tolerance : scalar or (n,) array, optional
-        Largest difference of set-point and reading where the arm comes to rest [rad, m].
-    pace : float, optional
-        Seconds of the motion per second of the clock on the wall [1]; by default as fast as possible.
-    disturbances : tuple
-        What goes wrong, and when (`planners.cell.disturbances`).
-
-    Returns
-    -------
-    Options
-        By joint.
-
-    Raises
-    ------
-    InvalidInput
-        One of them out of range.
-    """
+    """Check the options of a simulated drive."""
     period = check_number(period, "period", "seconds above 0", above=0.0)
     check_count(ahead, "ahead", 1)
     noise = check_number(encoder_noise, "encoder_noise", "a standard deviation, at least 0", least=0.0)
@@ -127,25 +90,7 @@ def options(
 
 
 def joint_index(robot: Robot, joint: str | int) -> int:
-    """Index of a joint that is given by its name or its index.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    joint : str or int
-        Name or index.
-
-    Returns
-    -------
-    int
-        Its index.
-
-    Raises
-    ------
-    InvalidInput
-        No such joint.
-    """
+    """Index of a joint that is given by its name or its index."""
     if isinstance(joint, str) and joint in robot.joint_names:
         return robot.joint_names.index(joint)
     if isinstance(joint, int) and not isinstance(joint, bool) and 0 <= joint < robot.n:

@@ -60,18 +60,7 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
 
 
 def check_stopped(execution: Execution) -> None:
-    """Raise InvalidInput unless an execution was stopped on its way.
-
-    Parameters
-    ----------
-    execution : Execution
-        What should go on.
-
-    Raises
-    ------
-    InvalidInput
-        No execution, or one that was not stopped.
-    """
+    """Raise InvalidInput unless an execution was stopped on its way."""
     if not isinstance(execution, Execution):
         raise InvalidInput("execution", repr(execution)[:60], "an Execution")
     if execution.status not in (ExecutionStatus.STOPPED, ExecutionStatus.FAULT) or execution.motion is None:
@@ -81,20 +70,7 @@ def check_stopped(execution: Execution) -> None:
 
 
 def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
-    """Plan the straight way in joint space from where the arm stands back to where it was to stop.
-
-    Parameters
-    ----------
-    running : Plan
-        What was executed; its limits on the joints, its scene and its margin hold on the way back, too.
-    measured, rest : (n,) arrays
-        Where it stands, and where it was to stop [rad, m].
-
-    Returns
-    -------
-    Plan
-        The way back; on failure with reason and advice.
-    """
+    """Plan the straight way in joint space from where the arm stands back to where it was to stop."""
     limits = limits_of(running)[0]
     joints = MotionLimits(limits.velocity, limits.acceleration, limits.jerk, torque=limits.torque)
     return plan(
@@ -108,42 +84,12 @@ def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
 
 
 def long_enough(found: Plan, period: float) -> Plan:
-    """Slow a plan that is shorter than the servo's period to it: what is left of a way may be some micrometres.
-
-    Parameters
-    ----------
-    found : Plan
-        From rest to rest, where it succeeded.
-    period : float
-        Of the servo [s].
-
-    Returns
-    -------
-    Plan
-        The same, or the slower one.
-    """
+    """Slow a plan that is shorter than the servo's period to it: what is left of a way may be some micrometres."""
     return slowed_to(found, period) if found and found.trajectory.end < period else found
 
 
 def nothing_sent(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
-    """Return the record of an execution for which nothing was sent: REFUSED.
-
-    Parameters
-    ----------
-    drive : Drive
-        The drive.
-    plan : Plan
-        What was to be executed.
-    reason, advice : str
-        Why nothing was sent, and what to try.
-    placed : bool
-        Whether it is known where the arm stands.
-
-    Returns
-    -------
-    Execution
-        The arm stands where it stood; NaN where that is not known.
-    """
+    """Return the record of an execution for which nothing was sent: REFUSED."""
     at = drive.measure() if placed else np.full(drive.robot.n, np.nan)
     return Execution(
         drive.name, drive.robot, ExecutionStatus.REFUSED, reason, advice, plan, None, None, None,

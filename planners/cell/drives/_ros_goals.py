@@ -74,18 +74,7 @@ def motor_motion(plan: Plan) -> Motion:
 
 
 def exceeded(plan: Plan) -> str:
-    """Say which limits a motion passes that its law does not promise.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion.
-
-    Returns
-    -------
-    str
-        For a note; empty where there is none.
-    """
+    """Say which limits a motion passes that its law does not promise."""
     proof = plan.certificate
     found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.keeps}
     words = [f"{name.replace('_', ' ')} {ratio:.3g} times" for name, ratio in found.items() if ratio > 1.0]
@@ -93,72 +82,20 @@ def exceeded(plan: Plan) -> str:
 
 
 def with_room(plan: Plan) -> Plan:
-    """Slow a plan a little, so that stops have room; one with a tool speed that was asked stays as it is.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion that begins at rest.
-
-    Returns
-    -------
-    Plan
-        With the certificate of before, which `message_for` renews.
-    """
+    """Slow a plan a little, so that stops have room; one with a tool speed that was asked stays as it is."""
     if plan.speed is not None:
         return plan
     return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
 
 
 def stop_for(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -> Stopping:
-    """Plan a certified stop from an instant of a motion that was sent, and make its message.
-
-    Parameters
-    ----------
-    sent : Plan
-        As `message_for` returned it.
-    t : float
-        When the stop begins [s].
-    joint_names : mapping or sequence, optional
-        As for `planners.to_ros`.
-    allow : str or several
-        Which violations are permitted.
-
-    Returns
-    -------
-    Stopping
-        The stop.
-
-    Raises
-    ------
-    NoSolution
-        No stop with a valid certificate was found.
-    InvalidInput
-        An instant at which the motion has ended.
-    """
+    """Plan a certified stop from an instant of a motion that was sent, and make its message."""
     found = stop_from(sent, t, 1.0 - 0.5 * ROOM, allow)
     return Stopping(t, *message_for(replace(found, limits=sent.limits), joint_names, allow))
 
 
 def stops_for(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
-    """Plan the stops from a grid of instants before a motion is sent; while the arm moves there is no time for it.
-
-    Parameters
-    ----------
-    sent : Plan
-        As `message_for` returned it.
-    every : float
-        Spacing of the grid [s]; wider where all of them would take longer than `PREPARING`.
-    joint_names : mapping or sequence, optional
-        As for `planners.to_ros`.
-    allow : str or several
-        Which violations are permitted.
-
-    Returns
-    -------
-    Stops
-        Those that were found.
-    """
+    """Plan the stops from a grid of instants before a motion is sent; while the arm moves there is no time for it."""
     found: list[Stopping] = []
     reason, took = "", 0.0
     t = min(every, 0.5 * sent.trajectory.end)
@@ -176,22 +113,7 @@ def stops_for(sent: Plan, every: float, joint_names: JointNames, allow: Allow = 
 
 
 def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
-    """Find the instant of a motion at which it has a state.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    q, dq : (n,) arrays
-        Position [rad, m] and velocity [rad/s, m/s].
-    near : float
-        About when [s].
-
-    Returns
-    -------
-    float or None
-        Time [s]; None where the motion is not there around that time.
-    """
+    """Find the instant of a motion at which it has a state."""
     low, high = max(near - WINDOW, 0.0), min(near + WINDOW, motion.end)
     if low >= high:
         return None

@@ -82,20 +82,7 @@ class Run:
     # ------------------------------------------------------------ the loop
 
     def follow(self, asking: Callable[[float], bool], watch: Watcher | None) -> Execution:
-        """Follow the goal until it has ended, listening to a request to stop.
-
-        Parameters
-        ----------
-        asking : callable
-            Whether to stop, at a time [s].
-        watch : callable, optional
-            Told of every joint state.
-
-        Returns
-        -------
-        Execution
-            What the arm did.
-        """
+        """Follow the goal until it has ended, listening to a request to stop."""
         try:
             self._loop(asking, watch)
         except BaseException:  # from the caller's functions, or Ctrl-C: the arm must not go on unattended

@@ -51,24 +51,7 @@ class Steps(NamedTuple):
 
 
 def commands(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
-    """Interpolate set-points k and k + 1 by cubics through position and velocity, or hold the first of them.
-
-    Parameters
-    ----------
-    stream : Setpoints
-        The set-points; after the last one it is held.
-    k : int
-        Number of the period.
-    steps : int
-        Of the plant, in one period.
-    hold : bool
-        Whether the set-point is held.
-
-    Returns
-    -------
-    Commands
-        At the plant's steps.
-    """
+    """Interpolate set-points k and k + 1 by cubics through position and velocity, or hold the first of them."""
     last, period = len(stream.t) - 1, stream.period
     u = np.linspace(0.0, 1.0, steps + 1)[:, None]
     if hold or k >= last:
@@ -150,11 +133,6 @@ class Run:
         """Replace the set-points after a tick by a stop; where none is certified the arm goes on to the end.
 
         After a fault the stop that passes the limits least is better than going on: it is sent, and the notes say so.
-
-        Parameters
-        ----------
-        tick : int
-            Number of the last set-point of the plan that is sent.
         """
         if self.stopping:
             return
@@ -180,27 +158,13 @@ class Run:
             self.notes.append("the shortest stop within the limits ends at the end of the path")
 
     def fail(self, fault: Fault, tick: int) -> None:
-        """Note a fault, the first one only, and stop.
-
-        Parameters
-        ----------
-        fault : Fault
-            What went wrong.
-        tick : int
-            Number of the last set-point of the plan that is sent.
-        """
+        """Note a fault, the first one only, and stop."""
         if self.fault is None:
             self.fault = fault
         self.stop_at(tick)
 
     def extend(self, ticks: int) -> None:
-        """Hold the last set-point up to a tick, so that there is one set-point for each reading.
-
-        Parameters
-        ----------
-        ticks : int
-            Number of the last tick.
-        """
+        """Hold the last set-point up to a tick, so that there is one set-point for each reading."""
         more = ticks - self.last
         if more <= 0:
             return
@@ -211,17 +175,7 @@ class Run:
         self.stream = Setpoints(period, t, *(np.concatenate([x, y]) for x, y in zip((q, dq, ddq), held, strict=True)))
 
     def record(self, start: float, times: Array, steps: Steps) -> None:
-        """Append what the arm did in one period.
-
-        Parameters
-        ----------
-        start : float
-            Time of the period's start [s].
-        times : (m,) array
-            Ends of the plant's steps since then [s].
-        steps : Steps
-            What the arm did.
-        """
+        """Append what the arm did in one period."""
         self.t.append(start + times)
         self.q.append(steps.q)
         self.dq.append(steps.dq)

@@ -55,47 +55,14 @@ class Gains(NamedTuple):
 
 
 def gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:
-    """Return the gains of servos under which every joint's error decays like a mass on a spring and a damper.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, with masses.
-    bandwidth : scalar or (n,) array
-        Natural frequency of the joints [Hz].
-    damping : scalar or (n,) array
-        Damping ratio [1].
-
-    Returns
-    -------
-    Gains
-        By joint.
-
-    Raises
-    ------
-    InvalidInput
-        Numbers that are not above 0 or of another number of joints, or a joint that moves no mass.
-    """
+    """Return the gains of servos under which every joint's error decays like a mass on a spring and a damper."""
     _check_inertia(robot)
     w = 2.0 * pi * _positive(robot, bandwidth, "bandwidth")
     return Gains(w, 2.0 * w * _positive(robot, damping, "damping"), FILTER_SHARE / w)
 
 
 def check_step(found: Gains, step: float) -> None:
-    """Raise where servos are too fast for the step of the plant.
-
-    Parameters
-    ----------
-    found : Gains
-        Their gains.
-    step : float
-        Of the plant [s].
-
-    Raises
-    ------
-    InvalidInput
-        Gains at which they would not be stable.
-    """
+    """Raise where servos are too fast for the step of the plant."""
     fastest = float(np.maximum(found.frequency, found.damping).max())
     if fastest * step > FASTEST_GAIN:
         wanted = f"gains of at most {FASTEST_GAIN / step:.0f} 1/s at steps of {1000.0 * step:g} ms, or a smaller step"
@@ -131,26 +98,7 @@ velocity [1], resolution of the encoder [rad, m] (0 where exact), difference of 
 
 
 def tuning(found: Gains, step: float, resolution: Array, following: Array, most: Array) -> Array:
-    """Put together what the compiled law takes: one array, as each costs 0.2 µs at every step.
-
-    Parameters
-    ----------
-    found : Gains
-        The gains.
-    step : float
-        Of the plant [s].
-    resolution : (n,) array
-        Of the encoders; 0 where exact [rad, m].
-    following : (n,) array
-        Difference of position at which a motor is switched off [rad, m].
-    most : (n,) array
-        Largest torques [N·m, N].
-
-    Returns
-    -------
-    (6, n) array
-        By row, as `servo` takes it [as the rows say].
-    """
+    """Put together what the compiled law takes: one array, as each costs 0.2 µs at every step."""
     share = step / (found.filter + step)
     return np.array([found.frequency**2, found.damping, share, resolution, following, most])
 
@@ -163,23 +111,8 @@ def servo(tuned: Array, M: Array, asked: Array, position: Array, state: Array, s
     commanded positions; what remains is filtered. A motor whose joint is further from its set-point than the servo
     allows is switched off, and stays off.
 
-    Parameters
-    ----------
-    tuned : (6, n) array
-        Of `tuning` [as the rows say].
-    M : (n, n) array
-        Mass matrix [kg·m², kg·m, kg].
-    asked : (3, n) array
-        Commanded positions [rad, m] and velocities [rad/s, m/s], and feed-forward torques [N·m, N].
-    position : (n,) array
-        Where the encoders are, NaN where one is lost: there, the feed-forward alone acts [rad, m].
-    state : (4, n) array
-        Last readings [rad, m], filtered differences of velocity [rad/s, m/s], 1 where a motor is off, and accelerations that
-        correct the errors [rad/s², m/s²]; changed.
-    step : float
-        Of the plant [s].
-    torque : (n,) array
-        Torques of the motors [N·m, N]; overwritten.
+    Shapes and units: tuned (6, n) [as the rows say], M (n, n) [kg·m², kg·m, kg], asked (3, n) [rad, m], position (n,) [rad, m],
+    state (4, n) [rad, m], step [s], torque (n,) [N·m, N] (overwritten).
     """
     n = position.size
     for i in range(n):

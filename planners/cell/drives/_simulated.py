@@ -108,18 +108,7 @@ class SimulatedDrive(Drive):
     # ------------------------------------------------------------ executing
 
     def measure(self) -> Array:
-        """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost.
-
-        Returns
-        -------
-        (n,) array
-            The reading [rad, m].
-
-        Raises
-        ------
-        InvalidInput
-            The drive was not told where its arm stands, and has executed no plan yet.
-        """
+        """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
         if not self._placed:
             raise InvalidInput("q", "none, and no plan executed yet", "where the arm stands: a configuration at rest")
         return _checks.reading(self._actual(), self.options, self.clock, self._noise, self._frozen)
@@ -127,29 +116,7 @@ class SimulatedDrive(Drive):
     def execute(
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
-        """Take the arm along a valid plan; see `Drive.execute`.
-
-        Parameters
-        ----------
-        plan : Plan
-            Starts at rest where the arm stands.
-        stop : float or callable, optional
-            When to stop on the path: a time [s], or a function that is asked at every tick.
-        watch : callable, optional
-            Told of every tick.
-        allow : str or several
-            Violations of the plan to permit, as for `planners.save`.
-
-        Returns
-        -------
-        Execution
-            What the arm did, up to its rest.
-
-        Raises
-        ------
-        InvalidInput
-            A plan of another arm, or one that is shorter than the period.
-        """
+        """Take the arm along a valid plan; see `Drive.execute`."""
         _checks.check_plan(plan, self.robot)
         refusal = _checks.invalid(plan, allow)
         if refusal is not None:
@@ -174,23 +141,6 @@ class SimulatedDrive(Drive):
 
         After a fault that left the arm off the path, it first goes back to where it was to stop, straight in joint
         space; that execution is `Execution.before` of the result.
-
-        Parameters
-        ----------
-        execution : Execution
-            One of this drive's that ended with STOPPED or FAULT.
-        stop, watch, allow
-            As in `execute`.
-
-        Returns
-        -------
-        Execution
-            Of the rest of the way; REFUSED where the arm no longer stands where it was stopped.
-
-        Raises
-        ------
-        InvalidInput
-            An execution that was not stopped.
         """
         return resumed(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 

@@ -37,24 +37,7 @@ def relaxed(plan: Plan, allow: Allow) -> Plan:
 
 
 def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
-    """Return the stop of a plan from a time of its motion, for the first of several jerk limits that gives a valid certificate.
-
-    Parameters
-    ----------
-    running : Plan
-        What is executed.
-    t : float
-        When the stop begins [s].
-    share : float
-        Fraction of the limits that the stop may use [1].
-    allow : str or several
-        Violations of the plan and of the stop to permit.
-
-    Returns
-    -------
-    Plan
-        The stop, from exactly the state at t. If none is certified: the reason, and perhaps the motion with the least excess.
-    """
+    """Return the stop of a plan from a time of its motion, for the first jerk limit that gives a valid certificate."""
     stops, plan = [], relaxed(running, allow)
     for limits in limits_of(plan):
         limits = limits if share == 1.0 else limits.scaled(share)
@@ -69,18 +52,7 @@ def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
 
 
 def ends_at_goal(plan: Plan) -> bool:
-    """Whether a plan or a stop ends at the end of its path.
-
-    Parameters
-    ----------
-    plan : Plan
-        One with a motion.
-
-    Returns
-    -------
-    bool
-        True for a whole path.
-    """
+    """Whether a plan or a stop ends at the end of its path."""
     return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
 
 
@@ -90,16 +62,6 @@ def limits_of(running: Plan) -> tuple[MotionLimits, ...]:
     What the plan's law does not keep, or what is not limited, may be as large as in the plan itself. A jerk that it does
     not keep may be what reaches the greatest acceleration within one of `ONSETS`. A constant tool speed that was asked
     is one more limit.
-
-    Parameters
-    ----------
-    running : Plan
-        What is executed.
-
-    Returns
-    -------
-    tuple of MotionLimits
-        One, or one for each onset.
     """
     proof, limits = running.certificate, running.limits
     changed: dict[str, Any] = _speed(running)

@@ -116,16 +116,6 @@ class MujocoDrive(SimulatedDrive):
 
         A plant that was given carries the same: what its payload weighed more or less than the robot's, in proportion,
         that of the new one does, too.
-
-        Parameters
-        ----------
-        robot : Robot
-            The arm with what it carries from now on.
-
-        Raises
-        ------
-        InvalidInput
-            Another arm.
         """
         before = self.robot
         super().carry(robot)

@@ -228,29 +228,7 @@ class RosDrive(Drive):
     def execute(
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
-        """Check a plan and the arm; with ``execute=True`` send it and follow it to the end; see `Drive.execute`.
-
-        Parameters
-        ----------
-        plan : Plan
-            Starts at rest where the arm stands.
-        stop : float or callable, optional
-            When to stop on the path: a time [s], or a function that is asked about every 10 ms.
-        watch : callable, optional
-            Told of every joint state.
-        allow : str or several
-            Violations of the plan to permit, as for `planners.save`.
-
-        Returns
-        -------
-        Execution
-            DRY_RUN or REFUSED where nothing was sent; else what the joint states say that the arm did.
-
-        Raises
-        ------
-        InvalidInput
-            A plan of another arm.
-        """
+        """Check a plan and the arm; with ``execute=True`` send it and follow it to the end; see `Drive.execute`."""
         check_plan(plan, self.robot)
         asking = asked(stop)
         refusal = invalid(plan, allow) or invalid(plan, allow, motor_motion(plan).certify())
@@ -277,25 +255,7 @@ class RosDrive(Drive):
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
-        """Go on to the goal from where the arm stands now, if that is on the path; see `Drive.resume`.
-
-        Parameters
-        ----------
-        execution : Execution
-            One of this drive's that ended with STOPPED or FAULT.
-        stop, watch, allow
-            As in `execute`.
-
-        Returns
-        -------
-        Execution
-            Of the rest of the way; REFUSED where the arm does not stand on the path.
-
-        Raises
-        ------
-        InvalidInput
-            An execution that was not stopped.
-        """
+        """Go on to the goal from where the arm stands now, if that is on the path; see `Drive.resume`."""
         ended = (ExecutionStatus.STOPPED, ExecutionStatus.FAULT)
         if not isinstance(execution, Execution) or execution.status not in ended or execution.motion is None:
             came = (

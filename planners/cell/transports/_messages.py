@@ -63,23 +63,7 @@ class Result(NamedTuple):
 
 
 def states_of(message: Any) -> States:
-    """Read a ``sensor_msgs/JointState``.
-
-    Parameters
-    ----------
-    message : dict
-        As plain data.
-
-    Returns
-    -------
-    States
-        Its content.
-
-    Raises
-    ------
-    InvalidInput
-        No such message; the error names the field.
-    """
+    """Read a ``sensor_msgs/JointState``."""
     message = _mapping(message, "joint state")
     names = _names(message.get("name"), "name")
     positions = numbers(message.get("position"), len(names), "position")
@@ -89,23 +73,7 @@ def states_of(message: Any) -> States:
 
 
 def feedback_of(values: Any) -> Feedback:
-    """Read the feedback of a ``FollowJointTrajectory`` goal.
-
-    Parameters
-    ----------
-    values : dict
-        As plain data.
-
-    Returns
-    -------
-    Feedback
-        The desired state in it.
-
-    Raises
-    ------
-    InvalidInput
-        No such message, or numbers that are not finite; the error names the field.
-    """
+    """Read the feedback of a ``FollowJointTrajectory`` goal."""
     values = _mapping(values, "feedback")
     names = _names(values.get("joint_names"), "joint_names")
     desired = _mapping(values.get("desired"), "desired")
@@ -121,25 +89,7 @@ def feedback_of(values: Any) -> Feedback:
 
 
 def result_of(state: Any, values: Any) -> Result:
-    """Read the result of a ``FollowJointTrajectory`` goal.
-
-    Parameters
-    ----------
-    state : int
-        Of ``action_msgs/GoalStatus``.
-    values : dict
-        The result as plain data, or as older servers nest it: ``{"status": …, "result": {…}}``.
-
-    Returns
-    -------
-    Result
-        Its content; UNKNOWN for a state that is no end.
-
-    Raises
-    ------
-    InvalidInput
-        No such message; the error names the field.
-    """
+    """Read the result of a ``FollowJointTrajectory`` goal."""
     values = _mapping(values, "result")
     if isinstance(values.get("result"), Mapping):
         state, values = values.get("status", state), values["result"]
@@ -151,25 +101,7 @@ def result_of(state: Any, values: Any) -> Result:
 
 
 def stamp_of(message: Mapping[str, Any], what: str) -> int:
-    """Read the time stamp of a message's header.
-
-    Parameters
-    ----------
-    message : dict
-        The message.
-    what : str
-        Its kind, for errors.
-
-    Returns
-    -------
-    int
-        Time [ns]; 0 where the message has none.
-
-    Raises
-    ------
-    InvalidInput
-        A stamp that is no time.
-    """
+    """Read the time stamp of a message's header."""
     stamp = _mapping(_mapping(message.get("header", {}), f"{what}.header").get("stamp", {}), f"{what}.header.stamp")
     sec, nanosec = stamp.get("sec", 0), stamp.get("nanosec", 0)
     if type(sec) is not int or type(nanosec) is not int or not (0 <= nanosec < NANOSECONDS and sec >= 0):
@@ -178,43 +110,12 @@ def stamp_of(message: Mapping[str, Any], what: str) -> int:
 
 
 def time_of(stamp: int) -> dict[str, int]:
-    """Write a time as ROS does.
-
-    Parameters
-    ----------
-    stamp : int
-        Time [ns].
-
-    Returns
-    -------
-    dict
-        ``sec`` and ``nanosec``.
-    """
+    """Write a time as ROS does."""
     return {"sec": stamp // NANOSECONDS, "nanosec": stamp % NANOSECONDS}
 
 
 def numbers(values: Any, count: int, field: str) -> Array:
-    """Read a list of numbers; null, which JSON writes for NaN, is NaN.
-
-    Parameters
-    ----------
-    values : list
-        What was sent.
-    count : int
-        How many there must be.
-    field : str
-        Name of the field, for errors.
-
-    Returns
-    -------
-    (count,) array
-        The numbers, in the unit of the field [rad, m, s].
-
-    Raises
-    ------
-    InvalidInput
-        Anything else.
-    """
+    """Read a list of numbers; null, which JSON writes for NaN, is NaN."""
     good = isinstance(values, list | tuple) and len(values) == count
     if good and all(value is None or type(value) in (int, float) for value in values):
         try:
@@ -225,25 +126,7 @@ def numbers(values: Any, count: int, field: str) -> Array:
 
 
 def checked_name(name: str, argument: str) -> str:
-    """Check the name of a topic or an action.
-
-    Parameters
-    ----------
-    name : str
-        As typed.
-    argument : str
-        Which argument it is, for the error.
-
-    Returns
-    -------
-    str
-        The name.
-
-    Raises
-    ------
-    InvalidInput
-        No such name.
-    """
+    """Check the name of a topic or an action."""
     parts = name.removeprefix("/").split("/") if isinstance(name, str) else [""]
     if not all(part.isidentifier() and part.isascii() for part in parts):
         raise InvalidInput(argument, repr(name)[:80], "a name of ROS, such as /joint_states")

@@ -68,18 +68,7 @@ class RclpyTransport(Transport):
         self.tell_states(data | {"velocity": list(message.velocity)})
 
     def send(self, trajectory: dict[str, Any]) -> Goal:
-        """Send a goal; see `Transport.send`.
-
-        Parameters
-        ----------
-        trajectory : dict
-            A ``trajectory_msgs/JointTrajectory`` as plain data.
-
-        Returns
-        -------
-        Goal
-            What becomes of it.
-        """
+        """Send a goal; see `Transport.send`."""
         goal = Goal()
         if self.lost:
             goal.tell_refused(self.lost)
@@ -107,13 +96,7 @@ class RclpyTransport(Transport):
             handle.cancel_goal_async()
 
     def cancel(self, goal: Goal) -> None:
-        """Ask for a goal to be cancelled; see `Transport.cancel`.
-
-        Parameters
-        ----------
-        goal : Goal
-            One that this transport sent.
-        """
+        """Ask for a goal to be cancelled; see `Transport.cancel`."""
         self._cancelled.add(goal.id)
         handle = self._handles.get(goal.id)
         if handle is not None:

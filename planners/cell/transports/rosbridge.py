@@ -125,18 +125,7 @@ class RosbridgeTransport(Transport):
             self.lost = f"the connection to {self.place} was closed by the other side"
 
     def send(self, trajectory: dict[str, Any]) -> Goal:
-        """Send a goal; see `Transport.send`.
-
-        Parameters
-        ----------
-        trajectory : dict
-            A ``trajectory_msgs/JointTrajectory`` as plain data.
-
-        Returns
-        -------
-        Goal
-            What becomes of it. rosbridge does not tell that a goal was accepted: its first feedback does.
-        """
+        """Send a goal; see `Transport.send`."""
         goal = Goal()
         if self.lost:
             goal.tell_refused(self.lost)
@@ -164,13 +153,7 @@ class RosbridgeTransport(Transport):
         return goal
 
     def cancel(self, goal: Goal) -> None:
-        """Ask for a goal to be cancelled; see `Transport.cancel`.
-
-        Parameters
-        ----------
-        goal : Goal
-            One that this transport sent.
-        """
+        """Ask for a goal to be cancelled; see `Transport.cancel`."""
         if self.lost:
             return
         # By all connections: an older rosbridge reads it only from another than the goal's, a newer one only from the same.
@@ -193,23 +176,7 @@ class Fragments:
         self._parts: dict[Any, dict[int, str]] = {}
 
     def joined(self, message: dict[str, Any]) -> bytes | None:
-        """Return the message whose last part arrived; None while parts are missing.
-
-        Parameters
-        ----------
-        message : dict
-            A part, with ``id``, ``num``, ``total`` and ``data``.
-
-        Returns
-        -------
-        bytes or None
-            The whole message, as JSON that is not a part of another message.
-
-        Raises
-        ------
-        InvalidInput
-            An invalid part.
-        """
+        """Return the message whose last part arrived; None while parts are missing."""
         num, total, data = message.get("num"), message.get("total"), message.get("data")
         if not (
             isinstance(num, int)
@@ -232,23 +199,7 @@ class Fragments:
 
 
 def checked_url(url: str) -> str:
-    """Check the address of a server.
-
-    Parameters
-    ----------
-    url : str
-        As typed.
-
-    Returns
-    -------
-    str
-        The address.
-
-    Raises
-    ------
-    InvalidInput
-        Another kind of address.
-    """
+    """Check the address of a server."""
     expected = "the address of a rosbridge server, such as ws://127.0.0.1:9090"
     try:
         parts = urlsplit(url)

@@ -14,18 +14,7 @@ from planners.motion import Motion
 
 
 def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
-    """Say what arm, law, path and scene a motion has.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion.
-
-    Returns
-    -------
-    tuple of (name, text)
-        Rows of the table.
-    """
+    """Say what arm, law, path and scene a motion has."""
     robot, path = motion.robot, motion.path
     shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
     turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
@@ -45,18 +34,7 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
 
 
 def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
-    """Say what a motion keeps.
-
-    Parameters
-    ----------
-    proof : Certificate
-        Of the motion.
-
-    Returns
-    -------
-    tuple of (name, text)
-        Rows of the table.
-    """
+    """Say what a motion keeps."""
     rows = [("Certificate", "holds" if proof.holds else f"does NOT hold: {'; '.join(proof.broken)}")]
     for name in ALL_LIMITS:
         ratio, joint, t = proof.worst(name)
@@ -69,20 +47,7 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
 
 
 def execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
-    """Say how an execution ended.
-
-    Parameters
-    ----------
-    execution : Execution
-        Of a drive.
-    unread : int
-        Instants that are not drawn.
-
-    Returns
-    -------
-    tuple of (name, text)
-        Rows of the table.
-    """
+    """Say how an execution ended."""
     rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
     if execution.reason:
         rows.append(("Reason", execution.reason))
@@ -95,35 +60,13 @@ def execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str],
 
 
 def drive_words(name: str) -> str:
-    """Say which drive it was, and that it is a simulated one.
-
-    Parameters
-    ----------
-    name : str
-        Of the drive.
-
-    Returns
-    -------
-    str
-        For titles and facts.
-    """
+    """Say which drive it was, and that it is a simulated one."""
     kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
     return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
 
 
 def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
-    """Say how a task of the cell ended: its status, the error and where it comes from, its rounds, steps and notes.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Of a task.
-
-    Returns
-    -------
-    tuple of (name, text)
-        Rows of the table.
-    """
+    """Say how a task of the cell ended: its status, the error and where it comes from, its rounds, steps and notes."""
     rows = [("Task", str(outcome.status).replace("_", " "))]
     if outcome.failed is not None:
         rows += [("Failed step", outcome.failed.name), ("Reason", outcome.reason), ("Advice", outcome.advice)]
@@ -146,17 +89,6 @@ def _millimetres(length: float) -> str:
 
 
 def unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
-    """Say what is not drawn of an execution.
-
-    Parameters
-    ----------
-    unread : int
-        Instants without an encoder reading of every joint.
-
-    Returns
-    -------
-    tuple of (name, text)
-        A row of the table, or none.
-    """
+    """Say what is not drawn of an execution."""
     words = f"{unread} instants without an encoder reading of every joint"
     return (("Not drawn", words),) if unread else ()

@@ -22,15 +22,7 @@ AROUND_CAPSULE = 24
 
 
 class Stage:
-    """The arm and what stands around it in a viser server.
-
-    Parameters
-    ----------
-    server : viser.ViserServer
-        Where it is shown, in place of what was there.
-    show : Show
-        What is drawn.
-    """
+    """The arm and what stands around it in a viser server."""
 
     def __init__(self, server: Any, show: Show) -> None:
         self.server, self.show = server, show
@@ -45,13 +37,7 @@ class Stage:
         self.place(show.planned.q[0])
 
     def place(self, q: Array) -> None:
-        """Move the arm to a configuration.
-
-        Parameters
-        ----------
-        q : (n,) array
-            The configuration [rad, m]; where a joint is unknown (NaN), the arm stays as it is.
-        """
+        """Move the arm to a configuration."""
         if not np.isfinite(q).all():
             return
         with self.server.atomic():
@@ -136,40 +122,12 @@ class Stage:
 
 
 def tool_points(robot: Robot, track: Track) -> Array:
-    """Return where the tool is at the instants of a motion.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    track : Track
-        Its motion.
-
-    Returns
-    -------
-    (k, 3) array
-        Points in the base frame [m].
-    """
+    """Return where the tool is at the instants of a motion."""
     return np.asarray(robot.fk(track.q)[:, :3, 3], dtype=np.float64)
 
 
 def capsule_mesh(a: Array, b: Array, radius: float) -> tuple[Array, Indices]:
-    """Return the triangles of a capsule, or of a sphere where both ends are one point.
-
-    Parameters
-    ----------
-    a, b : (3,) arrays
-        Ends of its segment [m].
-    radius : float
-        Its radius [m].
-
-    Returns
-    -------
-    vertices : (k, 3) array
-        Points on it [m].
-    faces : (m, 3) array of int
-        Three vertices of each triangle.
-    """
+    """Return the triangles of a capsule, or of a sphere where both ends are one point."""
     length = float(np.linalg.norm(b - a))
     z = (b - a) / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
     x, y = _across(z)

@@ -221,20 +221,7 @@ class Viewer:
 
 
 def check_address(host: str, port: int) -> None:
-    """Raise unless a server can listen there now: viser itself would go on to another port.
-
-    Parameters
-    ----------
-    host : str
-        Address or name.
-    port : int
-        Port.
-
-    Raises
-    ------
-    InvalidInput
-        It cannot.
-    """
+    """Raise unless a server can listen there now: viser itself would go on to another port."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:

@@ -60,18 +60,7 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
 
 
 def page_of(show: Show) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    show : Show
-        What is drawn.
-
-    Returns
-    -------
-    str
-        HTML with its style, scripts and data inside.
-    """
+    """Return the page."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     import optik
@@ -145,18 +134,7 @@ def _arm(robot: Robot) -> dict[str, Any]:
 
 
 def upward(robot: Robot) -> Array:
-    """Return the direction against gravity, in which a viewer stands upright.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-
-    Returns
-    -------
-    (3,) array
-        Of length 1 [1].
-    """
+    """Return the direction against gravity, in which a viewer stands upright."""
     return np.asarray(-robot.gravity / np.linalg.norm(robot.gravity), dtype=np.float64)
 
 

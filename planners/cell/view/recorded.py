@@ -67,25 +67,7 @@ def _nearest(robot: Robot, scene: Scene, q: Array) -> Array:
 
 
 def show_of_recorded(data: Mapping[str, Any]) -> Show:
-    """Show the content of a file of an execution or of a failed plan.
-
-    Parameters
-    ----------
-    data : mapping
-        What was read; its ``format`` is `EXECUTION` or `FAILED_PLAN`.
-
-    Returns
-    -------
-    Show
-        What was sent and what the arm did; or the part before the failure, with the reason and the nearest pair.
-
-    Raises
-    ------
-    InvalidInput
-        Missing keys or wrong values.
-    NoSolution
-        The plan failed at the start of its path, so there is nothing to show.
-    """
+    """Show the content of a file of an execution or of a failed plan."""
     return _execution(data) if data.get("format") == EXECUTION else _failed_plan(data)
 
 

@@ -220,40 +220,14 @@ def show_of_outcome(outcome: Outcome) -> Show:
 
 
 def track_of(trajectory: Trajectory) -> Track:
-    """Sample a motion for a viewer.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-
-    Returns
-    -------
-    Track
-        At instants of equal distance, both ends included.
-    """
+    """Sample a motion for a viewer."""
     count = int(np.clip(np.ceil(trajectory.duration / SAMPLE_PERIOD), 1, MOST_INSTANTS - 1)) + 1
     t = np.linspace(0.0, trajectory.duration, count)
     return Track(t, trajectory(t), trajectory(t, 1))
 
 
 def executed_track(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
-    """Thin out what an arm did for a viewer.
-
-    Parameters
-    ----------
-    t : (m,) array
-        Times of the plant's steps or of the ticks [s].
-    q, dq : (m, n) arrays
-        Configurations [rad, m] and velocities [rad/s, m/s].
-
-    Returns
-    -------
-    track : Track or None
-        At most 2000 of the instants, the last one included; None where there are none.
-    unread : int
-        Instants that were left out, because an encoder gave no reading then.
-    """
+    """Thin out what an arm did for a viewer."""
     read = np.isfinite(q).all(axis=1) & np.isfinite(dq).all(axis=1)
     t, q, dq = t[read], q[read], dq[read]
     unread = int(read.size - read.sum())
@@ -263,18 +237,7 @@ def executed_track(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
 
 
 def path_points(path: Path) -> Array:
-    """Points of a path to draw.
-
-    Parameters
-    ----------
-    path : Path
-        What the tool should follow.
-
-    Returns
-    -------
-    (m, 3) array
-        From its start to its end [m].
-    """
+    """Points of a path to draw."""
     s = np.union1d(np.linspace(0.0, path.end, PATH_POINTS), path.breaks)
     return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
 

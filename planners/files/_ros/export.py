@@ -197,25 +197,7 @@ def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: 
 
 
 def columns_of(robot: Robot, joint_names: JointNames) -> dict[str, int]:
-    """Return the index of the joint of each written name, in the order of writing.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    joint_names : mapping or sequence, optional
-        As for `to_ros`.
-
-    Returns
-    -------
-    dict of str to int
-        Indices of the robot's joints by the controller's names.
-
-    Raises
-    ------
-    InvalidInput
-        Other joints than the robot's, or names that are not different.
-    """
+    """Return the index of the joint of each written name, in the order of writing."""
     ours = robot.joint_names
     if joint_names is None:
         chosen: dict[Any, Any] = {name: name for name in ours}

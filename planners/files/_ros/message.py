@@ -38,22 +38,7 @@ class Form(NamedTuple):
 
 
 def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
-    """Return the message with a trajectory's exact states at some times.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-    times : (k,) array of int
-        Times [ns].
-    form : Form
-        How the message is written; its interpolation decides which fields the points have.
-
-    Returns
-    -------
-    dict
-        The message as plain data.
-    """
+    """Return the message with a trajectory's exact states at some times."""
     t, order = times / SECOND, list(form.columns.values())
     values: list[Any] = [x[:, order].tolist() for x in states(trajectory, t)[: points_of(form.interpolation)]]
     values += [[[]] * t.size] * (len(POINT_FIELDS) - len(values))
@@ -74,25 +59,6 @@ def controlled(message: Any, names: list[str], interpolation: str | None = None)
 
     Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both
     carry velocities, else linearly (ros2_controllers, trajectory.cpp, interpolate_between_points).
-
-    Parameters
-    ----------
-    message : dict
-        The message as plain data, which others may have written.
-    names : list of str
-        Names of the joints, in the order of the result.
-    interpolation : str, optional
-        ``"linear"``, ``"cubic"`` or ``"quintic"``, in place of what that controller chooses.
-
-    Returns
-    -------
-    Trajectory
-        The motion.
-
-    Raises
-    ------
-    InvalidInput
-        No such message; the error names what is wrong.
     """
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
@@ -150,47 +116,12 @@ def _rows(points: list[dict[str, Any]], field: str, n: int) -> Array:
 
 
 def to_text(message: dict[str, Any], suffix: str, remarks: list[str]) -> str:
-    """Return a message as text: JSON, or YAML with remarks as comments.
-
-    Parameters
-    ----------
-    message : dict
-        The message as plain data.
-    suffix : str
-        ``".json"``, or a suffix of YAML.
-    remarks : list of str
-        Lines for people.
-
-    Returns
-    -------
-    str
-        The text.
-    """
+    """Return a message as text: JSON, or YAML with remarks as comments."""
     return json.dumps(message, allow_nan=False) + "\n" if suffix == ".json" else _to_yaml(message, remarks)
 
 
 def from_text(text: str, suffix: str) -> Any:
-    """Return the plain data of JSON or YAML.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    suffix : str
-        ``".json"``, or a suffix of YAML.
-
-    Returns
-    -------
-    object
-        Plain data.
-
-    Raises
-    ------
-    InvalidInput
-        Text of another format.
-    MissingDependency
-        YAML without PyYAML.
-    """
+    """Return the plain data of JSON or YAML."""
     return parsed(text, "content") if suffix == ".json" else _from_yaml(text)
 
 
@@ -217,18 +148,7 @@ def _yaml_float(value: float) -> str:
 
 
 def quoted(name: str) -> str:
-    """Return a name in double quotes, as YAML and JSON escape it.
-
-    Parameters
-    ----------
-    name : str
-        The name.
-
-    Returns
-    -------
-    str
-        The quoted name.
-    """
+    """Return a name in double quotes, as YAML and JSON escape it."""
     return json.dumps(name, ensure_ascii=False)
 
 

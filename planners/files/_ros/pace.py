@@ -29,33 +29,7 @@ ADVICE = "a motion that keeps its own limits, points at its knots, or a higher r
 
 
 def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
-    """Slow a motion until what the controller makes of its points keeps the limits that are judged.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion to send.
-    form : Form
-        How the message is written.
-    rate : float or None
-        Points per second [1/s]; None for points at the knots.
-    strict : bool
-        Whether to refuse instead of slowing.
-
-    Returns
-    -------
-    message : dict
-        The message as plain data.
-    executed : Trajectory
-        What the controller makes of it.
-
-    Raises
-    ------
-    InvalidInput
-        Points at the same instant, or too many of them.
-    NoSolution
-        Slowing is refused, would change the tool speed that was asked, or does not help.
-    """
+    """Slow a motion until what the controller makes of its points keeps the limits that are judged."""
     source, judged = motion.trajectory, judged_fields(motion, form)
     between = np.empty(0)
     if motion.speed is not None and rate is not None:
@@ -74,37 +48,13 @@ def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[d
 
 
 def judged_fields(motion: Motion, form: Form) -> tuple[str, ...]:
-    """Return those of the limits promised by the law that the interpolation can keep.
-
-    Parameters
-    ----------
-    motion : Motion
-        The motion to send.
-    form : Form
-        How the message is written.
-
-    Returns
-    -------
-    tuple of str
-        Names of limits.
-    """
+    """Return those of the limits promised by the law that the interpolation can keep."""
     possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
     return tuple(field for field in motion.keeps if field in possible)
 
 
 def at_rest(trajectory: Trajectory) -> tuple[bool, bool]:
-    """Return whether a motion starts at rest, and whether it ends at rest.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The motion.
-
-    Returns
-    -------
-    start, end : bool
-        Whether no joint is faster there than 1e-9 of the greatest velocity.
-    """
+    """Return whether a motion starts at rest, and whether it ends at rest."""
     slow = 1e-9 * float(trajectory.extrema(1).worst.max())
     start, end = (bool((np.abs(trajectory(t, 1)) <= slow).all()) for t in (0.0, trajectory.end))
     return start, end

@@ -10,20 +10,7 @@ from planners.following.follow import JointPath
 
 
 def derivatives(joint_path: JointPath, s: Array) -> Array:
-    """q, q', q'' and q''' at increasing places, clamped to the path; at a node the right-hand values.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    s : (k,) array
-        Places [m, rad].
-
-    Returns
-    -------
-    (4, k, n) array
-        [as q over powers of s].
-    """
+    """q, q', q'' and q''' at increasing places, clamped to the path; at a node the right-hand values."""
     out = np.empty((4, s.size, joint_path.robot.n))
     _derivatives(joint_path.nodes, joint_path.coefficients, np.ascontiguousarray(s), out)
     return out
@@ -34,24 +21,6 @@ def distances(joint_path: JointPath, s: Array, state: Array, tau: Array, ends: A
 
     Of quintics in time through q, q̇ and q̈, made from `ends` (3, K + 1, n), q, q' and q'' at the places, and from ṡ and s̈
     (K + 1, 2), where the motion of s is the quintic through the same.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    s : (K + 1,) array
-        Places [m, rad].
-    state : (K + 1, 2) array
-        ṡ and s̈ there [m/s, m/s², or rad].
-    tau : (K,) array
-        Durations [s].
-    ends : (3, K + 1, n) array
-        q, q' and q'' at the places [as q over powers of s].
-
-    Returns
-    -------
-    (K,) array
-        Largest distance [rad, m].
     """
     out = np.empty(tau.size)
     _distances(joint_path.nodes, joint_path.coefficients, s, state, tau, ends, out)

@@ -40,16 +40,7 @@ def _edge_value(edge: Array, k: int, end: int, i: int, v: float, a: float, j: fl
 def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
     """Residuals of the dynamics and values of the limits, see `Iterate`.
 
-    Parameters
-    ----------
-    problem : Problem
-        What is given.
-    z : (K + 1, 4) array
-        v, a, τ, j [as the problem].
-    g : (K, 3) array
-        Filled with the residuals [as the problem].
-    c : (K + 1, m + 2·e) array
-        Filled with the values over their limits [1].
+    Shapes and units: z (K + 1, 4) [as the problem], g (K, 3) [as the problem], c (K + 1, m + 2·e) [1].
     """
     node, edge = problem.node, problem.edge
     K, m, e = problem.ds.shape[0], node.shape[1], edge.shape[2]
@@ -157,11 +148,6 @@ def _better(passed: Array, count: int, objective: float, off: float, small: floa
     """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
 
     Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
-
-    Returns
-    -------
-    bool
-        True where it is taken.
     """
     last = passed[0, count - 1]
     if off < small and objective <= last + 1e-9 * abs(last):
@@ -261,23 +247,7 @@ def _iterate(K: int, rows: int) -> Iterate:
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
     """Optimise z in place; its first state and the problem's goal are kept.
 
-    Parameters
-    ----------
-    problem : Problem
-        What is given.
-    z : (K + 1, 4) array
-        v, a, τ, j: the initial guess, then the solution [as the problem].
-    mu : float
-        First barrier weight, over the mean duration of an interval.
-    least : float
-        Last barrier weight.
-    most : int
-        Most iterations.
-
-    Returns
-    -------
-    int
-        Iterations taken; −1 where none of them led on.
+    Shapes and units: z (K + 1, 4) [as the problem].
     """
     K, rows = problem.ds.shape[0], problem.node.shape[1] + 2 * problem.edge.shape[2]
     at, trial = _iterate(K, rows), _iterate(K, rows)

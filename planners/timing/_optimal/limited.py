@@ -55,31 +55,7 @@ class Rows(NamedTuple):
 
 
 def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]) -> Rows:
-    """The rows at places.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    s : (K + 1,) array
-        Places [m, rad].
-    found : (4, K + 1, n) array
-        q, q', q'' and q''' at the places [as q over powers of s].
-    around : (2,) tuple of (K, n) arrays
-        q''' behind the first and before the last place of every interval [as q over s³].
-
-    Returns
-    -------
-    Rows
-        In the units of time and s.
-
-    Raises
-    ------
-    NoSolution
-        Gravity alone exceeds a torque limit, or leaves nothing of it.
-    """
+    """The rows at places."""
     after, before = around
     at = PathPoints(joint_path, s, (*found[:3], np.vstack([after, before[-1:]])))
     first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
@@ -120,18 +96,7 @@ def _torques(at: PathPoints, bound: Array) -> tuple[Array, Array, Array]:
 
 
 def moves(q1: Array) -> tuple[Flags, Flags]:
-    """Whether a joint may move backwards, and forwards, in the intervals between places; both where it rests.
-
-    Parameters
-    ----------
-    q1 : (K + 1, n) array
-        q' at the places [as q over s].
-
-    Returns
-    -------
-    tuple of (K, n) arrays of bool
-        Backwards, forwards.
-    """
+    """Whether a joint may move backwards, and forwards, in the intervals between places; both where it rests."""
     still = RESTING * np.abs(q1).max()
     back, forth = q1 < still, q1 > -still
     return back[:-1] | back[1:], forth[:-1] | forth[1:]
@@ -183,16 +148,6 @@ def dynamic_excess(value: Array, static: Array) -> Array:
     """By what the dynamic part of a value exceeds what its static part leaves of [−1, 1].
 
     A motion slowed by c has dynamic parts 1 / c² as large and the same static part.
-
-    Parameters
-    ----------
-    value, static : (..., m) arrays
-        The value and its static part, over the limit [1].
-
-    Returns
-    -------
-    (..., m) array
-        At most 1 where the value is within its limits [1].
     """
     with_sign = np.copysign(1.0, value) * static
     room = np.maximum(1.0 - with_sign, LEAST_ROOM)
@@ -205,25 +160,6 @@ def torque_excess(
     """By how much torques and torque rates exceed their limits inside the pieces of a motion.
 
     Only inside pieces at whose ends one of them is near its limit: between the ends they differ little.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    given : Rows
-        At the motion's knots.
-    motion : Trajectory
-        A motion of K pieces.
-    values : (2,) tuple of (K + 1, ·) arrays
-        Values of the rows at places and in intervals, over their limits; shapes (K + 1, m) and (K + 1, 2·e) [1].
-
-    Returns
-    -------
-    tuple of (K, m) and (K, e) arrays
-        `dynamic_excess` of every torque, and the ratio of every torque rate [1]; empty where they are free, 0 where they are
-        far from their limits.
     """
     robot, bounds = joint_path.robot, limits.bounds(joint_path.robot.n)
     K, m, every = motion.knots.size - 1, given.lower.shape[1], given.node.shape[1]
@@ -254,22 +190,7 @@ def torque_excess(
 
 
 def states_within(motion: Trajectory, pieces: Indices, shares: Array) -> Array:
-    """q, q̇, q̈ and q⃛ of a motion inside its pieces.
-
-    Parameters
-    ----------
-    motion : Trajectory
-        The motion.
-    pieces : (k,) array of int
-        Pieces of it.
-    shares : (m,) array
-        Shares of the pieces' durations [1].
-
-    Returns
-    -------
-    (m · k, 4, n) array
-        All pieces' first instants, then their second ones [rad, rad/s, rad/s², rad/s³, or m].
-    """
+    """q, q̇, q̈ and q⃛ of a motion inside its pieces."""
     h = np.diff(motion.knots)[pieces]
     states = np.empty((shares.size * h.size, 6, motion.n))
     instants(motion.padded, np.tile(pieces, shares.size), (shares[:, None] * h).ravel(), states)
@@ -290,27 +211,6 @@ def swept_rows(
 
     A torque is a joint with q' = p and q'' = c over what gravity leaves of the limit, whose acceleration is limited to 1; a
     torque rate one with q' = p, 3 q'' = d and q''' = c' over the limit, whose jerk is limited to 1.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    s : (k,) array
-        Places [m, rad].
-    found : (4, k, n) array
-        q, q', q'' and q''' there [as q over powers of s].
-
-    Returns
-    -------
-    tuple of arrays
-        q', q'' and q''' (k, m), and the limits (2, m) on their accelerations and jerks [as 1 over powers of s].
-
-    Raises
-    ------
-    NoSolution
-        Gravity alone exceeds a torque limit, or leaves nothing of it.
     """
     bounds = limits.bounds(joint_path.robot.n)
     none = np.empty((s.size, 0))

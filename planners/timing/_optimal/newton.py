@@ -63,20 +63,7 @@ class Iterate(NamedTuple):
 
 @inlined
 def first(k: int, problem: Problem) -> int:
-    """First limit of a place that is judged: the state at the start is given, so its acceleration and torque are not.
-
-    Parameters
-    ----------
-    k : int
-        The place.
-    problem : Problem
-        What is given.
-
-    Returns
-    -------
-    int
-        0 or m.
-    """
+    """First limit of a place that is judged: the state at the start is given, so its acceleration and torque are not."""
     return int(problem.node.shape[1]) if k == 0 else 0
 
 
@@ -84,19 +71,7 @@ def first(k: int, problem: Problem) -> int:
 def edge_slope(edge: Array, k: int, end: int, i: int, v: float, a: float) -> tuple[float, float]:
     """Derivatives over v and over a of a value that the jerk changes.
 
-    Parameters
-    ----------
-    edge : (K, 2, e, 6) array
-        Coefficients; see `Problem` [as the problem].
-    k, end, i : int
-        Interval, its end, and the limit.
-    v, a : float
-        The state there [as the problem].
-
-    Returns
-    -------
-    tuple of float
-        Over v, over a.
+    Shapes and units: edge (K, 2, e, 6) [as the problem], v, a [as the problem].
     """
     q, u, y = edge[k, end, i, 1], edge[k, end, i, 2], edge[k, end, i, 5]
     return q * a + (3.0 * u * v + 2.0 * y) * v + edge[k, end, i, 3], q * v + edge[k, end, i, 4]
@@ -195,25 +170,7 @@ def _place_row(z: Array, row: Array) -> int:
 def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array) -> bool:
     """The sweep from the end: of every stage its model over (v, a, τ, j), its feedback and its cost to go.
 
-    Parameters
-    ----------
-    problem : Problem
-        What is given.
-    at : Iterate
-        Where the iteration stands.
-    mu, delta : float
-        Barrier weight, and what is added to the model's curvature.
-    models : (K, 4, 5) array
-        Filled with the stages' matrices and vectors [as the problem].
-    law : (K, 3) array
-        Filled with the one free number as a function of (v, a) and its constant [as the problem].
-    cost : (K + 1, 5) array
-        Filled with P₀₀, P₀₁, P₁₁, p₀, p₁ [as the problem].
-
-    Returns
-    -------
-    bool
-        False where a pivot is not positive: the model has no least value.
+    Shapes and units: models (K, 4, 5) [as the problem], law (K, 3) [as the problem], cost (K + 1, 5) [as the problem].
     """
     z, K = at.z, problem.ds.shape[0]
     M, m, row = np.empty((6, 6)), np.empty(6), np.empty(4)
@@ -258,18 +215,8 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
 def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array, d: Array, lam: Array) -> None:
     """The sweep from the start: the step and the new multipliers of the dynamics.
 
-    Parameters
-    ----------
-    problem : Problem
-        What is given.
-    at : Iterate
-        Where the iteration stands.
-    models, law, cost : (K, 4, 5), (K, 3) and (K + 1, 5) arrays
-        What `back` made [as the problem].
-    d : (K + 1, 4) array
-        Filled with the step [as the problem].
-    lam : (K + 1, 3) array
-        Filled with the multipliers [as the problem].
+    Shapes and units: models, law, cost (K, 4, 5) [as the problem], d (K + 1, 4) [as the problem], lam (K + 1, 3)
+    [as the problem].
     """
     z, g, K = at.z, at.g, problem.ds.shape[0]
     row = np.empty(4)

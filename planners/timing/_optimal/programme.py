@@ -58,26 +58,7 @@ class Programme(NamedTuple):
 def programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
-    """The programme from a moving state to rest at a place.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    intervals : int, or None
-        How many; None for the usual number.
-    state : PathState
-        Where the motion starts, and how fast.
-    end : float
-        Where it ends [m, rad].
-
-    Returns
-    -------
-    Programme or None
-        None where the state is too fast to stop there.
-    """
+    """The programme from a moving state to rest at a place."""
     bound = limits.arrays(joint_path.robot.n)
     begin, first = state.s, state.speed
     s = joint_path.path.places(max(150, joint_path.knots.size), START_PER_PIECE)
@@ -113,22 +94,7 @@ def programme(
 
 
 def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
-    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    intervals : int, or None
-        How many; None for the usual number.
-
-    Returns
-    -------
-    Programme
-        With its initial guess.
-    """
+    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
     duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
     for order in range(3):
@@ -143,20 +109,6 @@ def within(given: Programme, z: Array, u: float) -> Array:
     """Places, speeds and accelerations at a share of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
-
-    Parameters
-    ----------
-    given : Programme
-        The programme.
-    z : (K + 1, 4) array
-        A motion: v, a, τ, j [as the programme].
-    u : float
-        The share [1].
-
-    Returns
-    -------
-    (3, K) array
-        s, ṡ and s̈; s in the path's unit [m, rad], the others [as the programme].
     """
     v0, a0, tau = z[:-1, 0], z[:-1, 1], z[:-1, 2]
     v1, a1, ds = z[1:, 0], z[1:, 1], given.problem.ds
@@ -172,26 +124,7 @@ def within(given: Programme, z: Array, u: float) -> Array:
 def divided(
     joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
 ) -> Programme:
-    """The programme with some intervals halved in time; its initial guess is a motion of the given one.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    given : Programme
-        The programme.
-    z : (K + 1, 4) array
-        A motion: v, a, τ, j [as the programme].
-    which : (K,) array of bool
-        The intervals that are halved.
-
-    Returns
-    -------
-    Programme
-        With more intervals.
-    """
+    """The programme with some intervals halved in time; its initial guess is a motion of the given one."""
     length, time = given.units
     i = np.flatnonzero(which)
     middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
@@ -232,16 +165,6 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
 
     A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
     velocity V and a jerk J never beyond the acceleration (J V)^½; with a margin.
-
-    Returns
-    -------
-    tuple
-        Velocities (n,), accelerations (n,) and the width.
-
-    Raises
-    ------
-    NoSolution
-        No limit bounds a joint that moves.
     """
     V, A, J = (bound[field] for field in DERIVATIVES)
     D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
@@ -262,11 +185,6 @@ def _peaks(tau: Array, top: Array) -> Array:
 
     Where torques are limited the acceleration changes so slowly that it reverses inside one interval. From v with the
     acceleration a, and with −a/2 at the end, the speed peaks at v + a τ/3; the duration is that of the initial guess.
-
-    Returns
-    -------
-    array
-        The rows.
     """
     row = np.zeros((top.size, 1, 4))
     row[:-1, 0, 0], row[:-1, 0, 2] = tau / (3.0 * top[:-1]), 1.0 / top[:-1]
@@ -282,30 +200,7 @@ def numbers(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
-    """The programme at places, with a motion as its initial guess.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    s : (K + 1,) array
-        Places [m, rad].
-    v, a : (K + 1,) arrays
-        ṡ and s̈ there [m/s, m/s², or rad].
-    tau : (K,) array
-        Durations [s].
-    units : (2,) tuple of float
-        What the programme counts s and time in [m or rad, s].
-    moving : PathState or None
-        The state that it starts from; None from rest.
-
-    Returns
-    -------
-    Programme
-        With its initial guess.
-    """
+    """The programme at places, with a motion as its initial guess."""
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path

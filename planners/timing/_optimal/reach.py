@@ -34,25 +34,8 @@ def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
 def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
     """Greatest x = ṡ² from a speed to rest, under bounds on q̈ and on ṡ.
 
-    Parameters
-    ----------
-    s : (k,) array
-        Places [m, rad].
-    q1, q2 : (k, n) arrays
-        q' and q'' there [as q over powers of s].
-    speed : (k,) array
-        Bounds on ṡ [m/s, rad/s].
-    bound : (n,) array
-        Bounds on q̈ [rad/s², m/s²].
-    first : float
-        ṡ² at the start.
-    x : (k,) array
-        Filled with ṡ² [m²/s², rad²/s²].
-
-    Returns
-    -------
-    bool
-        False where the first speed is too high to be kept within the limits.
+    Shapes and units: s (k,) [m, rad], q1, q2 (k, n) [as q over powers of s], speed (k,) [m/s, rad/s], bound (n,)
+    [rad/s², m/s²], x (k,) [m²/s², rad²/s²].
     """
     k = s.shape[0]
     x[k - 1] = 0.0
@@ -86,14 +69,7 @@ def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: f
 def in_time(s: Array, x: Array, t: Array) -> None:
     """Times at which places are passed, s̈ constant between them.
 
-    Parameters
-    ----------
-    s : (k,) array
-        Places [m, rad].
-    x : (k,) array
-        ṡ² there [m²/s², rad²/s²].
-    t : (k,) array
-        Filled with the times [s].
+    Shapes and units: s (k,) [m, rad], x (k,) [m²/s², rad²/s²], t (k,) [s].
     """
     t[0] = 0.0
     for i in range(s.shape[0] - 1):
@@ -107,20 +83,8 @@ def filtered(t: Array, s: Array, v: Array, width: float, at: Array, out: Array) 
 
     The motion stands still before and after. Filtered ṡ(t) = (s(t) − s(t − w)) / w, so it ends where the motion ends.
 
-    Parameters
-    ----------
-    t : (k,) array
-        Times [s].
-    s : (k,) array
-        Places then [m, rad].
-    v : (k,) array
-        ṡ then [m/s, rad/s].
-    width : float
-        Of the filter [s].
-    at : (m,) array
-        Times in [0, t_end + width] at which the result is wanted [s].
-    out : (3, m) array
-        Filled with s, ṡ, s̈ [m, m/s, m/s², or rad].
+    Shapes and units: t (k,) [s], s (k,) [m, rad], v (k,) [m/s, rad/s], width [s], at (m,) [s], out (3, m)
+    [m, m/s, m/s², or rad].
     """
     whole = np.empty(t.shape[0])  # ∫ s dt to each knot, s quadratic between
     whole[0] = 0.0

@@ -48,29 +48,7 @@ SAME_NODE = 1e-9
 
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
-    """The programme from rest to rest.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    intervals : int, or None
-        How many; None for the usual number.
-    more : float
-        Factor of the number of intervals [1].
-
-    Returns
-    -------
-    Programme
-        With its initial guess.
-
-    Raises
-    ------
-    NoSolution
-        No limit bounds a joint that moves.
-    """
+    """The programme from rest to rest."""
     along, motion = sweep(joint_path, limits)
     t, share = motion[0], np.empty(along.s.size)
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
@@ -109,11 +87,6 @@ def _with(
 
     A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell. So has a
     place at which the limit on the tool's speed changes.
-
-    Returns
-    -------
-    tuple of arrays
-        All times, which of them are nodes, and the nodes.
     """
     nodes = joint_path.nodes[1:-1]
     beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
@@ -149,38 +122,12 @@ def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
 
 
 def briefest(jerk: Array) -> float:
-    """Least duration of an interval whose jerk is not changed by rounding in q.
-
-    Parameters
-    ----------
-    jerk : (n,) array
-        Limits on the jerk [rad/s³, m/s³].
-
-    Returns
-    -------
-    float
-        [s].
-    """
+    """Least duration of an interval whose jerk is not changed by rounding in q."""
     return float(np.cbrt(60.0 * Q_ROUNDING / (JERK_ROUNDING * jerk.min())))
 
 
 def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
-    """Choose times, increasing, that stand apart, and apart from 0 and from the end.
-
-    Parameters
-    ----------
-    times : (k,) array
-        Times [s].
-    end : float
-        The last time [s].
-    least : float
-        How far apart [s].
-
-    Returns
-    -------
-    (k,) array of bool
-        Which are kept.
-    """
+    """Choose times, increasing, that stand apart, and apart from 0 and from the end."""
     kept, last = np.zeros(times.size, dtype=bool), 0.0
     for i, t in enumerate(times):
         if t - last >= least and end - t >= least:

@@ -58,38 +58,12 @@ class Table(NamedTuple):
 
 
 def table(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once, at equally spaced places.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-
-    Returns
-    -------
-    Table
-        At equally spaced places.
-    """
+    """Evaluate the path once, at equally spaced places."""
     return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
 
 
 def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once, at places that lie close where its pieces are short; every break is one.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-
-    Returns
-    -------
-    Table
-        At those places.
-    """
+    """Evaluate the path once, at places that lie close where its pieces are short; every break is one."""
     breaks = joint_path.path.breaks
     return _table(
         joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, TABLE_INTERVALS[0], TABLE_PER_PIECE)
@@ -104,36 +78,12 @@ def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
 
 
 def fine_enough(path: Path) -> int:
-    """Number of equal intervals of a table in which the path's shortest piece is seen.
-
-    Parameters
-    ----------
-    path : Path
-        The path.
-
-    Returns
-    -------
-    int
-        Intervals.
-    """
+    """Number of equal intervals of a table in which the path's shortest piece is seen."""
     return int(np.clip(TABLE_PER_PIECE * path.end / np.diff(path.breaks).min(), *TABLE_INTERVALS))
 
 
 def parts(limits: MotionLimits, at: PathPoints) -> Array:
-    """A table's `parts`: the rows of the limits on acceleration and jerk, of a pair of limits by the nearer side.
-
-    Parameters
-    ----------
-    limits : MotionLimits
-        Limits of the motion.
-    at : PathPoints
-        Points of the joint path.
-
-    Returns
-    -------
-    (m, 5, n) array
-        See `Table` [as 1 over the monomials].
-    """
+    """A table's `parts`: the rows of the limits on acceleration and jerk, of a pair of limits by the nearer side."""
     nearer = limits.symmetric()
     rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
@@ -145,19 +95,7 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
 
     The ramp's mean speed is v0 + κ (v1 − v0), where κ is how far before the end the trapezoid's centroid lies.
 
-    Parameters
-    ----------
-    d : float
-        Length [m, rad].
-    v0, v1 : float
-        ṡ at both ends [m/s, rad/s].
-    rise, fall : float
-        Shares of the time in which the acceleration rises and falls [1].
-
-    Returns
-    -------
-    tuple of float
-        Duration [s] and greatest acceleration [m/s², rad/s²].
+    Shapes and units: d [m, rad], v0, v1 [m/s, rad/s], rise, fall [1]. Returns [s].
     """
     area = 1.0 - 0.5 * (rise + fall)
     flat_end = 1.0 - fall
@@ -172,17 +110,7 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
 def nearest(places: Array, s: float) -> int:
     """Index of the place that is nearest to s.
 
-    Parameters
-    ----------
-    places : (m,) array
-        Places, increasing [m, rad].
-    s : float
-        A place [m, rad].
-
-    Returns
-    -------
-    int
-        The index.
+    Shapes and units: places (m,) [m, rad], s [m, rad].
     """
     k = min(max(int(np.searchsorted(places, s)), 1), places.size - 1)
     return k - 1 if s - places[k - 1] < places[k] - s else k
@@ -197,23 +125,7 @@ def ramp_ratio(
     It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and stops once
     the factor is above `most`.
 
-    Parameters
-    ----------
-    what : Table
-        The path and its limits.
-    s, v : float
-        Where it starts [m, rad], and ṡ there [m/s, rad/s].
-    ramp : (4,) tuple of float
-        Duration [s], greatest acceleration [m/s², rad/s²], and shares of rise and fall [1].
-    count : int
-        Samples of each of the three phases, less one.
-    most : float
-        Factor above which the exact value is not of interest [1].
-
-    Returns
-    -------
-    float
-        The factor [1]; infinite where it is above `most`.
+    Shapes and units: s, v [m, rad], ramp (4,) [s], most [1]. Returns [1].
     """
     places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak, rise, fall = ramp
@@ -248,42 +160,14 @@ def ramp_ratio(
 
 
 def ratio_of(what: Table, ramp: Ramp, count: int = 24, most: float = np.inf) -> float:
-    """Return the factor by which a ramp must be slowed to respect the limits.
-
-    Parameters
-    ----------
-    what : Table
-        The path and its limits.
-    ramp : Ramp
-        The ramp.
-    count : int
-        Samples of each phase, less one.
-    most : float
-        Factor above which the exact value is not of interest [1].
-
-    Returns
-    -------
-    float
-        The factor [1]; infinite where it is above `most`.
-    """
+    """Return the factor by which a ramp must be slowed to respect the limits."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     shape = (duration, peak, ramp.rise, ramp.fall)
     return float(ramp_ratio(what, ramp.s0, ramp.v0, shape, count, most))
 
 
 def phases_of(ramp: Ramp) -> Array:
-    """Durations and jerks of the phases of a ramp.
-
-    Parameters
-    ----------
-    ramp : Ramp
-        The ramp.
-
-    Returns
-    -------
-    (3, 2) array
-        Durations and jerks of s [s, m/s³, rad/s³]; (1, 2) where the speed does not change.
-    """
+    """Durations and jerks of the phases of a ramp."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     if ramp.v0 == ramp.v1:
         return np.array([[duration, 0.0]])
@@ -292,20 +176,7 @@ def phases_of(ramp: Ramp) -> Array:
 
 
 def law_of(ramps: list[Ramp], phases: list[Array]) -> scipy.interpolate.PPoly:
-    """s(t) through ramps.
-
-    Parameters
-    ----------
-    ramps : list of Ramp
-        One behind the other.
-    phases : list of (k, 2) arrays
-        Durations and jerks of s [s, m/s³, rad/s³].
-
-    Returns
-    -------
-    scipy.interpolate.PPoly
-        Piecewise cubic.
-    """
+    """s(t) through ramps."""
     rows, lengths = [], []
     for ramp, each in zip(ramps, phases, strict=True):
         s, v, a = ramp.s0, ramp.v0, 0.0
@@ -326,24 +197,7 @@ class Worst(NamedTuple):
 
 
 def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
-    """Judge a motion along s by the chain rule.
-
-    Parameters
-    ----------
-    joint_path : JointPath
-        q(s).
-    limits : MotionLimits
-        Limits of the motion.
-    s : (k,) array
-        Places [m, rad].
-    v, a, j : (k,) arrays
-        ṡ, s̈, s⃛ there [m/s, m/s², m/s³, or rad]; a jerk of NaN is not judged.
-
-    Returns
-    -------
-    Worst
-        By which factor the motion would have to be slowed, where, and for which limit.
-    """
+    """Judge a motion along s by the chain rule."""
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
     kinds = [kind for kind in limits.kinds if kind.homogeneous]
     ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in kinds]
@@ -356,20 +210,7 @@ def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Ar
 
 
 def states(law: scipy.interpolate.PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
-    """s, ṡ, s̈, s⃛ of a law at instants of each piece, one-sided at its ends.
-
-    Parameters
-    ----------
-    law : scipy.interpolate.PPoly
-        s(t).
-    count : int
-        Instants of each piece, less one.
-
-    Returns
-    -------
-    tuple of (k,) arrays
-        s, ṡ, s̈, s⃛ [m, m/s, m/s², m/s³, or rad].
-    """
+    """s, ṡ, s̈, s⃛ of a law at instants of each piece, one-sided at its ends."""
     u = np.diff(law.x)[:, None] * np.linspace(0.0, 1.0, count + 1)
     out, c = [], law.c
     for _ in range(4):

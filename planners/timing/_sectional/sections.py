@@ -30,22 +30,7 @@ SEARCH = ((4, 15), (6, 15))
 
 
 def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
-    """Ramps from rest to rest along the whole table, nearly as fast as its limits allow.
-
-    Parameters
-    ----------
-    what : Table
-        The path and its limits.
-    breaks : (k,) array
-        Places at which sections should end, where that costs no time [m, rad].
-    duration : float
-        Of any motion that keeps the limits [s].
-
-    Returns
-    -------
-    list of Ramp
-        They may exceed the limits slightly or not use them fully: the caller scales them uniformly in time.
-    """
+    """Ramps from rest to rest along the whole table, nearly as fast as its limits allow."""
     fastest = _fastest(what.slowness, what.parts, what.s)
     shortest = min(SHORTEST_PHASE, 0.01 * duration)
     nodes, open_since = _candidates(what, fastest, breaks, BRIEF * shortest)
@@ -113,11 +98,6 @@ def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tup
 
     Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
     half by s and half by time; each piece between two breaks has its ends and its quarters besides.
-
-    Returns
-    -------
-    tuple of arrays of int
-        The places (k,), and for each the index of the last break before it.
     """
     s, last = what.s, what.s.size - 1
     slow = 1.0 / np.maximum(fastest, 0.15 * fastest.max())
@@ -149,10 +129,7 @@ def _programme(what: Table, s: Array, open_since: Indices, speeds: Array, most: 
 
     A ramp to place i starts at place open_since[i] or later.
 
-    Returns
-    -------
-    (k, 6) array
-        The ramps.
+    Returns (k, 6).
     """
     count, levels = speeds.shape
     best = np.full((count, levels), np.inf)
@@ -195,11 +172,6 @@ def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> 
 
     r is each velocity's, acceleration's and jerk's ratio to its limit to the power 1, 1/2 and 1/3, after slowing by
     `slow`.
-
-    Returns
-    -------
-    tuple of float
-        Duration and integral.
     """
     places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak = profile(row[2] - row[0], row[1], row[3], row[4], row[5])

@@ -27,18 +27,7 @@ DECADES = (-9.4, 3.4)
 
 
 def accuracy(run: Run) -> dict[str, Any] | None:
-    """Error against distance by budget, and against budget by method.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """Error against distance by budget, and against budget by method."""
     blocks = [b for b in comparisons(run) if not b.known.is_empty()]
     if not blocks:
         return None
@@ -50,20 +39,7 @@ def accuracy(run: Run) -> dict[str, Any] | None:
 
 
 def chosen(budgets: tuple[int, ...], count: int = MOST_LINES) -> list[int]:
-    """A limited number of budgets, spread evenly through the list, with the first and the last.
-
-    Parameters
-    ----------
-    budgets : tuple of int
-        All budgets, increasing.
-    count : int
-        How many lines a plot has at most.
-
-    Returns
-    -------
-    list of int
-        The chosen ones.
-    """
+    """A limited number of budgets, spread evenly through the list, with the first and the last."""
     if len(budgets) <= count:
         return list(budgets)
     return [budgets[round(i * (len(budgets) - 1) / (count - 1))] for i in range(count)]

@@ -18,18 +18,7 @@ from benchmarks.statistics import not_beaten
 
 
 def winners(run: Run) -> list[Winner]:
-    """Who solves most targets in one attempt, for each block that compares methods.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Winner
-        In the order of the suite.
-    """
+    """Who solves most targets in one attempt, for each block that compares methods."""
     return [winner for b in comparisons(run) if (winner := _winner(b)) is not None]
 
 
@@ -58,18 +47,7 @@ def _winner(b: BudgetRows) -> Winner | None:
 
 
 def tables(run: Run) -> list[Table]:
-    """The default beside the paper's iteration, and all methods of every block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        In the order of the page.
-    """
+    """The default beside the paper's iteration, and all methods of every block."""
     found = [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in budget_blocks(run)]
     damping = damping_table(run)
     return found if damping is None else [*found, damping]

@@ -27,18 +27,7 @@ Figures = dict[tuple[str, str], dict[str, Any]]
 
 
 def damping(run: Run) -> dict[str, Any] | None:
-    """Success, iterations and error of each damping in each stratum, and the recommended dampings.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """Success, iterations and error of each damping in each stratum, and the recommended dampings."""
     b = _block(run)
     if b is None:
         return None
@@ -54,18 +43,7 @@ def damping(run: Run) -> dict[str, Any] | None:
 
 
 def damping_table(run: Run) -> Table | None:
-    """Each damping in each stratum.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Table or None
-        None where the run has no data for it.
-    """
+    """Each damping in each stratum."""
     b = _block(run)
     if b is None:
         return None
@@ -133,18 +111,6 @@ def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> l
     """The dampings that no other is significantly better than, best first.
 
     Those whose interval of success reaches that of the surest; among them by median iterations, then by share.
-
-    Parameters
-    ----------
-    constants : dict
-        Damping of each method by its label.
-    figures : dict
-        ``low``, ``share``, ``high`` [%] and ``iterations`` of each method by its label.
-
-    Returns
-    -------
-    list of str
-        Labels.
     """
     best = max(figures[m]["low"] for m in constants)
     level = [m for m in constants if figures[m]["high"] >= best and not math.isnan(figures[m]["iterations"])]

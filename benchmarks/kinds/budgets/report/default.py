@@ -33,18 +33,7 @@ DEFAULT_COLUMNS = (
 
 
 def default(run: Run) -> dict[str, Any] | None:
-    """An answer, a plot and a table for the first block that has both methods.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no block has both methods.
-    """
+    """An answer, a plot and a table for the first block that has both methods."""
     found = pairs(run)
     if not found:
         return None
@@ -67,20 +56,7 @@ def default(run: Run) -> dict[str, Any] | None:
 
 
 def answer(pair: Pair, run: Run) -> str:
-    """Whether one attempt of the default is better than the paper's iteration, and by how much, in a few sentences.
-
-    Parameters
-    ----------
-    pair : Pair
-        The two methods on one block.
-    run : Run
-        The run, for times.
-
-    Returns
-    -------
-    str
-        With figures.
-    """
+    """Whether one attempt of the default is better than the paper's iteration, and by how much, in a few sentences."""
     test = pair.against_paper(pair.attempt)
     count = test.both + test.first + test.second + test.neither
     word = "No difference is shown"
@@ -106,20 +82,7 @@ def answer(pair: Pair, run: Run) -> str:
 
 
 def default_table(pair: Pair, run: Run) -> Table:
-    """The comparison as a table.
-
-    Parameters
-    ----------
-    pair : Pair
-        The two methods on one block.
-    run : Run
-        The run, for times.
-
-    Returns
-    -------
-    Table
-        A row for each of the methods.
-    """
+    """The comparison as a table."""
     times = pair.times(run)
     rows = []
     for label in pair.labels:
@@ -167,26 +130,7 @@ def _board(pair: Pair, run: Run) -> Board:
 def success_line(
     rows: pl.DataFrame, label: str, b: BudgetRows, run: Run, level: float = SUCCESS_LEVELS[-1]
 ) -> dict[str, Any]:
-    """Success of one method against the iteration budget, with intervals; a level line where it has no budget.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of the method.
-    label : str
-        Its name on the page.
-    b : BudgetRows
-        The block.
-    run : Run
-        The run, for the look of the method.
-    level : float
-        Tolerance of success [m and rad].
-
-    Returns
-    -------
-    dict
-        A trace of Plotly.
-    """
+    """Success of one method against the iteration budget, with intervals; a level line where it has no budget."""
     budgets, whole = b.block.budgets, label in b.whole
     rates = [success(rows.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
     rates *= 2 if whole else 1

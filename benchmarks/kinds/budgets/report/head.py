@@ -17,34 +17,12 @@ from optik.registry import short_name
 
 
 def terms(run: Run) -> dict[str, Any] | None:
-    """Tolerances of a solved problem; None where no block has rows.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows.
-    """
+    """Tolerances of a solved problem; None where no block has rows."""
     return {"levels": [level_words(level) for level in SUCCESS_LEVELS]} if budget_blocks(run) else None
 
 
 def summary(run: Run) -> dict[str, Any] | None:
-    """Problems, robot and methods of every block; None where no block has rows.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows.
-    """
+    """Problems, robot and methods of every block; None where no block has rows."""
     return {"blocks": [_block(b, run) for b in budget_blocks(run)]} if budget_blocks(run) else None
 
 
@@ -65,18 +43,7 @@ def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
 
 
 def findings(run: Run) -> list[str]:
-    """Whether the default is better than the paper's iteration; elsewhere, the share that every method solves.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of str
-        One sentence for each block that compares methods.
-    """
+    """Whether the default is better than the paper's iteration; elsewhere, the share that every method solves."""
     answered = pairs(run)
     rest = [b for b in comparisons(run) if b.block.id not in {pair.rows.block.id for pair in answered}]
     found = [f"Is the default better than the paper's iteration? {answer(pair, run)}" for pair in answered[:1]]
@@ -96,18 +63,7 @@ def _rates(b: BudgetRows) -> str:
 
 
 def limitations(run: Run) -> list[str]:
-    """What a reader should know before quoting rates and iterations.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-    """
+    """What a reader should know before quoting rates and iterations."""
     items = [
         "In blocks with iteration budgets every method gets one attempt from the given start: no restarts, which the "
         "paper's iteration does not have. A method that is called as it comes is marked so. Nothing is timed there: times "

@@ -7,32 +7,10 @@ from benchmarks.report.run import Run
 
 
 def budget_blocks(run: Run) -> list[BudgetRows]:
-    """All blocks that have rows.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of BudgetRows
-        In the order of the suite.
-    """
+    """All blocks that have rows."""
     return run.of("budgets")
 
 
 def comparisons(run: Run) -> list[BudgetRows]:
-    """Blocks that compare methods; all blocks where each varies the options of one method.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of BudgetRows
-        In the order of the suite.
-    """
+    """Blocks that compare methods; all blocks where each varies the options of one method."""
     return [b for b in budget_blocks(run) if not b.sweep] or budget_blocks(run)

@@ -34,18 +34,7 @@ ITERATION_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
 def maps(run: Run) -> dict[str, Any] | None:
-    """One board for every block of graph paper.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """One board for every block of graph paper."""
     found = [b for b in comparisons(run) if b.block.set == "graph_paper" and b.budgeted]
     boards = [board for b in found for board in _both(b, run.robot(b.block.robot))]
     return {"boards": boards} if boards else None

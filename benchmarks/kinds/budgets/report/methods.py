@@ -46,18 +46,7 @@ METHOD_COLUMNS = (
 
 
 def methods(run: Run) -> dict[str, Any] | None:
-    """Tables of all blocks, success against budget, and how the solves ended.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """Tables of all blocks, success against budget, and how the solves ended."""
     if not budget_blocks(run):
         return None
     open_ones = {b.block.id for b in comparisons(run)}
@@ -68,18 +57,7 @@ def methods(run: Run) -> dict[str, Any] | None:
 
 
 def method_table(b: BudgetRows) -> Table:
-    """All methods of a block on the same problems, at the largest budget.
-
-    Parameters
-    ----------
-    b : BudgetRows
-        The block.
-
-    Returns
-    -------
-    Table
-        A row for each method.
-    """
+    """All methods of a block on the same problems, at the largest budget."""
     known = b.given(b.methods)
     rows = []
     for label in b.methods:

@@ -53,50 +53,17 @@ class Pair:
         return self.rows.given(self.labels)
 
     def solved(self, label: str) -> Flags:
-        """Which of these problems (k,) a method solved, in the order of their numbers.
-
-        Parameters
-        ----------
-        label : str
-            Of the method.
-
-        Returns
-        -------
-        (k,) array of bool
-            Success at the finest tolerance.
-        """
+        """Which of these problems (k,) a method solved, in the order of their numbers."""
         part = self.given.filter(pl.col("method") == label)
         found: Flags = part.select(succeeded(SUCCESS_LEVELS[-1]))[:, 0].to_numpy().astype(bool)
         return found
 
     def against_paper(self, label: str) -> McNemar:
-        """Which of the problems a method and the paper's iteration solved, and McNemar's test.
-
-        Parameters
-        ----------
-        label : str
-            Of the method.
-
-        Returns
-        -------
-        McNemar
-            First is the method, second the paper's iteration.
-        """
+        """Which of the problems a method and the paper's iteration solved, and McNemar's test."""
         return mcnemar(self.solved(label), self.solved(self.paper))
 
     def times(self, run: Run) -> dict[str, tuple[float, float]]:
-        """Median time of a solved and of an unsolved call, on the problems that all were given in a block of single calls.
-
-        Parameters
-        ----------
-        run : Run
-            The run.
-
-        Returns
-        -------
-        dict
-            Two times [µs] by label, NaN where there is no such call; empty without a block of the same problems.
-        """
+        """Median time of a solved and of an unsolved call, on the problems that all were given in a block of single calls."""
         mine = self.rows.block
         for calls in run.of("calls"):
             other = calls.block
@@ -117,18 +84,7 @@ def _medians(rows: pl.DataFrame) -> tuple[float, float]:
 
 
 def pairs(run: Run) -> list[Pair]:
-    """Every block that compares methods and has both the paper's iteration and one attempt of the default.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Pair
-        In the order of the suite.
-    """
+    """Every block that compares methods and has both the paper's iteration and one attempt of the default."""
     return [pair for b in comparisons(run) if (pair := _pair(b)) is not None and len(pair.given)]
 
 

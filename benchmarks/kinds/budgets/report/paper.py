@@ -13,18 +13,7 @@ from benchmarks.report.run import Run
 
 
 def paper(run: Run) -> dict[str, Any] | None:
-    """The table of counterparts; the page links what it has.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run does not bear on the paper.
-    """
+    """The table of counterparts; the page links what it has."""
     verdicts = {f.key: f.verdict for f in run.findings}
     if all(verdict == UNTESTED for verdict in verdicts.values()):
         return None

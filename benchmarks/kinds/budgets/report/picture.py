@@ -15,18 +15,7 @@ from benchmarks.report.run import Run
 
 
 def picture(run: Run) -> dict[str, Any] | None:
-    """The sheet of graph paper through the tool: which spots the default and the paper's iteration reach.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no block of graph paper has both methods.
-    """
+    """The sheet of graph paper through the tool: which spots the default and the paper's iteration reach."""
     found = [pair for pair in pairs(run) if sheets_of(pair.rows)]
     return {"lead": "", "boards": [_board(found[0], run)], "tables": [], "how": "", "prose": []} if found else None
 

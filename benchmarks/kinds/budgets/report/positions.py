@@ -22,22 +22,7 @@ POSITION_BUDGETS = 4
 
 
 def positions(b: BudgetRows, sheets: list[Sheet], robot: Robot) -> Board:
-    """Plot the spots on the graph paper, and where the tool is when the budget ends a run.
-
-    Parameters
-    ----------
-    b : BudgetRows
-        A block of graph paper.
-    sheets : list of Sheet
-        Its sheets.
-    robot : Robot
-        Its arm.
-
-    Returns
-    -------
-    Board
-        A plot for each plane.
-    """
+    """Plot the spots on the graph paper, and where the tool is when the budget ends a run."""
     methods, budgets = _methods(b), chosen(b.block.budgets, POSITION_BUDGETS)
     plots = []
     for plane in dict.fromkeys(s.plane for s in sheets):

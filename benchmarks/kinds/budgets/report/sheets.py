@@ -34,18 +34,7 @@ class Sheet:
 
     @staticmethod
     def of(group: str) -> Sheet | None:
-        """Read a sheet from the name of its group.
-
-        Parameters
-        ----------
-        group : str
-            Name of the group of problems.
-
-        Returns
-        -------
-        Sheet or None
-            None where the group is no sheet.
-        """
+        """Read a sheet from the name of its group."""
         found = _NAME.match(group)
         return Sheet(group, found["u"], found["v"], found["normal"], int(found["offset"])) if found else None
 
@@ -56,18 +45,7 @@ class Sheet:
 
 
 def sheets_of(b: BudgetRows) -> list[Sheet]:
-    """Sheets of graph paper of a block.
-
-    Parameters
-    ----------
-    b : BudgetRows
-        The block.
-
-    Returns
-    -------
-    list of Sheet
-        In the order of its problems.
-    """
+    """Sheets of graph paper of a block."""
     return [s for g in b.rows["group"].unique(maintain_order=True) if (s := Sheet.of(g))]
 
 
@@ -110,44 +88,14 @@ class Squares:
         return {"x0": float(us[0]), "dx": step(us), "y0": float(vs[0]), "dy": step(vs), "xgap": 1, "ygap": 1}
 
     def matrix(self, rows: pl.DataFrame, column: str, digits: int = 4) -> list[list[float | None]]:
-        """One column over the squares; None where there is no row.
-
-        Parameters
-        ----------
-        rows : DataFrame
-            With the columns ``row`` and ``col`` of each square.
-        column : str
-            Which one.
-        digits : int
-            Significant digits.
-
-        Returns
-        -------
-        list of list
-            A value a square, row by row.
-        """
+        """One column over the squares; None where there is no row."""
         out = np.full((len(self.vs), len(self.us)), np.nan)
         out[rows["row"].to_numpy(), rows["col"].to_numpy()] = rows[column].to_numpy()
         return [lean(row, digits) for row in out]
 
 
 def laid_out(rows: pl.DataFrame, sheet: Sheet) -> tuple[pl.DataFrame, Squares]:
-    """Rows of a sheet with the square of each.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-    sheet : Sheet
-        The sheet.
-
-    Returns
-    -------
-    rows : DataFrame
-        Those of the sheet, with the columns ``col`` and ``row``.
-    squares : Squares
-        Where the squares are.
-    """
+    """Rows of a sheet with the square of each."""
     rows = rows.filter(pl.col("group") == sheet.group)
     across = [np.round(1e3 * rows[axis_.lower()].to_numpy(), 3) for axis_ in (sheet.u, sheet.v)]
     squares = Squares(*(np.unique(values) for values in across))

@@ -24,34 +24,12 @@ GIVEN = Column("given", "given as many problems as any", show="text", aside=True
 
 
 def compared_columns(columns: Iterable[Column]) -> tuple[Column, ...]:
-    """Columns in which the best is marked among the methods that were given the same problems.
-
-    Parameters
-    ----------
-    columns : iterable of Column
-        Columns of a table whose rows have `GIVEN`.
-
-    Returns
-    -------
-    tuple of Column
-        The columns, with `GIVEN` at the end.
-    """
+    """Columns in which the best is marked among the methods that were given the same problems."""
     return (*(replace(column, among=GIVEN.key) if column.better else column for column in columns), GIVEN)
 
 
 def share_cell(count: int, trials: int) -> tuple[float, float, float]:
-    """A share with Wilson's 95 % interval.
-
-    Parameters
-    ----------
-    count, trials : int
-        How many of how many, at least one.
-
-    Returns
-    -------
-    tuple of float
-        Share, lower and upper end [%].
-    """
+    """A share with Wilson's 95 % interval."""
     low, high = wilson(count, trials)
     return 100.0 * count / trials, 100.0 * low, 100.0 * high
 
@@ -59,22 +37,7 @@ def share_cell(count: int, trials: int) -> tuple[float, float, float]:
 def entry_rows(
     b: CallRows, first: str, cells: Callable[[str, pl.DataFrame], dict[str, Cell]]
 ) -> tuple[Mapping[str, Cell], ...]:
-    """One row for each entry; of one that was not run, the word for why in place of a rate.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-    first : str
-        Key of the first rate.
-    cells : callable
-        From the label and the rows of a method to its cells.
-
-    Returns
-    -------
-    tuple of mapping
-        Rows of a table.
-    """
+    """One row for each entry; of one that was not run, the word for why in place of a rate."""
     rows: list[Mapping[str, Cell]] = []
     most = max(map(len, b.by_method.values()), default=0)
     for label in b.entries:

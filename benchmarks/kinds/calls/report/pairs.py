@@ -19,18 +19,7 @@ if TYPE_CHECKING:
 
 
 def paired(b: CallRows) -> Table | None:
-    """Each method against the first, on the problems that both were given.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    Table or None
-        None where fewer than two methods have rows.
-    """
+    """Each method against the first, on the problems that both were given."""
     reference = b.block.reference
     others = [label for label in b.by_method if label != reference]
     if reference not in b.by_method or not others:

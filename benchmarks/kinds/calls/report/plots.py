@@ -53,20 +53,7 @@ def _distribution(values: Array, count: int) -> dict[str, Any]:
 
 
 def success_in_time(blocks: list[CallRows], run: Run) -> Board:
-    """Share of all problems that each method has solved within a time.
-
-    Parameters
-    ----------
-    blocks : list of CallRows
-        Blocks with rows.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board
-        One plot, with a choice of the block.
-    """
+    """Share of all problems that each method has solved within a time."""
     layout = {
         "xaxis": log_axis("time budget of a call [µs]", dtick=1), "yaxis": axis("problems solved [%]", range=[-2, 102]),
     }  # fmt: skip
@@ -97,20 +84,7 @@ def _around(low: float, high: float) -> list[float | None]:
 
 
 def profiles(blocks: list[CallRows], run: Run) -> Board:
-    """Performance profiles: share of the shared problems solved within a multiple of the fastest method's time there.
-
-    Parameters
-    ----------
-    blocks : list of CallRows
-        Blocks with rows.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board
-        One plot, with a choice of the block.
-    """
+    """Performance profiles: share of the shared problems solved within a multiple of the fastest method's time there."""
     layout = {
         "xaxis": log_axis("time over the least of any method on the same problem", dtick=1),
         "yaxis": axis("problems solved [%]", range=[-2, 102]),
@@ -142,20 +116,7 @@ def _profile_ratios(costs: Array) -> Array:
 
 
 def profile_costs(rows: pl.DataFrame, labels: tuple[str, ...]) -> Array:
-    """Time of each method on each problem that all were given.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-    labels : tuple of str
-        Of the methods.
-
-    Returns
-    -------
-    (k, m) array
-        Times, infinity where a problem was not solved [ns].
-    """
+    """Time of each method on each problem that all were given."""
     both = shared(rows, labels).with_columns(
         cost=pl.when("solved").then(pl.col("ns").cast(pl.Float64)).otherwise(np.inf)
     )
@@ -164,20 +125,7 @@ def profile_costs(rows: pl.DataFrame, labels: tuple[str, ...]) -> Array:
 
 
 def errors(blocks: list[CallRows], run: Run) -> Board:
-    """Distributions of the errors of answers inside the limits, of position and of rotation.
-
-    Parameters
-    ----------
-    blocks : list of CallRows
-        Blocks with rows.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board
-        Two plots, with a choice of the block.
-    """
+    """Distributions of the errors of answers inside the limits, of position and of rotation."""
     plots = []
     for what, unit in (("position", "m"), ("rotation", "rad")):
         layout = {
@@ -196,20 +144,7 @@ def errors(blocks: list[CallRows], run: Run) -> Board:
 
 
 def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
-    """Share solved by the smallest singular value at the solution from which a target was made.
-
-    Parameters
-    ----------
-    blocks : list of CallRows
-        Blocks with rows.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board or None
-        None where no block knows singular values, nothing failed, or no bin has enough problems.
-    """
+    """Share solved by the smallest singular value at the solution from which a target was made."""
     known = [b for b in blocks if b.rows["sigma"].is_finite().any() and not b.rows["solved"].all()]
     if not known:
         return None
@@ -235,37 +170,13 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
 
 
 def singular_edges(rows: pl.DataFrame) -> Array:
-    """Edges of the bins of the smallest singular value.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-
-    Returns
-    -------
-    (SIGMA_BINS + 1,) array
-        Edges [1]; values below the rounding of a double count as that.
-    """
+    """Edges of the bins of the smallest singular value."""
     sigma = np.maximum(rows.filter(pl.col("sigma").is_finite())["sigma"].to_numpy(), LEAST_ERROR)
     return np.geomspace(sigma.min(), sigma.max() * (1.0 + 1e-9), SIGMA_BINS + 1)
 
 
 def by_sigma(part: pl.DataFrame, edges: Array) -> list[tuple[float, float, float, float, int]]:
-    """Share solved in every bin that has enough problems.
-
-    Parameters
-    ----------
-    part : DataFrame
-        Rows of one method.
-    edges : (k + 1,) array
-        Edges of the bins [1].
-
-    Returns
-    -------
-    list of tuple
-        Middle of the bin [1], share, ends of Wilson's interval [%], and number of problems.
-    """
+    """Share solved in every bin that has enough problems."""
     own = part.filter(pl.col("sigma").is_finite())
     number = np.searchsorted(edges, np.maximum(own["sigma"].to_numpy(), LEAST_ERROR), side="right") - 1
     solved, found = own["solved"].to_numpy(), []

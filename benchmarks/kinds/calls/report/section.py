@@ -11,35 +11,13 @@ from benchmarks.report.run import Run
 
 
 def success_plot(run: Run) -> dict[str, Any] | None:
-    """Success against time budget, for the first screen.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no block has rows.
-    """
+    """Success against time budget, for the first screen."""
     blocks = run.of("calls")
     return {"boards": [success_in_time(blocks, run)], "tables": []} if blocks else None
 
 
 def calls(run: Run) -> dict[str, Any] | None:
-    """Performance profiles, tables of every block, errors and singular values, and what was compared.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no block has rows.
-    """
+    """Performance profiles, tables of every block, errors and singular values, and what was compared."""
     blocks = run.of("calls")
     if not blocks:
         return None
@@ -48,35 +26,13 @@ def calls(run: Run) -> dict[str, Any] | None:
 
 
 def all_tables(run: Run) -> list[Table]:
-    """Tables of all blocks, and one of what was compared.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        In the order of the page.
-    """
+    """Tables of all blocks, and one of what was compared."""
     blocks = run.of("calls")
     return [table for b in blocks for table in b.tables] + ([compared(run)] if blocks else [])
 
 
 def compared(run: Run) -> Table:
-    """Every method and peer once, and again where its settings differ between blocks.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Table
-        Version and settings of each.
-    """
+    """Every method and peer once, and again where its settings differ between blocks."""
     found: dict[tuple[str, str], dict[str, str]] = {}
     for b in run.of("calls"):
         for label, about in b.entries.items():

@@ -26,18 +26,7 @@ TAIL = (0.5, 0.95, 0.99, 1.0)
 
 
 def success_and_time(b: CallRows) -> Table:
-    """Share solved, and times of the calls that solved and of those that did not, apart.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    Table
-        One row for each entry.
-    """
+    """Share solved, and times of the calls that solved and of those that did not, apart."""
     us = "µs"
     columns = (
         LABEL,
@@ -111,18 +100,7 @@ def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
 
 
 def varies(about: Mapping[str, Any]) -> str:
-    """By what a method's answers differ between runs, beside its inputs.
-
-    Parameters
-    ----------
-    about : dict
-        Facts on the entry.
-
-    Returns
-    -------
-    str
-        ``the clock``, ``random numbers``, both, or nothing.
-    """
+    """By what a method's answers differ between runs, beside its inputs."""
     return ", ".join(words for key, words in (("clocked", "the clock"), ("random", "random numbers")) if about.get(key))
 
 

@@ -25,35 +25,13 @@ TIME_BUDGETS_US = (10.0, 30.0, 100.0, 1e3, 1e4, 1e5)
 
 
 def block_tables(b: CallRows) -> tuple[Table, ...]:
-    """All tables of a block.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    tuple of Table
-        In the order of the page.
-    """
+    """All tables of a block."""
     found = (success_and_time(b), within_time(b), at_tolerances(b), at_iterations(b), paired(b), by_group(b))
     return tuple(table for table in found if table is not None)
 
 
 def within_time(b: CallRows) -> Table:
-    """Share of problems solved by a call that took at most a time.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    Table
-        One column for each time.
-    """
+    """Share of problems solved by a call that took at most a time."""
     columns = [
         Column(f"us{budget:g}", f"within {_time_words(budget)}", "%", "more", "share") for budget in TIME_BUDGETS_US
     ]
@@ -78,18 +56,7 @@ def _time_words(us: float) -> str:
 
 
 def at_tolerances(b: CallRows) -> Table:
-    """Share solved at several tolerances, with what each method is set to.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    Table
-        One column for each tolerance.
-    """
+    """Share solved at several tolerances, with what each method is set to."""
     columns = [
         LABEL,
         *(
@@ -126,18 +93,7 @@ def at_tolerances(b: CallRows) -> Table:
 
 
 def at_iterations(b: CallRows) -> Table | None:
-    """Share solved by one attempt that ends after a number of iterations.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    Table or None
-        None where no numbers were asked for.
-    """
+    """Share solved by one attempt that ends after a number of iterations."""
     answers = b.evaluations
     if answers is None:
         return None
@@ -167,18 +123,7 @@ def at_iterations(b: CallRows) -> Table | None:
 
 
 def by_group(b: CallRows) -> Table | None:
-    """Problems that each method did not solve, by the groups of the problem set.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    Table or None
-        None where there is one group, or nothing failed.
-    """
+    """Problems that each method did not solve, by the groups of the problem set."""
     groups = [str(group) for group in b.rows["group"].unique().sort()]
     if len(groups) < 2 or b.rows["solved"].all():
         return None

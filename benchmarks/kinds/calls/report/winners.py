@@ -16,18 +16,7 @@ from benchmarks.statistics import median_interval, not_beaten, not_longer
 
 
 def winners(run: Run) -> Sequence[Winner]:
-    """Two questions for each block that compares methods.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Winner
-        In the order of the suite.
-    """
+    """Two questions for each block that compares methods."""
     blocks = [b for b in run.of("calls") if len(b.by_method) > 1 and not b.unreachable]
     return [winner for b in blocks for winner in block_winners(b)]
 
@@ -36,16 +25,6 @@ def block_winners(b: CallRows) -> list[Winner]:
     """Who solves most, and who is fastest among those that McNemar's test does not tell from the best.
 
     Methods are compared on the problems that all of them were given, times on those that all of them solved as well.
-
-    Parameters
-    ----------
-    b : CallRows
-        The block.
-
-    Returns
-    -------
-    list of Winner
-        The second is left out where one method alone solves most, and where they solved no problem in common.
     """
     who = ranked({label: len(part) for label, part in b.by_method.items()})
     rows = shared(b.rows, who.labels).sort("problem")

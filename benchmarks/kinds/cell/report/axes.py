@@ -28,18 +28,7 @@ MOST_BUDGETS = 5
 
 
 def axes(run: Run) -> dict[str, Any] | None:
-    """Fig. 10, and Fig. 11 to 13, of every block of spots.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no spot was executed.
-    """
+    """Fig. 10, and Fig. 11 to 13, of every block of spots."""
     blocks = [b for b in spots_blocks(run) if not done(b).is_empty() and settings_of([b], whole=False)]
     if not blocks:
         return None

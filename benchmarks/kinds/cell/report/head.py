@@ -32,35 +32,13 @@ NOISE_WORDS = {
 
 
 def claims(run: Run) -> dict[str, Any] | None:
-    """The paper's claims as executed, for every block of spots.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no spot was executed.
-    """
+    """The paper's claims as executed, for every block of spots."""
     found = [f for b in spots_blocks(run) for f in executed_claims(b.rows)]
     return claims_of(found) if found else None
 
 
 def noise_words(noise: Noise) -> str:
-    """What varies from trial to trial, in words.
-
-    Parameters
-    ----------
-    noise : Noise
-        Of a block.
-
-    Returns
-    -------
-    str
-        What is 0 is left out.
-    """
+    """What varies from trial to trial, in words."""
     words = []
     for field in fields(noise):
         value = getattr(noise, field.name)
@@ -72,36 +50,14 @@ def noise_words(noise: Noise) -> str:
 
 
 def drives_of(b: BlockRows) -> str:
-    """The drive of a block in words.
-
-    Parameters
-    ----------
-    b : BlockRows
-        The block.
-
-    Returns
-    -------
-    str
-        Its name, and what it leaves out.
-    """
+    """The drive of a block in words."""
     names = b.rows["drive"].drop_nulls().unique().sort().to_list()
     ideal = " (without masses: no servo error, torque or energy; friction and payload have no effect)"
     return " and ".join(name + (ideal if name == "ideal" else "") for name in names)
 
 
 def findings(run: Run) -> Sequence[str]:
-    """Verdicts as executed, accuracy and repeatability, and the laws' costs, one sentence for each block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of str
-        Sentences.
-    """
+    """Verdicts as executed, accuracy and repeatability, and the laws' costs, one sentence for each block."""
     found = [
         f"As executed, claim ({f.key}) {f.verdict}: {f.summary}"
         for b in spots_blocks(run)
@@ -131,18 +87,7 @@ def _laws_sentence(b: BlockRows) -> str:
 
 
 def limitations(run: Run) -> Sequence[str]:
-    """What is simulated, and what varies.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of str
-        Sentences.
-    """
+    """What is simulated, and what varies."""
     found = ["Every execution is simulated: no figure of the executed cell was measured on an arm."]
     for b in run.of("cell"):
         varies = noise_words(b.block.noise)

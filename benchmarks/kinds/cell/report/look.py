@@ -30,120 +30,37 @@ WHOLE = "whole"
 
 
 def cell_blocks(run: Run, kind: type[CellBlock]) -> list[BlockRows]:
-    """Blocks of one class that have rows.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    kind : type
-        The class.
-
-    Returns
-    -------
-    list of BlockRows
-        In the order of the suite.
-    """
+    """Blocks of one class that have rows."""
     return [b for b in run.of("cell") if isinstance(b.block, kind)]
 
 
 def spots_blocks(run: Run) -> list[BlockRows]:
-    """Blocks of spots that have rows.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of BlockRows
-        In the order of the suite.
-    """
+    """Blocks of spots that have rows."""
     return cell_blocks(run, SpotsBlock)
 
 
 def done(b: BlockRows) -> pl.DataFrame:
-    """Rows of spots with a known solution that were executed.
-
-    Parameters
-    ----------
-    b : BlockRows
-        A block of spots.
-
-    Returns
-    -------
-    DataFrame
-        With the column ``after``: the budget in words of controls.
-    """
+    """Rows of spots with a known solution that were executed."""
     rows = b.rows.filter(pl.col("known") & pl.col("position_error").is_not_null())
     return rows.with_columns(after=pl.col("budget").cast(pl.String).fill_null(WHOLE))
 
 
 def settings_of(blocks: Sequence[BlockRows], *, whole: bool | None = None) -> list[str]:
-    """Labels of the methods of some blocks, each once.
-
-    Parameters
-    ----------
-    blocks : sequence of BlockRows
-        Blocks of spots.
-    whole : bool, optional
-        Only those that are called as they come, or only the others.
-
-    Returns
-    -------
-    list of str
-        In the order of the suite.
-    """
+    """Labels of the methods of some blocks, each once."""
     return list(dict.fromkeys(m.label for b in blocks for m in b.block.methods if whole is None or m.whole is whole))
 
 
 def after_control(b: BlockRows) -> Control:
-    """The choice of a budget, where a method is chosen that has one.
-
-    Parameters
-    ----------
-    b : BlockRows
-        A block of spots.
-
-    Returns
-    -------
-    Control
-        The control.
-    """
+    """The choice of a budget, where a method is chosen that has one."""
     options = tuple((str(k), iterations(k)) for k in b.block.budgets)
     return Control("after", "After", options, when={"method": settings_of([b], whole=False)})
 
 
 def shown_at(setting: str, after: str) -> dict[str, list[str]]:
-    """Values of the controls at which one method is shown at one budget.
-
-    Parameters
-    ----------
-    setting : str
-        Label of the method.
-    after : str
-        The budget, or `WHOLE`.
-
-    Returns
-    -------
-    dict
-        Of a method that is called as it comes the budget does not matter.
-    """
+    """Values of the controls at which one method is shown at one budget."""
     return {"method": [setting]} | ({} if after == WHOLE else {"after": [after]})
 
 
 def millimetres(values: pl.Series) -> np.ndarray:
-    """Lengths for a plot.
-
-    Parameters
-    ----------
-    values : Series
-        In metres.
-
-    Returns
-    -------
-    (k,) array
-        In millimetres [mm].
-    """
+    """Lengths for a plot."""
     return 1e3 * values.to_numpy()

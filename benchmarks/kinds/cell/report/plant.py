@@ -25,18 +25,7 @@ COSTS = (("tracking_m", 1e3, "tracking error of the tool [mm]"), ("energy", 1.0,
 
 
 def iso(run: Run) -> dict[str, Any] | None:
-    """Accuracy and repeatability of every block of cycles.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no cycle was executed.
-    """
+    """Accuracy and repeatability of every block of cycles."""
     blocks = cell_blocks(run, IsoBlock)
     words = [
         f"{b.block.title}: {_cube(b)} Executed on the drive {drives_of(b)}. What varies from cycle to cycle: "
@@ -56,18 +45,7 @@ def _cube(b: BlockRows) -> str:
 
 
 def laws(run: Run) -> dict[str, Any] | None:
-    """What the laws cost on the plant.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no law was executed.
-    """
+    """What the laws cost on the plant."""
     blocks = cell_blocks(run, LawsBlock)
     if not blocks:
         return None

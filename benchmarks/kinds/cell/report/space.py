@@ -25,18 +25,7 @@ EYE = {"x": 1.7, "y": -2.0, "z": 1.0}
 
 
 def space(run: Run) -> dict[str, Any] | None:
-    """A picture in space of every block of spots.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no path was kept.
-    """
+    """A picture in space of every block of spots."""
     boards = [_board(b, run) for b in spots_blocks(run) if not _kept(b).is_empty()]
     return {"words": (), "boards": boards, "tables": ()} if boards else None
 

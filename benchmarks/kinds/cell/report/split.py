@@ -41,18 +41,7 @@ SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "pos
 
 
 def split(run: Run) -> dict[str, Any] | None:
-    """The parts of the error of every block of spots.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where no spot was executed.
-    """
+    """The parts of the error of every block of spots."""
     blocks = [b for b in spots_blocks(run) if not done(b).is_empty()]
     if not blocks:
         return None

@@ -76,18 +76,7 @@ COST_COLUMNS = (
 
 
 def tables(run: Run) -> Sequence[Table]:
-    """All tables of the executed cell.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Table
-        In the order of the page.
-    """
+    """All tables of the executed cell."""
     found = [spots_table(b) for b in spots_blocks(run)] + [iso_table(b) for b in cell_blocks(run, IsoBlock)]
     return [*found, *(table for b in cell_blocks(run, LawsBlock) for table in law_tables(b, run))]
 
@@ -98,18 +87,7 @@ def _budget_words(budget: Any, along: bool) -> str:
 
 
 def spots_table(b: BlockRows) -> Table:
-    """Spots by method and budget.
-
-    Parameters
-    ----------
-    b : BlockRows
-        A block of spots.
-
-    Returns
-    -------
-    Table
-        A row for each method and budget.
-    """
+    """Spots by method and budget."""
     rows = []
     known = b.rows.filter("known")
     for (setting, budget), part in known.group_by("setting", "budget", maintain_order=True):
@@ -151,18 +129,7 @@ def _median(rows: pl.DataFrame, column: str) -> float | None:
 
 
 def iso_table(b: BlockRows) -> Table:
-    """Accuracy and repeatability of each pose and of the path.
-
-    Parameters
-    ----------
-    b : BlockRows
-        A block of cycles.
-
-    Returns
-    -------
-    Table
-        A row for each pose and for the path, with noise and without; every figure is simulated.
-    """
+    """Accuracy and repeatability of each pose and of the path."""
     rows: list[dict[str, Cell]] = []
     for label in b.block.labels:
         part = b.rows.filter(pl.col("method") == label)
@@ -196,20 +163,7 @@ def _where(part: pl.DataFrame, point: int) -> str:
 
 
 def law_tables(b: BlockRows, run: Run) -> list[Table]:
-    """What each law costs on the plant: as fast as it is, and slowed to the same duration.
-
-    Parameters
-    ----------
-    b : BlockRows
-        A block of time laws.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        One for each duration that was executed.
-    """
+    """What each law costs on the plant: as fast as it is, and slowed to the same duration."""
     found, limits = [], _torque_limits(run, b.block.robot)
     for timed, words in (
         (OWN_TIME, "each law's own duration"),

@@ -24,20 +24,7 @@ FAR = 1e3
 
 
 def example_boards(b: LawRows, run: Run) -> list[Board]:
-    """The phase plane of all laws, and the active constraints of each.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Board
-        Empty where the line has no motion.
-    """
+    """The phase plane of all laws, and the active constraints of each."""
     motions, binding, curve = (b.example(name) for name in ("motions", "binding", "curve"))
     if motions is None or binding is None or curve is None or curve.is_empty():
         return []

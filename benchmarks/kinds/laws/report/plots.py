@@ -36,20 +36,7 @@ LEAST_EXCESS = 0.01
 
 
 def durations(b: LawRows, run: Run) -> Board:
-    """Durations over T*: of all motions as they are, and after slowing until every limit is kept.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board
-        Two plots, with a choice of the lines.
-    """
+    """Durations over T*: of all motions as they are, and after slowing until every limit is kept."""
     plain = Plot(
         "timing-distribution", "Share of paths with a duration of at most this multiple of T*",
         {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
@@ -88,20 +75,7 @@ def durations(b: LawRows, run: Run) -> Board:
 
 
 def torques(b: LawRows, run: Run) -> Board | None:
-    """Share of motions up to every multiple of their limits on torque and on its rate.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board or None
-        None where no torque is limited.
-    """
+    """Share of motions up to every multiple of their limits on torque and on its rate."""
     fields = [field for field in limited(b.rows) if field in LOADED]
     if not fields:
         return None
@@ -183,20 +157,7 @@ def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
 
 
 def against_singularity(b: LawRows, run: Run) -> Board:
-    """Durations and their ratio to T* over the smallest singular value on the way.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-    run : Run
-        The run.
-
-    Returns
-    -------
-    Board
-        Two plots, with a choice of the limits.
-    """
+    """Durations and their ratio to T* over the smallest singular value on the way."""
     across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (

@@ -20,34 +20,12 @@ from planners.limits import FIELD_LIMITS
 
 
 def timing(run: Run) -> dict[str, Any]:
-    """For every block: plots, a table for each kind of line, limit violations, whole plans, and one line in detail.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict
-        What the template shows.
-    """
+    """For every block: plots, a table for each kind of line, limit violations, whole plans, and one line in detail."""
     return {"blocks": [_block(b, run) for b in run.of("laws")]}
 
 
 def findings(run: Run) -> list[str]:
-    """Durations and times of every law of ours, and of the peers that were installed, on all lines.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of str
-        One sentence for each block.
-    """
+    """Durations and times of every law of ours, and of the peers that were installed, on all lines."""
     return [words for b in run.of("laws") if (words := _medians(b))]
 
 
@@ -96,18 +74,7 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
 
 
 def limit_words(part: LimitSet) -> str:
-    """What a set of limits is, in words.
-
-    Parameters
-    ----------
-    part : LimitSet
-        The limits.
-
-    Returns
-    -------
-    str
-        Its label, and each limit with its unit or as the robot's own.
-    """
+    """What a set of limits is, in words."""
     own = listed([name.replace("_", " ") for name in part.own])
     words = [f"{own} the robot's own"] if own else []
     for kind in FIELD_LIMITS:

@@ -34,18 +34,7 @@ LAW_COLUMN = Column("label", "Law", show="text")
 
 
 def limited(rows: pl.DataFrame) -> list[str]:
-    """The limits on joints that some motion has: those on torque only where they were asked.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of a block.
-
-    Returns
-    -------
-    list of str
-        Names of limits.
-    """
+    """The limits on joints that some motion has: those on torque only where they were asked."""
     return [field for field in JOINT_LIMITS if field in DERIVATIVES or rows[field].is_not_null().any()]
 
 
@@ -54,18 +43,7 @@ def _words(field: str) -> str:
 
 
 def law_tables(b: LawRows) -> list[Table]:
-    """A table for each kind of line on all arms, then for each arm.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-
-    Returns
-    -------
-    list of Table
-        Those of all arms first.
-    """
+    """A table for each kind of line on all arms, then for each arm."""
     whole, parts = [], []
     for kind in b.block.kinds:
         rows = in_group(b.rows, kind)
@@ -86,22 +64,7 @@ def law_tables(b: LawRows) -> list[Table]:
 
 
 def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
-    """Every law and peer on some lines: as it is, within 0.1 %, and after a uniform slow-down.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-    rows : DataFrame
-        Of these lines.
-    title, name : str
-        Of the table; the name is that of its files.
-
-    Returns
-    -------
-    Table
-        One row for each entry.
-    """
+    """Every law and peer on some lines: as it is, within 0.1 %, and after a uniform slow-down."""
     ms, fields = "ms", limited(rows)
     columns = (
         LAW_COLUMN,
@@ -165,34 +128,12 @@ def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
 
 
 def or_infinite(column: pl.Series) -> Array:
-    """Values of a column, infinity where there is none: a line without a motion is not left out.
-
-    Parameters
-    ----------
-    column : Series
-        Of ratios.
-
-    Returns
-    -------
-    (k,) array
-        The values [as the column].
-    """
+    """Values of a column, infinity where there is none: a line without a motion is not left out."""
     return column.cast(pl.Float64).fill_null(float("inf")).to_numpy()
 
 
 def share_of(column: pl.Series) -> tuple[float, float, float]:
-    """Share of rows at which a column is true, with Wilson's interval.
-
-    Parameters
-    ----------
-    column : Series
-        Of truth values; nothing counts as false.
-
-    Returns
-    -------
-    tuple of float
-        Share, lower and upper end [%].
-    """
+    """Share of rows at which a column is true, with Wilson's interval."""
     count = int(column.fill_null(value=False).sum())
     low, high = wilson(count, len(column))
     return 100.0 * count / len(column), 100.0 * low, 100.0 * high
@@ -233,18 +174,7 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
 
 
 def violations(b: LawRows) -> Table | None:
-    """Limit violations of every law: how often, by how much, and the duration at which there would be none.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-
-    Returns
-    -------
-    Table or None
-        None where no motion exceeds a limit.
-    """
+    """Limit violations of every law: how often, by how much, and the duration at which there would be none."""
     found: list[tuple[int, str, dict[str, Cell]]] = []
     fields = limited(b.rows)
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
@@ -276,18 +206,7 @@ def violations(b: LawRows) -> Table | None:
 
 
 def plan_times(b: LawRows) -> Table | None:
-    """Where the time of a whole plan goes, by arm and kind of line.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-
-    Returns
-    -------
-    Table or None
-        None where no whole plans were timed.
-    """
+    """Where the time of a whole plan goes, by arm and kind of line."""
     steps = {"ms_follow": "follow", "ms_law": "law", "ms_certificate": "certificate", "ms_plan": "whole plan"}
     timed = b.rows.filter(pl.col("ms_plan").is_not_null())
     found: list[Mapping[str, Cell]] = []
@@ -307,18 +226,7 @@ def plan_times(b: LawRows) -> Table | None:
 
 
 def compared(b: LawRows) -> Table:
-    """What each law and peer promises, its version and its settings.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-
-    Returns
-    -------
-    Table
-        One row for each entry.
-    """
+    """What each law and peer promises, its version and its settings."""
     columns = (
         LAW_COLUMN,
         Column("promises", "promises", show="text"),
@@ -337,18 +245,7 @@ def compared(b: LawRows) -> Table:
 
 
 def all_tables(run: Run) -> list[Table]:
-    """Tables of all blocks.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        In the order of the page.
-    """
+    """Tables of all blocks."""
     found = []
     for b in run.of("laws"):
         found += [*law_tables(b), violations(b), plan_times(b), compared(b)]

@@ -27,18 +27,7 @@ FEWEST_SHARED = 5
 
 
 def winners(run: Run) -> Sequence[Winner]:
-    """Two questions for each kind of line of each block.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    sequence of Winner
-        In the order of the suite.
-    """
+    """Two questions for each kind of line of each block."""
     return [winner for b in run.of("laws") for kind in b.block.kinds for winner in kind_winners(b, kind)]
 
 
@@ -47,18 +36,6 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
 
     Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
     path. All are compared on the motions that all of them were asked for.
-
-    Parameters
-    ----------
-    b : LawRows
-        The block.
-    kind : str
-        The kind of line.
-
-    Returns
-    -------
-    list of Winner
-        Empty where fewer than two laws can be ranked.
     """
     rows = in_group(b.rows, kind).filter(pl.col("law").is_in(list(b.entries)))
     able, unable = _rankable(b, rows)

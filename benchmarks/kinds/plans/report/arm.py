@@ -21,18 +21,7 @@ STANDING_EVERY = 12
 
 
 def moving_arm(run: Run) -> dict[str, Any] | None:
-    """The arm in pictures equally spaced in time, for every law.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """The arm in pictures equally spaced in time, for every law."""
     frames = run.folder.read("line/frames.parquet")
     line = line_plans(run)
     if frames is None or line is None or not line.solved:

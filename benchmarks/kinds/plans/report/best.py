@@ -11,18 +11,7 @@ from benchmarks.report.words import listed
 
 
 def winners(run: Run) -> list[Winner]:
-    """The law with the shortest motion, out of those that keep every limit.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Winner
-        One, or none where no motion keeps every limit.
-    """
+    """The law with the shortest motion, out of those that keep every limit."""
     found = line_plans(run)
     if found is None:
         return []
@@ -43,17 +32,6 @@ def winners(run: Run) -> list[Winner]:
 
 
 def tables(run: Run) -> list[Table]:
-    """The time laws side by side.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of Table
-        One, or none where the run has no plans.
-    """
+    """The time laws side by side."""
     found = line_plans(run)
     return [] if found is None else [law_table(found)]

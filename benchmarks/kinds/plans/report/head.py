@@ -13,18 +13,7 @@ from benchmarks.report.run import Run
 
 
 def summary(run: Run) -> dict[str, Any] | None:
-    """What was planned; None where the suite has no line.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows.
-    """
+    """What was planned; None where the suite has no line."""
     task = next(iter(run.suite.of("plans")), None)
     if task is None:
         return None
@@ -37,18 +26,7 @@ def summary(run: Run) -> dict[str, Any] | None:
 
 
 def findings(run: Run) -> list[str]:
-    """Durations of the laws with the limits that each breaks, for the first IK method.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of str
-        One sentence, or none.
-    """
+    """Durations of the laws with the limits that each breaks, for the first IK method."""
     line = line_plans(run)
     if line is None or not line.solved:
         return []
@@ -63,18 +41,7 @@ def findings(run: Run) -> list[str]:
 
 
 def limitations(run: Run) -> list[str]:
-    """What a reader should know before quoting a motion's figures.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    list of str
-        Sentences.
-    """
+    """What a reader should know before quoting a motion's figures."""
     line = line_plans(run)
     if line is None or not line.solved:
         return []

@@ -58,18 +58,6 @@ def worst(certificate: dict[str, Any], field: str) -> Worst:
     """Worst of one of velocity, acceleration and jerk, read from a certificate in a file.
 
     In the file, None in a value means infinity. None in a ratio means infinity where the value is infinite, else no limit.
-
-    Parameters
-    ----------
-    certificate : dict
-        As files have it.
-    field : str
-        ``velocity``, ``acceleration`` or ``jerk``.
-
-    Returns
-    -------
-    Worst
-        The worst of all joints that have a limit; of all joints where none has.
     """
     extreme = certificate[field]
     inf = float("inf")
@@ -86,18 +74,7 @@ def worst(certificate: dict[str, Any], field: str) -> Worst:
 
 
 def broken_limits(certificate: dict[str, Any]) -> list[str]:
-    """Limits that a motion breaks, promised or not, in words; empty where it keeps all.
-
-    Parameters
-    ----------
-    certificate : dict
-        As files have it.
-
-    Returns
-    -------
-    list of str
-        Limits in words.
-    """
+    """Limits that a motion breaks, promised or not, in words; empty where it keeps all."""
     out = []
     for field in (f for f in JOINT_LIMITS if f in DERIVATIVES or limits_torque(certificate, f)):
         w = worst(certificate, field)
@@ -110,36 +87,12 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
 
 
 def ratio_words(w: Worst) -> str:
-    """Value over limit; near 1 with as many digits as show how near.
-
-    Parameters
-    ----------
-    w : Worst
-        The worst value.
-
-    Returns
-    -------
-    str
-        Such as 1.0000057.
-    """
+    """Value over limit; near 1 with as many digits as show how near."""
     return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
 def limits_torque(certificate: dict[str, Any], field: str) -> bool:
-    """Whether a motion had a limit on torque, or on its rate.
-
-    Parameters
-    ----------
-    certificate : dict
-        As files have it.
-    field : str
-        ``torque`` or ``torque_rate``.
-
-    Returns
-    -------
-    bool
-        False for motions of older versions too.
-    """
+    """Whether a motion had a limit on torque, or on its rate."""
     extreme = certificate.get(field) or {"time": []}
     return any(time is not None for time in extreme["time"])  # a value may be infinite, which a file has as None
 
@@ -169,18 +122,7 @@ LAW_COLUMNS = (
 
 
 def laws(run: Run) -> dict[str, Any] | None:
-    """A row for each law, and how far the IK method matters.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """A row for each law, and how far the IK method matters."""
     found = line_plans(run)
     if found is None:
         return None
@@ -188,18 +130,7 @@ def laws(run: Run) -> dict[str, Any] | None:
 
 
 def law_table(found: LinePlans) -> Table:
-    """The time laws side by side, planned with the first IK method that solved the line.
-
-    Parameters
-    ----------
-    found : LinePlans
-        The plans.
-
-    Returns
-    -------
-    Table
-        A row for each law; those that keep every limit are ranked by duration.
-    """
+    """The time laws side by side, planned with the first IK method that solved the line."""
     ik = found.ik
     plans = [p for p in found.plans if p["ik"] == ik]
     within = [p for p in plans if p["status"] == "solved" and not broken_limits(p["certificate"])]
@@ -244,18 +175,7 @@ def _row(p: dict[str, Any]) -> dict[str, Any]:
 
 
 def ik_matters(found: LinePlans) -> str:
-    """How far the motions depend on the IK method, in one sentence.
-
-    Parameters
-    ----------
-    found : LinePlans
-        The plans.
-
-    Returns
-    -------
-    str
-        Empty where all plans are by one method.
-    """
+    """How far the motions depend on the IK method, in one sentence."""
     by_law: dict[str, list[dict[str, Any]]] = {}
     for p in found.solved:
         by_law.setdefault(p["law"], []).append(p)

@@ -18,17 +18,6 @@ def law_control(laws: Sequence[str], *more: str) -> Control:
 
 
 def line_plans(run: Run) -> LinePlans | None:
-    """The plans of the line.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    LinePlans or None
-        None where the run has no plans.
-    """
+    """The plans of the line."""
     found: list[LinePlans] = run.of("plans")
     return found[0] if found else None

@@ -53,18 +53,7 @@ JOINT_CURVES = {
 
 
 def motion(run: Run) -> dict[str, Any] | None:
-    """Boards of joints and tool, and the figures that the plots clip.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the run has no data for it.
-    """
+    """Boards of joints and tool, and the figures that the plots clip."""
     rows = run.folder.read("line/motion.parquet")
     found = line_plans(run)
     if rows is None or found is None or not found.solved:

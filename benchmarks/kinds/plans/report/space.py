@@ -40,18 +40,7 @@ PLANE_HALF = 0.8
 
 
 def space(run: Run) -> dict[str, Any] | None:
-    """Clearance over time and in space, for every law.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-
-    Returns
-    -------
-    dict or None
-        What the template shows; None where the line has no scene.
-    """
+    """Clearance over time and in space, for every law."""
     rows, found = run.folder.read("line/clearance.parquet"), line_plans(run)
     pictures = run.folder.read_json(NEAREST)
     if rows is None or found is None or not found.solved or not pictures:
@@ -221,20 +210,7 @@ def _capsule(capsule: Sequence[Any]) -> Array:
 
 
 def axes_in_space(gravity: Array, points: Array) -> Json:
-    """Axes with equal scales that hold everything, up as up is.
-
-    Parameters
-    ----------
-    gravity : (3,) array
-        Its direction [1].
-    points : (k, 3) array
-        What must be in view [mm].
-
-    Returns
-    -------
-    dict
-        A scene of Plotly.
-    """
+    """Axes with equal scales that hold everything, up as up is."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.05 * (high - low).max()
     axes = {
