@@ -32,7 +32,7 @@ from planners.timing import TimeLaw, law_for, make_law
 from planners.timing.base import StopKind, check_motion
 from planners.trajectory import Trajectory
 
-__all__ = ["Asked", "Plan", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
+__all__ = ["Plan", "PlanRequest", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
 
 UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
 """Advice for a motion whose certificate is not valid."""
@@ -274,12 +274,15 @@ def plan(
         An invalid argument, a limit that the law needs and that was not given; an unknown method or law; a law that
         enforces an unknown limit, or whose result is not a trajectory; a scene with an arm without shapes.
     """
-    solver, asked = _asked(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin, allow))
+    solver, request = _build_request(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin, allow))
     _check_wishes(duration, strict)
-    followable: dict[str, Any] = {"tolerance": Tolerance(*(FOLLOWED * x for x in asked.tolerance)), "samples": samples}
+    followable: dict[str, Any] = {
+        "tolerance": Tolerance(*(FOLLOWED * x for x in request.tolerance)),
+        "samples": samples,
+    }
     started = perf_counter()
-    followed = follow(solver, asked.path, q_start, branch=branch, scene=scene, margin=margin, **followable)
-    return _clocked(started, perf_counter(), _timed(asked, followed, duration, strict))
+    followed = follow(solver, request.path, q_start, branch=branch, scene=scene, margin=margin, **followable)
+    return _clocked(started, perf_counter(), _timed(request, followed, duration, strict))
 
 
 def _clocked(started: float, followed: float, found: Plan) -> Plan:
@@ -288,11 +291,11 @@ def _clocked(started: float, followed: float, found: Plan) -> Plan:
     return replace(found, seconds=PlanSeconds(followed - started, perf_counter() - followed - proof, proof))
 
 
-def _asked(
+def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
     judged: tuple[tuple[float, float], float, Scene | None, float, Allow],
-) -> tuple[IKSolver, Asked]:  # fmt: skip
+) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
     solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
     law = law_for(timing)
@@ -308,7 +311,7 @@ def _asked(
     limits.check_path(path)
     tolerance, rate, scene, margin, allow = judged
     check_scene(robot, scene, margin)
-    return solver, Asked(
+    return solver, PlanRequest(
         robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin,
         allow=check_allow(allow, LIMIT_WORDS),
     )  # fmt: skip
@@ -338,7 +341,7 @@ def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tupl
 
 
 @dataclass(frozen=True)
-class Asked:
+class PlanRequest:
     """What was asked of a plan, and how planning can end."""
 
     robot: Robot
@@ -402,27 +405,27 @@ class Asked:
         return self._failed(PlanStatus.LIMITS_EXCEEDED, joints, stop)
 
 
-def _timed(asked: Asked, followed: Followed, duration: float | None, strict: bool) -> Plan:
+def _timed(request: PlanRequest, followed: Followed, duration: float | None, strict: bool) -> Plan:
     """Time and certify a joint path; or say why there is none."""
     if followed.stop is not None:
-        return asked._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
+        return request._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
     assert followed.joint_path is not None
-    joints, keeps = followed.joint_path, asked.law.promises(asked.limits)
+    joints, keeps = followed.joint_path, request.law.promises(request.limits)
     try:
-        check_statics(joints, asked.limits, keeps)
-        raw = check_motion(asked.law, asked.law.run(joints, asked.limits), asked.robot)
-        factor = stretch(asked.robot, raw, asked.limits, keeps, asked.path)
+        check_statics(joints, request.limits, keeps)
+        raw = check_motion(request.law, request.law.run(joints, request.limits), request.robot)
+        factor = stretch(request.robot, raw, request.limits, keeps, request.path)
         exceeded = factor > 1.0
         if exceeded and strict:
-            proof = certify(asked.robot, asked.path, raw, asked.limits, keeps=keeps)
-            return asked._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        trajectory = fitted(asked.robot, raw, asked.limits, keeps, asked.path) if exceeded else raw
+            proof = certify(request.robot, request.path, raw, request.limits, keeps=keeps)
+            return request._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
+        trajectory = fitted(request.robot, raw, request.limits, keeps, request.path) if exceeded else raw
         slowed = trajectory.duration / raw.duration
         if duration is not None:
-            trajectory = _lasting(trajectory, duration, asked.law)
+            trajectory = _lasting(trajectory, duration, request.law)
     except NoSolution as error:
-        return asked.infeasible(joints, error)
-    return asked.judged(joints, trajectory, slowed)
+        return request.infeasible(joints, error)
+    return request.judged(joints, trajectory, slowed)
 
 
 def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:

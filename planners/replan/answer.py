@@ -13,9 +13,9 @@ from optik.scene import Scene
 from planners.certificate.certificate import check_tolerance
 from planners.following.around import around
 from planners.limits import MotionLimits
-from planners.plan import Asked, Plan, PlanStatus
+from planners.plan import Plan, PlanRequest, PlanStatus
 from planners.replan.onward import onward_plan
-from planners.replan.request import request
+from planners.replan.request import build_request
 from planners.replan.state import MovingState, moving_state
 from planners.replan.stop import stopped_plan
 from planners.timing import TimeLaw
@@ -72,16 +72,16 @@ def replan(
         stopped already, or a law that starts only at rest.
     """
     running = _running(plan, stop, time_limit)
-    asked = request(plan, timing, limits, (check_tolerance(tolerance), rate, scene, margin))
+    request = build_request(plan, timing, limits, (check_tolerance(tolerance), rate, scene, margin))
     start = moving_state(plan, running, state)
     if stop and start.still:
         raise InvalidInput(
             "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving state; this one has already stopped"
         )
-    asked = replace(asked, start_error=start.error)
-    if scene is not None and (touch := _contact(asked, start)) is not None:
-        return asked.infeasible(plan.joint_path, touch, PlanStatus.CONTACT)
-    return stopped_plan(asked, plan, start, time_limit) if stop else onward_plan(asked, plan, start)
+    request = replace(request, start_error=start.error)
+    if scene is not None and (touch := _contact(request, start)) is not None:
+        return request.infeasible(plan.joint_path, touch, PlanStatus.CONTACT)
+    return stopped_plan(request, plan, start, time_limit) if stop else onward_plan(request, plan, start)
 
 
 def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
@@ -97,9 +97,9 @@ def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
         raise InvalidInput("plan", str(plan.status), "a plan with a motion") from None
 
 
-def _contact(asked: Asked, start: MovingState) -> NoSolution | None:
+def _contact(request: PlanRequest, start: MovingState) -> NoSolution | None:
     """Return the error for the pair in contact at the start of the motion."""
-    near = around(asked.robot, asked.scene, asked.margin)
+    near = around(request.robot, request.scene, request.margin)
     touch = None if near is None else near.start(start.joints[0])
     if touch is None:
         return None

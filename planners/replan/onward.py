@@ -12,7 +12,7 @@ import scipy
 from optik.errors import NoSolution
 from planners.fit import fitted, stretch
 from planners.following.joint_path import JointPath
-from planners.plan import Asked, Plan
+from planners.plan import Plan, PlanRequest
 from planners.replan.reason import reason
 from planners.replan.request import by_law, judged, mover
 from planners.replan.state import ENDED, MovingState, limits_at, path_state, s_at
@@ -29,51 +29,53 @@ CLOCK_SLOWER = 1.0 + 1e-9
 """Factor by which a motion is slowed more than lower limits require, because of rounding."""
 
 
-def onward_plan(asked: Asked, plan: Plan, start: MovingState) -> Plan:
+def onward_plan(request: PlanRequest, plan: Plan, start: MovingState) -> Plan:
     """Return the certified motion that ends first; or else one that respects lower limits only later."""
     touching: Plan | None = None
-    for motion in _motions(asked, plan, start):
-        found = judged(asked, plan, start, motion, None)
+    for motion in _motions(request, plan, start):
+        found = judged(request, plan, start, motion, None)
         if found:
             return found
         if found.certificate.clearance is not None and found.certificate.clearance.touches:
             touching = touching or found
-    if start.still and (slowed := _slowed(asked, plan, start)) is not None:
+    if start.still and (slowed := _slowed(request, plan, start)) is not None:
         return slowed
-    if start.rest is not None and (later := _later(asked, plan, start)) is not None:
+    if start.rest is not None and (later := _later(request, plan, start)) is not None:
         return later
-    return touching or asked.infeasible(plan.joint_path, reason(asked, plan, start, False))
+    return touching or request.infeasible(plan.joint_path, reason(request, plan, start, False))
 
 
-def _motions(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Trajectory]:
+def _motions(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Trajectory]:
     """Return candidates in the order in which they come to rest: the law's motion and the remaining running motion."""
     joints = plan.joint_path
     rests = joints.end if plan.span is None else plan.span[1]
-    free = "jerk" not in asked.keeps  # then a motion with limited jerk is not faster
+    free = "jerk" not in request.keeps  # then a motion with limited jerk is not faster
     if free and rests >= joints.end and start.rest is not None:
         yield start.rest
-    law = mover(asked)
-    found = [by_law(law, asked, joints, asked.limits, start.at)]
+    law = mover(request)
+    found = [by_law(law, request, joints, request.limits, start.at)]
     found += [start.rest] if rests >= joints.end and not free else []
     yield from sorted((motion for motion in found if motion is not None), key=lambda motion: motion.duration)
     if (
         rests < joints.end and start.rest is not None
     ):  # the running motion stops before the path's end; the law continues there
         end, still = start.rest.end, np.zeros(joints.robot.n)
-        second = by_law(law, asked, joints, asked.limits, PathState(rests, 0.0, 0.0, (start.rest(end), still, still)))
+        second = by_law(
+            law, request, joints, request.limits, PathState(rests, 0.0, 0.0, (start.rest(end), still, still))
+        )
         if second is not None:
             yield joined(start.rest, second)
 
 
-def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
+def _later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion that slows down within the plan's own limits until it can respect the new ones, at the latest at rest."""
     running, rest, limits = plan.trajectory, start.rest, limits_at(plan, start.t)
-    old = replace(asked, limits=limits)
-    if rest is None or asked.limits == limits or asked.limits.names != limits.names:
+    old = replace(request, limits=limits)
+    if rest is None or request.limits == limits or request.limits.names != limits.names:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    slower = stretch(plan.robot, rest, asked.limits, asked.keeps, plan.path)
+    slower = stretch(plan.robot, rest, request.limits, request.keeps, plan.path)
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
@@ -90,20 +92,20 @@ def _later(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
         slow = rest_of(running, braking.end, s).slowed(1.0 / goal)
         first = begun(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
         first = joined(start_of(rest, delay), first) if delay else first
-        found = _from_slow(asked, plan, start, first, s, slow)
+        found = _from_slow(request, plan, start, first, s, slow)
         if found is not None:
             return found
-    found = judged(replace(asked, before=(limits, rest.end)), plan, start, rest, None)
+    found = judged(replace(request, before=(limits, rest.end)), plan, start, rest, None)
     return found if found else None
 
 
 def _from_slow(
-    asked: Asked, plan: Plan, start: MovingState, first: Trajectory, s: float, slow: Trajectory
+    request: PlanRequest, plan: Plan, start: MovingState, first: Trajectory, s: float, slow: Trajectory
 ) -> Plan | None:
     """Return the plan of a motion that has braked and continues by the law, or by the slowed running motion."""
-    later = replace(asked, before=(limits_at(plan, start.t), first.end))
+    later = replace(request, before=(limits_at(plan, start.t), first.end))
     at = path_state(plan.joint_path, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
-    quick = by_law(mover(asked), asked, plan.joint_path, asked.limits, at)
+    quick = by_law(mover(request), request, plan.joint_path, request.limits, at)
     for second in (quick, slow):
         if second is not None and second.duration <= slow.duration:
             found = judged(later, plan, start, joined(first, second), None)
@@ -112,25 +114,25 @@ def _from_slow(
     return None
 
 
-def _slowed(asked: Asked, plan: Plan, start: MovingState) -> Plan | None:
+def _slowed(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion from rest, slowed as a whole until it respects the limits: the law's, or else a quintic in s."""
-    enforced = asked.keeps
-    for found in _from_rest(asked, plan.joint_path, start.at):
+    enforced = request.keeps
+    for found in _from_rest(request, plan.joint_path, start.at):
         try:
-            slower = fitted(asked.robot, found, asked.limits, enforced, asked.path)
+            slower = fitted(request.robot, found, request.limits, enforced, request.path)
         except NoSolution:
             continue
-        solved = judged(asked, plan, start, begun(slower, start.joints, asked.limits), None)
+        solved = judged(request, plan, start, begun(slower, start.joints, request.limits), None)
         if solved:
             return solved
     return None
 
 
-def _from_rest(asked: Asked, joints: JointPath, at: PathState) -> Iterator[Trajectory]:
+def _from_rest(request: PlanRequest, joints: JointPath, at: PathState) -> Iterator[Trajectory]:
     """Return motions to the path's end that may exceed the limits: the law's with wider limits, and a quintic in s."""
-    law = mover(asked)
+    law = mover(request)
     for factor in WIDENED:
-        found = by_law(law, asked, joints, asked.limits.scaled(factor), at)
+        found = by_law(law, request, joints, request.limits.scaled(factor), at)
         if found is not None:
             yield found
             break

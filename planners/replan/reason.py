@@ -7,17 +7,17 @@ import numpy as np
 from optik.errors import NoSolution
 from planners.certificate.statics import check_statics
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, over
-from planners.plan import Asked, Plan
+from planners.plan import Plan, PlanRequest
 from planners.replan.request import judged
 from planners.replan.state import MovingState
 from planners.timing.base import StopKind
 
 
-def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSolution:
+def reason(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> NoSolution:
     """Return why there is no motion: the state itself exceeds a limit, or the running motion does later."""
-    limits, robot = asked.limits, plan.robot
+    limits, robot = request.limits, plan.robot
     try:
-        check_statics(plan.joint_path, asked.limits, asked.keeps, start.at.s)
+        check_statics(plan.joint_path, request.limits, request.keeps, start.at.s)
     except NoSolution as error:
         if not stop:
             return error
@@ -39,7 +39,7 @@ def reason(asked: Asked, plan: Plan, start: MovingState, stop: bool) -> NoSoluti
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
-    proof = judged(asked, plan, start, start.rest, StopKind.END).certificate
+    proof = judged(request, plan, start, start.rest, StopKind.END).certificate
     if not proof.keeps:
         return NoSolution(f"{none} was found: {'; '.join(proof.broken)}", s=start.at.s, advice=advice)
     field = max(proof.keeps, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))

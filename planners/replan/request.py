@@ -11,7 +11,7 @@ from optik.scene import Scene
 from planners.certificate.failure import word_of_limit
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
-from planners.plan import Asked, Plan
+from planners.plan import Plan, PlanRequest
 from planners.replan.state import MovingState
 from planners.splice import begun
 from planners.timing import TimeLaw, law_for, laws
@@ -37,12 +37,12 @@ class RecordedLaw(TimeLaw):
         raise NoSolution(f"{self.name} starts from rest only")
 
 
-def request(
+def build_request(
     plan: Plan,
     timing: str | os.PathLike[str] | TimeLaw | None,
     limits: MotionLimits | None,
     judged: tuple[tuple[float, float], float, Scene | None, float | None],
-) -> Asked:
+) -> PlanRequest:
     """Build the request: construct a law given by name, and check that it can enforce these limits."""
     tolerance, rate, scene, margin = judged
     scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
@@ -57,7 +57,9 @@ def request(
     if timing is not None:
         law.need(limits, plan.robot)
     limits.check_path(plan.path)
-    return Asked(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin, allow=allow)
+    return PlanRequest(
+        plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin, allow=allow
+    )
 
 
 def _own_law(plan: Plan) -> TimeLaw:
@@ -69,28 +71,35 @@ def _own_law(plan: Plan) -> TimeLaw:
     return RecordedLaw(plan)
 
 
-def mover(asked: Asked) -> TimeLaw:
+def mover(request: PlanRequest) -> TimeLaw:
     """Return the law that continues from a moving state."""
-    return Optimal() if isinstance(asked.law, RecordedLaw) else asked.law
+    return Optimal() if isinstance(request.law, RecordedLaw) else request.law
 
 
 def judged(
-    asked: Asked, plan: Plan, start: MovingState, motion: Trajectory, kind: StopKind | None, end: float | None = None
+    request: PlanRequest,
+    plan: Plan,
+    start: MovingState,
+    motion: Trajectory,
+    kind: StopKind | None,
+    end: float | None = None,
 ) -> Plan:
     """Return the plan of a certified motion, with the part of the path that it covers."""
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
-    return replace(asked, span=(start.at.s, max(start.at.s, end)), stop_kind=kind).judged(plan.joint_path, motion)
+    return replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind).judged(plan.joint_path, motion)
 
 
-def by_law(law: TimeLaw, asked: Asked, joints: JointPath, limits: MotionLimits, at: PathState) -> Trajectory | None:
+def by_law(
+    law: TimeLaw, request: PlanRequest, joints: JointPath, limits: MotionLimits, at: PathState
+) -> Trajectory | None:
     """Return the law's motion from exactly this state; None if the law finds none."""
     if at.s >= joints.end * (1.0 - 1e-9):  # no path left
         return None
     try:
-        motion = check_motion(law, law.run_from(joints, limits, at), asked.robot)
+        motion = check_motion(law, law.run_from(joints, limits, at), request.robot)
     except (NoSolution, InvalidInput) as error:
-        if isinstance(error, InvalidInput) and law is asked.law:
+        if isinstance(error, InvalidInput) and law is request.law:
             raise
         return None
     assert at.joints is not None

@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from planners.plan import Asked, Plan
+from planners.plan import Plan, PlanRequest
 from planners.replan.reason import reason
 from planners.replan.request import judged
 from planners.replan.state import MovingState, limits_at, s_at
@@ -27,74 +27,74 @@ FIRST_END, CLOSE_ENDS = 0.85, 0.01
 """Braking distance, relative to the sweep's, at which the optimum is tried first, and the interval that ends the search."""
 
 
-def stopped_plan(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+def stopped_plan(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
     """Return the first certified stop: of the optimum, of the sweep, or the end of the motion.
 
     If no stop respects lower limits, the plan's own limits hold until the arm is at rest.
     """
-    first, limits = _first_stop(asked, plan, start, time_limit), limits_at(plan, start.t)
-    if first or asked.limits == limits or asked.limits.names != limits.names:
+    first, limits = _first_stop(request, plan, start, time_limit), limits_at(plan, start.t)
+    if first or request.limits == limits or request.limits.names != limits.names:
         return first
-    old = _first_stop(replace(asked, limits=limits), plan, start, time_limit)
+    old = _first_stop(replace(request, limits=limits), plan, start, time_limit)
     if not old:
         return first
-    later = replace(asked, before=(limits, old.trajectory.end))
+    later = replace(request, before=(limits, old.trajectory.end))
     assert old.span is not None
     return judged(later, plan, start, old.trajectory, old.stop_kind, old.span[1])
 
 
-def _first_stop(asked: Asked, plan: Plan, start: MovingState, time_limit: float) -> Plan:
-    best = next((p for p in _swept_stops(asked, plan, start) if p), None)
+def _first_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+    best = next((p for p in _swept_stops(request, plan, start) if p), None)
     if best is not None and time_limit > 0.0:
-        best = _refined(asked, plan, start, best, perf_counter() + time_limit)
+        best = _refined(request, plan, start, best, perf_counter() + time_limit)
     if best is not None and (start.time_left is None or best.trajectory.duration <= start.time_left):
         return best
-    end = None if start.rest is None else judged(asked, plan, start, start.rest, StopKind.END)
+    end = None if start.rest is None else judged(request, plan, start, start.rest, StopKind.END)
     if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):
         return end
-    return best or asked.infeasible(plan.joint_path, reason(asked, plan, start, True))
+    return best or request.infeasible(plan.joint_path, reason(request, plan, start, True))
 
 
-def _swept_stops(asked: Asked, plan: Plan, start: MovingState) -> Iterator[Plan]:
+def _swept_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
-    running, scales, rate = plan.trajectory, scales_of(asked, plan), start.clock[0]
+    running, scales, rate = plan.trajectory, scales_of(request, plan), start.clock[0]
     for share in SHARES:
-        braking = brake(plan.robot, running, asked.limits, start.t, start.clock, scales, share)
+        braking = brake(plan.robot, running, request.limits, start.t, start.clock, scales, share)
         if braking.end > running.end:
             return
         if braking.motion is not None:
-            motion = begun(braking.motion, start.joints, asked.limits)
-            yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+            motion = begun(braking.motion, start.joints, request.limits)
+            yield judged(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
     rest = start.rest
     if rest is None:
         return
-    usual = stop_time(plan.robot, running, asked.limits, start.t, start.clock, scales)
+    usual = stop_time(plan.robot, running, request.limits, start.t, start.clock, scales)
     for delay in usual * np.array(DELAYS):
         t = start.t + delay * rate
         if t >= running.end:
             return
-        braking = brake(plan.robot, running, asked.limits, t, (rate, 0.0), scales, SHARES[0])
+        braking = brake(plan.robot, running, request.limits, t, (rate, 0.0), scales, SHARES[0])
         if braking.end > running.end:
             return
         if braking.motion is not None:
             motion = joined(start_of(rest, delay), braking.motion)
-            yield judged(asked, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+            yield judged(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
 
 
-def scales_of(asked: Asked, plan: Plan) -> dict[str, float]:
+def scales_of(request: PlanRequest, plan: Plan) -> dict[str, float]:
     """Return the factor on each limit of a sweep: 1 if it is enforced, else the ratio that the running motion reaches."""
-    scales = dict.fromkeys(asked.keeps, 1.0)
-    if asked.limits == plan.limits:
-        for name in asked.limits.names:
+    scales = dict.fromkeys(request.keeps, 1.0)
+    if request.limits == plan.limits:
+        for name in request.limits.names:
             if name not in scales and np.isfinite(reached := plan.certificate.worst(name)[0]):
                 scales[name] = max(1.0, reached)
     return scales
 
 
-def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
+def _refined(request: PlanRequest, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
     """Return the best of a stop and of as many optima near its end as the time allows."""
-    law, joints = asked.law if isinstance(asked.law, Optimal) else Optimal(), plan.joint_path
-    if best.span is None or best.within_limits_from or set(law.keeps) - set(asked.keeps):
+    law, joints = request.law if isinstance(request.law, Optimal) else Optimal(), plan.joint_path
+    if best.span is None or best.within_limits_from or set(law.keeps) - set(request.keeps):
         return best
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:
@@ -105,7 +105,7 @@ def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: fl
         if began + longest > until:
             break
         end = start.at.s + way * factor
-        motion = law.run_to(joints, asked.limits, start.at, end)
+        motion = law.run_to(joints, request.limits, start.at, end)
         if motion is not None and motion.duration < best.trajectory.duration:
             found.append((motion, end))
             high = factor
@@ -114,5 +114,7 @@ def _refined(asked: Asked, plan: Plan, start: MovingState, best: Plan, until: fl
         factor = high * FIRST_END if low == 0.0 else 0.5 * (low + high)
         longest = max(longest, perf_counter() - began)
     found.sort(key=lambda each: each[0].duration)
-    optima = (judged(asked, plan, start, begun(m, start.joints, asked.limits), StopKind.OPTIMUM, s) for m, s in found)
+    optima = (
+        judged(request, plan, start, begun(m, start.joints, request.limits), StopKind.OPTIMUM, s) for m, s in found
+    )
     return next((optimum for optimum in optima if optimum), best)
