@@ -116,13 +116,13 @@ def contradictions(plan: Plan, execution: Execution, ratios: dict[str, float]) -
     """What is not as it should be of an execution that was stopped."""
     motion, end = execution.motion, execution.plan.path.end
     assert motion is not None
-    if execution.stop is None:
+    if execution.stop_plan is None:
         yield f"no stop: {execution.notes}"
         return
-    assert execution.stop.span is not None
+    assert execution.stop_plan.span is not None
     proof = certify(
         plan.robot, plan.path, motion, plan.limits, keeps=plan.certificate.keeps,
-        tolerance=plan.certificate.tolerance, span=(0.0, min(execution.stop.span[1], end)),
+        tolerance=plan.certificate.tolerance, span=(0.0, min(execution.stop_plan.span[1], end)),
     )  # fmt: skip
     yield from proof.broken
     yield from (f"{name} comes to {ratio:.9g}" for name, ratio in ratios.items() if ratio > 1.0 + 1e-9)
@@ -134,7 +134,7 @@ def stopped(plan: Plan, at: float) -> Stopped:
     """Stop a plan on an ideal drive at some time, and resume it."""
     drive = IdealDrive(plan.robot)
     execution = drive.execute(plan, stop=at)
-    if execution.stop is None and execution.status is ExecutionStatus.DONE and at > plan.trajectory.end - 0.06:
+    if execution.stop_plan is None and execution.status is ExecutionStatus.DONE and at > plan.trajectory.end - 0.06:
         return Stopped(plan, execution, None, {}, ())  # what the drive held already reached the end
     ratios = ratios_of(plan, execution)
     wrong = list(contradictions(plan, execution, ratios))

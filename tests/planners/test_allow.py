@@ -85,7 +85,7 @@ def test_a_motion_that_is_permitted_to_touch_can_be_stopped_and_resumed() -> Non
     one = drawn("contact", 0)
     drive = IdealDrive(panda())
     stopped = drive.execute(one.plan, stop=0.1 * one.plan.trajectory.end, allow="contact")
-    assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
+    assert stopped.status == "stopped" and stopped.stop_plan is not None, (stopped.reason, stopped.notes)
     assert drive.resume(stopped).status == "refused"
     assert drive.resume(stopped, allow="contact")
 

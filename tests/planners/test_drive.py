@@ -217,7 +217,7 @@ def wrong_of(seed: int, plans: int, each: int, first: int = 0) -> list[str]:
     for x in found:
         worst |= {name: max(worst.get(name, 0.0), ratio) for name, ratio in x.ratios.items()}
     print(f"{len(found)} stops of {plans} plans: {worst}")
-    assert sum(x.execution.stop is not None for x in found) > 0.7 * len(found)
+    assert sum(x.execution.stop_plan is not None for x in found) > 0.7 * len(found)
     assert sum(x.resumed is not None for x in found) > 0.4 * len(found)
     return [f"{x.plan.robot.name}, {x.plan.law}: {word}" for x in found for word in x.wrong]
 
@@ -235,14 +235,14 @@ def test_stops_are_within_the_limits_on_the_path_and_resumed_at_length(seed: int
 def test_a_stop_takes_effect_once_the_setpoints_that_were_sent_are_used_up() -> None:
     for ahead in (1, 10):
         execution = IdealDrive(paper6r(), ahead=ahead).execute(line(), stop=0.1)
-        assert execution.status is ExecutionStatus.STOPPED and execution.stop is not None
+        assert execution.status is ExecutionStatus.STOPPED and execution.stop_plan is not None
         assert execution.motion is not None
-        assert execution.motion.end - execution.stop.trajectory.end == pytest.approx(0.1 + ahead * PERIOD, abs=1e-9)
+        assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(0.1 + ahead * PERIOD, abs=1e-9)
 
 
 def test_a_stop_near_the_end_is_the_end_and_says_so() -> None:
     execution = IdealDrive(paper6r()).execute(line(), stop=line().trajectory.end - 0.02)
-    assert execution and execution.stop is None and "no stop was needed" in execution.notes[0]
+    assert execution and execution.stop_plan is None and "no stop was needed" in execution.notes[0]
     np.testing.assert_allclose(execution.q[-1], goal(), rtol=0.0, atol=1e-9)
 
 
@@ -288,11 +288,11 @@ def test_a_plan_whose_law_keeps_no_jerk_is_stopped_and_resumed_too(law: str, lim
     running = plan(paper6r(), default_line(), START, timing=law, limits=limits, allow=("limits", "jerk"))
     drive = IdealDrive(paper6r())
     stopped = drive.execute(running, stop=0.15 * running.trajectory.end)
-    assert stopped.status is ExecutionStatus.STOPPED and stopped.stop is not None and stopped.stop.certificate.holds
+    assert stopped.status is ExecutionStatus.STOPPED and stopped.stop_plan is not None and stopped.stop_plan.certificate.holds
     for order, limit in ((1, 2.0), (2, 10.0)):
         own = running.trajectory.extrema(order).worst
         most = np.maximum(own, 0.1 * own.max() if limits.velocity is None else limit)
-        assert (stopped.stop.trajectory.extrema(order).worst <= most * (1.0 + 2e-6)).all()
+        assert (stopped.stop_plan.trajectory.extrema(order).worst <= most * (1.0 + 2e-6)).all()
     assert drive.resume(stopped)
 
 
@@ -318,7 +318,7 @@ def test_a_setpoint_outside_the_limits_is_refused_before_the_arm_sees_it(by: flo
     at_rest_within_limits(execution)
     beside = execution.q - execution.motion(np.minimum(execution.t, execution.motion.end))
     assert np.abs(beside).max() < 2e-6
-    assert execution.motion.end - execution.stop.trajectory.end == pytest.approx(0.148)  # type: ignore[union-attr]
+    assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(0.148)  # type: ignore[union-attr]
     again = drive.resume(execution)
     assert again and again.before is None
     np.testing.assert_allclose(again.q[-1], goal(), rtol=0.0, atol=1e-9)

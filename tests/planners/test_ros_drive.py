@@ -107,11 +107,11 @@ def test_a_stop_replaces_the_goal_at_an_instant_of_the_controllers_clock_and_res
     drive = drive_on(address(port, "ok", plan, more), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
-        assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
-        assert stopped.stop.certificate.holds and stopped.motion.end < 3.9
+        assert stopped.status == "stopped" and stopped.stop_plan is not None, (stopped.reason, stopped.notes)
+        assert stopped.stop_plan.certificate.holds and stopped.motion.end < 3.9
         # Older controllers go to the first point of the stop by a quintic of their own; newer ones go on along the plan.
         assert np.abs(stopped.q - stopped.setpoints.q).max() < off
-        np.testing.assert_allclose(stopped.q[-1], stopped.stop.trajectory(stopped.stop.trajectory.end), atol=1e-6)
+        np.testing.assert_allclose(stopped.q[-1], stopped.stop_plan.trajectory(stopped.stop_plan.trajectory.end), atol=1e-6)
         assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01  # it did not go to the end
         rest = drive.resume(stopped)
         assert rest, (rest.reason, rest.notes)
@@ -126,7 +126,7 @@ def test_a_stop_reaches_an_old_rosbridge_that_reads_nothing_while_a_goal_runs(po
     drive = drive_on(address(port, "blocking", plan), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=lambda t: t > 0.2)
-    assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
+    assert stopped.status == "stopped" and stopped.stop_plan is not None, (stopped.reason, stopped.notes)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_where_no_stop_is_taken_the_goal_is_cancelled(port, plan, mode, why):
     drive = drive_on(address(port, mode, plan), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
-    assert (stopped.status, stopped.stop) == ("stopped", None), (stopped.reason, stopped.notes)
+    assert (stopped.status, stopped.stop_plan) == ("stopped", None), (stopped.reason, stopped.notes)
     assert why in stopped.reason and any("controller's own" in note for note in stopped.notes)
     assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01
 
@@ -196,8 +196,8 @@ def test_no_stop_is_sent_for_an_instant_that_is_over_when_feedback_is_late(port,
     assert stopped.status == "stopped", (stopped.reason, stopped.notes)
     q, most = commanded(trace, 0.004), np.asarray(quick.limits.velocity) * 0.004
     assert (np.abs(np.diff(q, axis=0)) <= most).all(), (stopped.reason, stopped.notes)
-    if stopped.stop is not None:  # the certified stop is what was commanded: it ends where that was computed to end
-        np.testing.assert_allclose(q[-1], stopped.stop.trajectory(stopped.stop.trajectory.end), atol=1e-6)
+    if stopped.stop_plan is not None:  # the certified stop is what was commanded: it ends where that was computed to end
+        np.testing.assert_allclose(q[-1], stopped.stop_plan.trajectory(stopped.stop_plan.trajectory.end), atol=1e-6)
         assert not any("set-point jumped" in note for note in stopped.notes)
 
 
@@ -205,7 +205,7 @@ def test_feedback_that_cannot_be_read_once_does_not_disable_stops(port, plan):
     drive = drive_on(address(port, "oddonce", plan), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
-    assert stopped.status == "stopped" and stopped.stop is not None, (stopped.reason, stopped.notes)
+    assert stopped.status == "stopped" and stopped.stop_plan is not None, (stopped.reason, stopped.notes)
 
 
 def test_messages_in_parts_are_put_together(port):
@@ -306,7 +306,7 @@ def test_a_stop_that_cannot_be_certified_is_a_cancellation_and_is_said_before(po
     drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
-    assert (stopped.status, stopped.stop) == ("stopped", None), (stopped.reason, stopped.notes)
+    assert (stopped.status, stopped.stop_plan) == ("stopped", None), (stopped.reason, stopped.notes)
     assert "no stop from here could be certified" in stopped.reason
     assert any("0 were found, and from other instants the goal is cancelled" in note for note in stopped.notes)
 

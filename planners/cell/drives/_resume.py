@@ -46,12 +46,12 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
             why = f"there is no way back to the path: {back.stop.reason}"
             return nothing_sent(drive, execution.plan, why, back.stop.advice)
         before = drive.execute(long_enough(back, drive.period), **options)
-        if not before or execution.stop is None or ends_at_goal(execution.stop):
+        if not before or execution.stop_plan is None or ends_at_goal(execution.stop_plan):
             return before
-    if execution.stop is None or ends_at_goal(execution.stop):
+    if execution.stop_plan is None or ends_at_goal(execution.stop_plan):
         there = nothing_sent(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    stop = relaxed(execution.stop, options["allow"])
+    stop = relaxed(execution.stop_plan, options["allow"])
     onward = long_enough(
         replan(stop, stop.trajectory.end, limits=limits_of(running)[0], timing="optimal"), drive.period
     )

@@ -94,8 +94,8 @@ class Execution:
         Why it did not end with DONE, and what to try; empty where it did.
     plan : Plan
         What was sent: the plan, slowed to a whole number of periods where its law has no speed to keep.
-    stop : Plan or None
-        The certified stop that replaced the rest of it.
+    stop_plan : Plan or None
+        The certified stop that replaced the remaining motion.
     motion : Trajectory or None
         The continuous motion whose set-points were sent: that of the plan, or up to the stop and the stop; None where
         nothing was sent.
@@ -125,7 +125,7 @@ class Execution:
     reason: str
     advice: str
     plan: Plan
-    stop: Plan | None
+    stop_plan: Plan | None
     motion: Trajectory | None
     setpoints: Setpoints | None
     t: Array

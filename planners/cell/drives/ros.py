@@ -316,8 +316,8 @@ class RosDrive(Drive):
 
 def _where(execution: Execution) -> float:
     """About where on the path an execution ended [m, or rad]."""
-    if execution.stop is not None and execution.stop.span is not None:
-        return execution.stop.span[1]
+    if execution.stop_plan is not None and execution.stop_plan.span is not None:
+        return execution.stop_plan.span[1]
     binding = execution.plan.certificate.binding
     return float(np.interp(execution.t[-1], binding.t, binding.s))
 
