@@ -121,7 +121,7 @@ def cell(
 
 def _check_counts(seed: int, corrections: int, readings: int) -> None:
     """Raise InvalidInput for a count out of range."""
-    from planners.cell._readings import MOST_READINGS
+    from planners.cell._parts import MOST_READINGS
     from planners.cell.cell import MOST_ROUNDS
 
     check_count(seed, "--seed", 0)

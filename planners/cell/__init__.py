@@ -2,18 +2,18 @@
 
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
-from planners.cell.disturbances import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
+from planners.cell.drives._options import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.drives.ros import RosDrive
-from planners.cell.errors import ErrorSplit, split_configurations, split_errors
+from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, Held
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
 from planners.cell.mjcf import mujoco_model, to_mjcf
-from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
+from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 from planners.cell.stored import plan_of
 from planners.cell.transports import RclpyTransport, RosbridgeTransport, Transport

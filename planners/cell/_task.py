@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from math import inf
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +17,15 @@ from optik.errors import InvalidInput
 from optik.ik import IKSolver, solver_for
 from optik.task import POSE
 from optik.types import Array
-from planners.cell._along import split_along
+from planners.cell._parts import CellParts
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
-from planners.cell.outcome import CellStatus, Outcome, PathSplit, Round, Step
+from planners.cell.error_split import PathSplit, split_along
+from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.setpoints import MOST_PERIODS
-from planners.cell.sighting import Plane, Sighting, Spot
+from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, plan
 from planners.timing import TimeLaw, law_for
-
-if TYPE_CHECKING:
-    from planners.cell.cell import Cell
 
 NO_MOVE = 1e-9
 """Length of a line [m, or rad] up to which the tool already is where it should be: encoders resolve a thousand times less."""
@@ -61,11 +58,6 @@ TAKEN_AS_EXACT = (
 )
 """Note on an outcome whose reading was not made by `Cell.read`."""
 
-Follow = Callable[[float], Spot]
-"""Asked for a reading of the spot at every tick, with the time for which the arm has been moving [s]."""
-Look = Callable[[], Spot]
-"""Asked for a reading of the tool at rest."""
-
 
 @dataclass(frozen=True, eq=False)
 class Wishes:
@@ -97,7 +89,7 @@ class Ended(Exception):
 class Task:
     """A task that runs: its steps so far, and what they made."""
 
-    def __init__(self, cell: Cell, wishes: Wishes) -> None:
+    def __init__(self, cell: CellParts, wishes: Wishes) -> None:
         self.cell, self.wishes = cell, wishes
         self.solver = wishes.ik if isinstance(wishes.ik, IKSolver) else solver_for(cell.robot, wishes.ik)
         self.steps: list[Step] = []

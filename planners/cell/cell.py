@@ -18,15 +18,14 @@ from optik.errors import InvalidInput
 from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
-from planners.cell._checks import vectors
-from planners.cell._readings import MOST_READINGS, CellReadings
-from planners.cell._task import Follow, Look, Task, wishes_of
+from planners.cell._parts import MOST_READINGS, CellParts
+from planners.cell._task import Task, wishes_of
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, Held
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
-from planners.cell.sighting import Plane, Spot
+from planners.cell.sighting import Follow, Look, Plane, Spot, vectors
 from planners.limits import MotionLimits
 from planners.timing import TimeLaw
 
@@ -34,7 +33,7 @@ MOST_ROUNDS = 100
 """Most corrections of one task: noise keeps them from getting better after two or three."""
 
 
-class Cell(CellReadings):
+class Cell(CellParts):
     """The paper's system: a laser unit beside an arm on one platform, the control that plans, and the drive that executes.
 
     Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
@@ -120,12 +119,6 @@ class Cell(CellReadings):
             raise InvalidInput("drive", f"one built for {drive.robot.name!r} as another arm", "one built for this arm")
         drive.carry(self.robot)
         return drive
-
-    @property
-    def notes(self) -> list[str]:
-        """What the reader of an outcome must know of the cell."""
-        heavy = self.robot.inertia is None and self.gripper is not None
-        return [f"the masses of {self.robot.name} are unknown: those of the gripper are not counted"] if heavy else []
 
     # ------------------------------------------------------------ tasks
 

@@ -12,8 +12,19 @@ from optik.check import check_number, shown
 from optik.errors import InvalidInput
 from optik.se3 import check_pose, nearest_pose
 from optik.types import Array, Flags
-from planners.cell._checks import Limits, check_covariance, check_limits, check_readings, fixed, vector, vectors
-from planners.cell.sighting import Plane, Sighting, SightStatus, Spot
+from planners.cell.sighting import (
+    Limits,
+    Plane,
+    Sighting,
+    SightStatus,
+    Spot,
+    check_covariance,
+    check_limits,
+    check_readings,
+    fixed,
+    vector,
+    vectors,
+)
 
 __all__ = ["PanTiltLaser", "Plane", "SightStatus", "Sighting", "Spot"]
 
@@ -292,7 +303,7 @@ class PanTiltLaser:
         point = vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))
         if spot.range <= RANGE_SLACK:
-            return _failed(SightStatus.AT_UNIT, "the point is the unit's origin", "ask for a point away from the unit")
+            return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "ask for a point away from the unit")
         ahead = float((point - self.pose[:3, 3]) @ self.pose[:3, 0]) > 0.0
         if self._on_pan_axis(point):
             spot = spot._replace(pan=float(np.clip(0.0, *self.pan_limits)))
@@ -327,13 +338,13 @@ class PanTiltLaser:
         along, lever = float(plane.normal @ d), -float(plane.distance(self.pose[:3, 3]))
         if abs(along) <= GRAZING:
             reason = f"the beam is parallel to the plane, {abs(lever):.3g} m beside it"
-            return _failed(SightStatus.PARALLEL, reason, "turn the beam towards the plane")
+            return Sighting(SightStatus.PARALLEL, reason, "turn the beam towards the plane")
         distance = lever / along
         if abs(distance) <= RANGE_SLACK:
-            return _failed(SightStatus.AT_UNIT, "the unit's origin lies on the plane", "move the unit off the plane")
+            return Sighting(SightStatus.AT_UNIT, "the unit's origin lies on the plane", "move the unit off the plane")
         if distance < 0.0:
             reason = f"the beam goes away from the plane, which lies {-distance:.3g} m behind the unit along it"
-            return _failed(SightStatus.BEHIND, reason, "turn the beam by half a turn, or move the unit")
+            return Sighting(SightStatus.BEHIND, reason, "turn the beam by half a turn, or move the unit")
         point = self.pose[:3, 3] + distance * d
         onto = np.eye(3) - np.outer(d, plane.normal) / along  # along the beam onto the plane
         return self._judged(Spot(pan, tilt, distance), point, True, onto)
@@ -345,13 +356,13 @@ class PanTiltLaser:
         if turned is None:
             status = SightStatus.OUTSIDE_ANGLES if ahead else SightStatus.BEHIND
             where = "" if ahead else "the point is behind the unit: "
-            return _failed(status, where + _outside("pan", pan, self.pan_limits), TURN_UNIT)
+            return Sighting(status, where + _outside("pan", pan, self.pan_limits), TURN_UNIT)
         if not _inside(tilt, self.tilt_limits, ANGLE_SLACK):
-            return _failed(SightStatus.OUTSIDE_ANGLES, _outside("tilt", tilt, self.tilt_limits), TURN_UNIT)
+            return Sighting(SightStatus.OUTSIDE_ANGLES, _outside("tilt", tilt, self.tilt_limits), TURN_UNIT)
         if not _inside(distance, self.range_limits, RANGE_SLACK):
             low, high = self.range_limits
             reason = f"the range {distance:.6g} m is outside [{low:.6g}, {high:.6g}] m"
-            return _failed(SightStatus.OUT_OF_RANGE, reason, "move the unit, or choose a point within its range")
+            return Sighting(SightStatus.OUT_OF_RANGE, reason, "move the unit, or choose a point within its range")
         covariance = self.covariance(turned, tilt, distance)
         if onto is not None:
             covariance = onto @ covariance @ onto.T
@@ -362,10 +373,6 @@ class PanTiltLaser:
         y = (points - self.pose[:3, 3]) @ self.pose[:3, :2]
         size = np.linalg.norm(points, axis=-1) + np.linalg.norm(self.pose[:3, 3])
         return np.asarray(np.hypot(y[..., 0], y[..., 1]) <= ON_PAN_AXIS * size)
-
-
-def _failed(status: SightStatus, reason: str, advice: str) -> Sighting:
-    return Sighting(status, reason, advice)
 
 
 def _beam(pan: Array, tilt: Array) -> Array:

@@ -12,7 +12,7 @@ from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell.drives.base import Execution
-from planners.cell.errors import ErrorSplit
+from planners.cell.error_split import ErrorSplit, PathSplit
 from planners.plan import Plan
 
 
@@ -87,14 +87,6 @@ class Round(NamedTuple):
     tool: Array
     rest: Array | None
     error: Array
-
-
-class PathSplit(NamedTuple):
-    """The error split along the path: instants (k,) [s], places (k,) [m, or rad], and a split whose vectors are (k, 3)."""
-
-    t: Array
-    s: Array
-    error: ErrorSplit
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
-from planners.cell.errors import ErrorSplit
+from planners.cell.error_split import ErrorSplit
 from planners.cell.iso9283 import NO_NOISE, PathFigures, PoseFigures
 from planners.paths.line import Line
 

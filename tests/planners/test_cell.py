@@ -23,8 +23,8 @@ from planners.cell import (
     split_configurations,
     split_errors,
 )
-from planners.cell.disturbances import LostEncoder, Stall
 from planners.cell.drives import make_drive
+from planners.cell.drives._options import LostEncoder, Stall
 from tests import oracles
 
 ARM = optik.load("paper6r")

@@ -29,7 +29,7 @@ from planners.cell import (
     whole_periods,
 )
 from planners.cell.drives._checks import GREATEST_STEP
-from planners.cell.drives._encoders import Unmoved
+from planners.cell.drives._run import Unmoved
 from planners.controller import executed
 from planners.following.follow import Stop
 from tests import oracles
@@ -237,7 +237,9 @@ def test_a_stop_takes_effect_once_the_setpoints_that_were_sent_are_used_up() -> 
         execution = IdealDrive(paper6r(), ahead=ahead).execute(line(), stop=0.1)
         assert execution.status is ExecutionStatus.STOPPED and execution.stop_plan is not None
         assert execution.motion is not None
-        assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(0.1 + ahead * PERIOD, abs=1e-9)
+        assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(
+            0.1 + ahead * PERIOD, abs=1e-9
+        )
 
 
 def test_a_stop_near_the_end_is_the_end_and_says_so() -> None:
@@ -288,7 +290,11 @@ def test_a_plan_whose_law_keeps_no_jerk_is_stopped_and_resumed_too(law: str, lim
     running = plan(paper6r(), default_line(), START, timing=law, limits=limits, allow=("limits", "jerk"))
     drive = IdealDrive(paper6r())
     stopped = drive.execute(running, stop=0.15 * running.trajectory.end)
-    assert stopped.status is ExecutionStatus.STOPPED and stopped.stop_plan is not None and stopped.stop_plan.certificate.holds
+    assert (
+        stopped.status is ExecutionStatus.STOPPED
+        and stopped.stop_plan is not None
+        and stopped.stop_plan.certificate.holds
+    )
     for order, limit in ((1, 2.0), (2, 10.0)):
         own = running.trajectory.extrema(order).worst
         most = np.maximum(own, 0.1 * own.max() if limits.velocity is None else limit)

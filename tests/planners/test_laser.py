@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from math import inf, pi
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell import PanTiltLaser, Plane, Sighting, SightStatus, Spot, _readings
+from planners.cell import PanTiltLaser, Plane, Sighting, SightStatus, Spot, _parts
 from planners.cell.sighting import SHORTEST_NORMAL
 from tests import oracles
 
@@ -198,14 +199,16 @@ def test_a_normal_may_be_short_but_has_a_length() -> None:
         Plane((0, 0, 0), (0, 0, 0.99 * SHORTEST_NORMAL))
 
 
-def test_a_cell_knows_the_points_of_its_last_readings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_readings, "MOST_KNOWN", 3)
-    cell = _readings.CellReadings(UNIT, UNIT, np.eye(4), 0)
+def test_a_reading_of_a_cell_carries_its_true_point() -> None:
+    noisy = replace(UNIT, angle_noise=1e-3, range_noise=1e-3)
+    cell = _parts.CellParts(noisy, noisy, np.eye(4), 0)
     points = UNIT.point(*np.random.default_rng(2).uniform((-1.0, -0.8, 0.5), (1.0, 0.8, 3.0), (5, 3)).T)
     spots = [cell.read(point) for point in points]
-    assert [cell.truth(spot)[1] for spot in spots] == [False, False, True, True, True]
-    for spot, point in zip(spots[2:], points[2:], strict=True):
-        np.testing.assert_allclose(cell.truth(spot)[0], point, atol=1e-12)
+    for spot, point in zip(spots, points, strict=True):
+        assert cell.truth(spot)[1] and cell.truth(pickle.loads(pickle.dumps(spot)))[1]
+        np.testing.assert_array_equal(cell.truth(spot)[0], point)
+        where, known = cell.truth(Spot(*spot))
+        assert not known and 0.0 < np.abs(where - point).max() < 0.05
     assert np.shape(cell.read(points[0], 2).pan) == (2,)
     with pytest.raises(InvalidInput, match="readings"):
         cell.read(points[0], 0)

@@ -10,8 +10,7 @@ import pytest
 import optik
 from optik.arm.inertia import Inertia
 from optik.errors import InvalidInput, MissingDependency, RobotModelError
-from planners.cell._masses import ROD_DENSITY, _rod, with_masses
-from planners.cell.mjcf import mujoco_model, to_mjcf
+from planners.cell.mjcf import ROD_DENSITY, _rod, mujoco_model, to_mjcf, with_masses
 from tests.robots import each_robot
 
 

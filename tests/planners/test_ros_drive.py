@@ -111,7 +111,9 @@ def test_a_stop_replaces_the_goal_at_an_instant_of_the_controllers_clock_and_res
         assert stopped.stop_plan.certificate.holds and stopped.motion.end < 3.9
         # Older controllers go to the first point of the stop by a quintic of their own; newer ones go on along the plan.
         assert np.abs(stopped.q - stopped.setpoints.q).max() < off
-        np.testing.assert_allclose(stopped.q[-1], stopped.stop_plan.trajectory(stopped.stop_plan.trajectory.end), atol=1e-6)
+        np.testing.assert_allclose(
+            stopped.q[-1], stopped.stop_plan.trajectory(stopped.stop_plan.trajectory.end), atol=1e-6
+        )
         assert np.abs(stopped.q[-1] - plan.trajectory(4.0)).max() > 0.01  # it did not go to the end
         rest = drive.resume(stopped)
         assert rest, (rest.reason, rest.notes)
@@ -196,7 +198,9 @@ def test_no_stop_is_sent_for_an_instant_that_is_over_when_feedback_is_late(port,
     assert stopped.status == "stopped", (stopped.reason, stopped.notes)
     q, most = commanded(trace, 0.004), np.asarray(quick.limits.velocity) * 0.004
     assert (np.abs(np.diff(q, axis=0)) <= most).all(), (stopped.reason, stopped.notes)
-    if stopped.stop_plan is not None:  # the certified stop is what was commanded: it ends where that was computed to end
+    if (
+        stopped.stop_plan is not None
+    ):  # the certified stop is what was commanded: it ends where that was computed to end
         np.testing.assert_allclose(q[-1], stopped.stop_plan.trajectory(stopped.stop_plan.trajectory.end), atol=1e-6)
         assert not any("set-point jumped" in note for note in stopped.notes)
 

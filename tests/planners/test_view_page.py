@@ -17,8 +17,8 @@ from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell import Cell, Outcome, PanTiltLaser, Spot
-from planners.cell.disturbances import Stall
 from planners.cell.drives import make_drive
+from planners.cell.drives._options import Stall
 from planners.cell.view._stage import capsule_mesh
 from planners.cell.view.page import MOST_PAGE, page_of, write_page
 from planners.cell.view.show import (

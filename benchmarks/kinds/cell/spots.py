@@ -27,7 +27,7 @@ from optik.registry import short_name
 from optik.types import Array
 from planners.cell.cell import Cell
 from planners.cell.drives.base import Execution
-from planners.cell.errors import ErrorSplit, split_configurations
+from planners.cell.error_split import ErrorSplit, split_configurations
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot
 from planners.limits import MotionLimits

@@ -11,8 +11,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
-from planners.cell.disturbances import LateHost, LostEncoder, WrongSetpoint
-from planners.cell.drives._options import Options
+from planners.cell.drives._options import LateHost, LostEncoder, Options, WrongSetpoint
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
 from planners.certificate.certificate import Certificate

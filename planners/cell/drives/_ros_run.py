@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optik.types import Array
-from planners.cell.drives._encoders import Unmoved
 from planners.cell.drives._ros_goals import Stops, instant_of
+from planners.cell.drives._run import Unmoved
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.setpoints import Setpoints
 from planners.cell.transports._messages import NANOSECONDS, Feedback, GoalState, time_of

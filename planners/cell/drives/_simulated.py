@@ -16,11 +16,10 @@ from optik.arm.robot import Robot
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.cell.disturbances import Stall
 from planners.cell.drives import _checks
-from planners.cell.drives._options import options
-from planners.cell.drives._resume import nothing_sent, resumed
+from planners.cell.drives._options import Stall, options
 from planners.cell.drives._run import Commands, Run, Steps, commands
+from planners.cell.drives._stop import nothing_sent, resumed
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
 from planners.cell.setpoints import setpoints, whole_periods
 from planners.certificate.failure import Allow, check_allow

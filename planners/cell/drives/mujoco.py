@@ -14,13 +14,12 @@ from optik.check import check_flag
 from optik.dynamics import joint_torques, mass_matrices
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.cell._masses import with_masses
-from planners.cell.disturbances import LostEncoder
+from planners.cell.drives._options import LostEncoder
 from planners.cell.drives._run import Commands, Run, Steps
 from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, gains, servo, tuning
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
-from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model
+from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model, with_masses
 
 CREEP = 1e-5
 """Velocity [rad/s, m/s] below which the feed-forward of Coulomb friction falls to 0, as tanh: a joint that the plan leaves at

@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
+from optik.ik import IKSolver
 from optik.types import Array
+from planners.cell.drives.base import Execution
 
 
 class ErrorSplit(NamedTuple):
@@ -59,6 +61,14 @@ class ErrorSplit(NamedTuple):
     def to_dict(self) -> dict[str, list[float]]:
         """Plain data for files: the vectors by name [m]."""
         return {name: part.tolist() for name, part in self._asdict().items()}
+
+
+class PathSplit(NamedTuple):
+    """The error split along the path: instants (k,) [s], places (k,) [m, or rad], and a split whose vectors are (k, 3)."""
+
+    t: Array
+    s: Array
+    error: ErrorSplit
 
 
 def split_errors(
@@ -137,3 +147,37 @@ def _points(value: ArrayLike, name: str) -> Array:
     if not np.isfinite(points).all():
         raise InvalidInput(name, "NaN or infinity in it", "finite numbers")
     return points
+
+
+def ik_answers(solver: IKSolver, poses: Array, q: Array) -> Array:
+    """Solve poses one after the other, each from the answer before, as the paper does."""
+    limits = solver.robot.limits
+    answers = np.empty((len(poses), solver.robot.n))
+    for k, pose in enumerate(poses):
+        q = answers[k] = solver.solve(pose, np.clip(q, limits.lower, limits.upper)).q
+    return answers
+
+
+def split_along(execution: Execution, solver: IKSolver, true_spot: Array, samples: int) -> PathSplit:
+    """Split the tool's error at the steps of the plant that are nearest to the samples of the path.
+
+    At each instant the place on the path is that which is nearest to the planned tool. The point that the executed tool should
+    have had there lies on the line to the true spot, as far along it as the place is along the planned line.
+    """
+    robot, path, t = execution.robot, execution.plan.path, execution.t
+    motion = execution.plan.trajectory if execution.motion is None else execution.motion
+    binding = execution.plan.certificate.binding
+    wanted = np.interp(np.linspace(0.0, path.end, samples), binding.s, binding.t)
+    chosen = np.unique(np.append(np.clip(np.searchsorted(t, wanted), 0, t.size - 1), t.size - 1))
+    # without a motion of its own, the arm stood at the end of the plan already
+    planned = motion(
+        np.minimum(t[chosen], motion.end) if execution.motion is not None else motion.end * np.ones(chosen.size)
+    )
+    s = path.nearest(robot.fk(planned))
+    s[-1] = path.end  # an execution ends where its motion does, and that is the end of the path
+    poses = path.pose(s)
+    answers = ik_answers(solver, poses, planned[0])
+    off = true_spot - path.pose(path.end)[:3, 3]
+    desired = poses[:, :3, 3] + (s / path.end)[:, None] * off
+    split = split_configurations(robot, desired, poses[:, :3, 3], answers, planned, execution.q[chosen])
+    return PathSplit(t[chosen], s, split)
